@@ -1,0 +1,1 @@
+"""Computational periscopy: from a Mitsuba scene and a photograph of a wall to the hidden image."""

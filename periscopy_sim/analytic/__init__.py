@@ -1,0 +1,1 @@
+"""The closed-form twins of the rendering, independent of the ray tracer."""

@@ -1,0 +1,93 @@
+"""Eq. 4: the response of the wall to a point light, and the matrix B of many of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from periscopy_sim.scenario import Array, Scenario, wall_frame
+
+
+def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
+    """Evaluate ψ(α)_i = ((α − c_i) · n_i) / ‖α − c_i‖³ (Eq. 4).
+
+    Parameters
+    ----------
+    lights
+        (L, 3) positions α in metres.
+    points
+        (M, 3) wall points c_i in metres.
+    normals
+        (M, 3) unit normals, or (3,) for one plane.
+
+    Returns
+    -------
+    ndarray
+        (M, L) float64, in 1/m². A light behind the wall gives 0.
+
+    Raises
+    ------
+    ValueError
+        If a light lies on a wall point.
+    """
+    normals = np.broadcast_to(normals, points.shape)
+    # ‖α − c‖² and (α − c)·n from three matrix products, relative to the wall's centre so that
+    # nothing cancels.
+    center = points.mean(axis=0)
+    c, α = points - center, np.asarray(lights, np.float64) - center
+    squared = np.sum(c**2, axis=1)[:, None] + np.sum(α**2, axis=1) - 2 * c @ α.T
+    if squared.min() <= 0:
+        raise ValueError("a point light lies on the wall; move it away")
+    height = normals @ α.T - np.sum(normals * c, axis=1)[:, None]
+    response: Array = np.maximum(height, 0) / squared**1.5
+    return response
+
+
+def paper_grid(step: float = 0.75) -> Array:
+    """Give the paper's grid of lights (Sec. 3.1): [-3, 3) x [1, 7) x [-3, 3) m, 8 x 8 x 8.
+
+    Parameters
+    ----------
+    step
+        Spacing in metres.
+
+    Returns
+    -------
+    ndarray
+        (512, 3) for the default step: across, distance from the wall, up, relative to the centre of
+        the field of view.
+    """
+    sideways = np.arange(-3.0, 3.0 - 1e-9, step)
+    away = np.arange(1.0, 7.0 - 1e-9, step)
+    grid = np.meshgrid(sideways, away, sideways, indexing="ij")
+    return np.stack([axis.ravel() for axis in grid], axis=1)
+
+
+def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Array:
+    """Form B: one column for each point light of a grid around the field of view (Sec. 3.1).
+
+    Parameters
+    ----------
+    scenario
+        The scene; only its wall and camera matter, and the wall may stand in any orientation.
+    grid
+        (L, 3) lights in metres, as (across, distance from the wall, up) about the centre of the
+        field of view; None for the paper's.
+
+    Returns
+    -------
+    ndarray
+        B, (M, L) float64 in 1/m².
+
+    Raises
+    ------
+    ValueError
+        If the grid is not (L, 3), or a light is not in front of the wall.
+    """
+    offsets = paper_grid() if grid is None else np.asarray(grid, np.float64)
+    if offsets.ndim != 2 or offsets.shape[1] != 3:
+        raise ValueError(f"a grid of lights is (L, 3), not {offsets.shape}")
+    if not (offsets[:, 1] > 0).all():
+        raise ValueError("every light must lie in front of the wall (second coordinate above 0)")
+    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
+    return point_light_response(lights, scenario.wall_points, scenario.wall_normals)

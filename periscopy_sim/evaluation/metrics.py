@@ -1,0 +1,124 @@
+"""How close a reconstruction is to the truth.
+
+Every metric here uses the truth to tune: the gain of each channel, and the shift where it says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The best agreement over small shifts.
+
+    Attributes
+    ----------
+    psnr
+        Peak signal-to-noise ratio in dB after gain and shift.
+    shift
+        (down, right) in patches that the estimate was moved by.
+    image
+        (rows, columns, channels) shifted and gain-matched estimate.
+    """
+
+    psnr: float
+    shift: tuple[float, float]
+    image: Array
+
+
+def gain_matched(estimate: Image, truth: Image) -> Array:
+    """Clip negatives, scale each channel by the factor that fits the truth best, clip to [0, 1].
+
+    Parameters
+    ----------
+    estimate, truth
+        (rows, columns, channels); the truth within [0, 1].
+
+    Returns
+    -------
+    ndarray
+        The matched estimate, same shape.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
+    if estimate.shape != truth.shape:
+        raise ValueError(f"estimate {estimate.shape} and truth {truth.shape} differ in shape")
+    positive = np.maximum(np.asarray(estimate, np.float64), 0)
+    energy = np.sum(positive**2, axis=(0, 1))
+    gain = np.sum(positive * truth, axis=(0, 1)) / np.where(energy > 0, energy, 1)
+    matched: Array = np.clip(gain * positive, 0, 1)
+    return matched
+
+
+def mean_squared_error(estimate: Image, truth: Image) -> float:
+    """Mean squared error over all patches and channels, after `gain_matched`."""
+    return float(np.mean((gain_matched(estimate, truth) - truth) ** 2))
+
+
+def psnr(estimate: Image, truth: Image) -> float:
+    """Peak signal-to-noise ratio in dB for a peak of 1, after `gain_matched`."""
+    return -10 * float(np.log10(max(mean_squared_error(estimate, truth), 1e-30)))
+
+
+def registered(estimate: Image, truth: Image, reach: float = 2.0, step: float = 0.5) -> Registration:
+    """Find the shift that agrees best with the truth.
+
+    The monitor's position is often known only to about a patch; this tells that error apart from
+    the image's own. Shifts are tried over a grid, by linear interpolation with zeros outside.
+
+    Parameters
+    ----------
+    estimate, truth
+        (rows, columns, channels).
+    reach
+        Largest shift in patches, in each direction.
+    step
+        Grid step in patches.
+
+    Returns
+    -------
+    Registration
+        The best over the grid.
+    """
+    steps = int(round(reach / step))
+    shifts = [step * n for n in range(-steps, steps + 1)]
+    candidates = ((down, right) for down in shifts for right in shifts)
+    best = max(
+        ((psnr(moved := shifted(estimate, d, r), truth), (d, r), moved) for d, r in candidates),
+        key=lambda candidate: candidate[0],
+    )
+    return Registration(best[0], best[1], gain_matched(best[2], truth))
+
+
+def shifted(image: Image, down: float, right: float) -> Array:
+    """Shift an image by a fraction of patches, linear interpolation, zeros outside.
+
+    Parameters
+    ----------
+    image
+        (rows, columns, channels).
+    down, right
+        Shift in patches.
+
+    Returns
+    -------
+    ndarray
+        Same shape.
+    """
+    from scipy import ndimage
+
+    moved: Array = ndimage.shift(
+        np.asarray(image, np.float64), (down, right, 0), order=1, mode="grid-constant"
+    )
+    return moved

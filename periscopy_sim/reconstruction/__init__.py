@@ -1,0 +1,1 @@
+"""From a photograph to the hidden image: arrays in, arrays out."""

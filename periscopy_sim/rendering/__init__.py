@@ -1,0 +1,1 @@
+"""All that imports Mitsuba: variants, scene files, the transport matrix, photographs."""

@@ -1,0 +1,138 @@
+"""The LCD's angular emission profile, as a Mitsuba emitter plugin.
+
+A liquid crystal display sends less light to the side than straight ahead. [15] fitted its radiance
+as the normal radiance times cos^a of the vertical angle and cos^b of the horizontal angle, each
+taken between the normal and the direction's projection on the plane of normal and up (or across).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+PLUGIN = "lcd"
+
+
+def falloff(across: Any, up: Any, normal: Any, exponents: tuple[float, float]) -> Any:
+    """Evaluate the profile: 1 along the normal, 0 behind.
+
+    cos(vertical angle) is n / sqrt(n² + u²) for a direction with normal component n and up
+    component u; likewise the horizontal one.
+
+    Parameters
+    ----------
+    across, up, normal
+        Components of the direction along the monitor's own axes (any positive scale).
+    exponents
+        Vertical and horizontal exponent.
+
+    Returns
+    -------
+    array
+        Dimensionless factor, in the array type of the components.
+    """
+    import drjit as dr
+
+    vertical, horizontal = exponents
+    n2 = dr.square(normal)
+    cos2_vertical = n2 / (n2 + dr.square(up))
+    cos2_horizontal = n2 / (n2 + dr.square(across))
+    value = dr.power(cos2_vertical, 0.5 * vertical) * dr.power(cos2_horizontal, 0.5 * horizontal)
+    return dr.select(normal > 0, value, 0)
+
+
+def register_lcd() -> None:
+    """Register the ``lcd`` emitter with the variant now set (again after every change of it).
+
+    Its parameters are ``radiance`` (spectrum or texture: the radiance along the normal),
+    ``vertical_exponent`` and ``horizontal_exponent``.
+    """
+    import mitsuba as mi
+
+    # Base classes belong to a variant, so the class is made anew for each.
+    mi.register_emitter(PLUGIN, _make_lcd_class())
+
+
+def _make_lcd_class() -> type:
+    import drjit as dr
+    import mitsuba as mi
+
+    class Lcd(mi.Emitter):  # type: ignore[misc]
+        """Area emitter whose radiance falls off about the shape's own dp_du and dp_dv axes."""
+
+        def __init__(self, props: Any) -> None:
+            super().__init__(props)
+            self.radiance = props.get_emissive_texture("radiance", 1.0)
+            self.exponents = (
+                float(props.get("vertical_exponent", 0.0)),
+                float(props.get("horizontal_exponent", 0.0)),
+            )
+            flags = int(mi.EmitterFlags.Surface)
+            if self.radiance.is_spatially_varying():
+                flags |= int(mi.EmitterFlags.SpatiallyVarying)
+            self.m_flags = flags
+            self.m_needs_sample_2 = True
+            self.m_needs_sample_3 = True
+
+        def traverse(self, callback: Any) -> None:
+            callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
+
+        def profile(self, surface: Any, direction: Any) -> Any:
+            """Profile at a surface point towards a world direction."""
+            across = dr.normalize(surface.dp_du)
+            up = dr.normalize(surface.dp_dv)
+            return falloff(
+                dr.dot(direction, across),
+                dr.dot(direction, up),
+                dr.dot(direction, surface.n),
+                self.exponents,
+            )
+
+        def eval(self, si: Any, active: Any = True) -> Any:
+            return self.radiance.eval(si, active) * self.profile(si, si.to_world(si.wi))
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+            shape = self.get_shape()
+            uv, pdf_uv = self.radiance.sample_position(sample, active)
+            surface = shape.eval_parameterization(uv, +mi.RayFlags.All, active)
+            ds = mi.DirectionSample3f()
+            ds.p, ds.n, ds.uv = surface.p, surface.n, surface.uv
+            ds.time = it.time
+            ds.delta = False
+            to_light = surface.p - it.p
+            ds.dist = dr.norm(to_light)
+            ds.d = to_light / ds.dist
+            ds.emitter = self._pointer()
+            active = active & surface.is_valid() & (pdf_uv > 0)
+            ds.pdf = self._solid_angle_density(pdf_uv, surface, ds, active)
+            active = active & (ds.pdf > 0)
+            radiance = self.radiance.eval(surface, active) * self.profile(surface, -ds.d)
+            return ds, dr.select(active, radiance / dr.select(active, ds.pdf, 1), 0)
+
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            surface = self.get_shape().eval_parameterization(ds.uv, +mi.RayFlags.All, active)
+            pdf_uv = self.radiance.pdf_position(ds.uv, active)
+            return self._solid_angle_density(pdf_uv, surface, ds, active)
+
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            surface = self.get_shape().eval_parameterization(ds.uv, +mi.RayFlags.All, active)
+            return self.radiance.eval(surface, active) * self.profile(surface, -ds.d)
+
+        def _solid_angle_density(self, pdf_uv: Any, surface: Any, ds: Any, active: Any) -> Any:
+            """Turn a density over the UV square into one over directions; 0 at grazing."""
+            cos_emission = -dr.dot(ds.d, surface.n)
+            # At grazing the density overflows and would make the integrator's weights NaN.
+            active = active & (cos_emission > 1e-6)
+            area = dr.norm(dr.cross(surface.dp_du, surface.dp_dv))
+            projected = dr.select(active, area * cos_emission, 1)
+            return dr.select(active, pdf_uv * dr.square(ds.dist) / projected, 0)
+
+        def bbox(self) -> Any:
+            return self.get_shape().bbox()
+
+        def to_string(self) -> str:
+            return f"Lcd[exponents={self.exponents}]"
+
+        def _pointer(self) -> Any:
+            return mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
+
+    return Lcd

@@ -1,0 +1,99 @@
+"""The wall as the camera sees it, path traced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.rendering.scene_file import build_scene, camera_of
+from periscopy_sim.rendering.variant import use_variant
+from periscopy_sim.scenario import Array, Scenario
+
+WAVEFRONT = 1 << 26
+"""Camera samples traced at once; bounds the memory."""
+
+
+def render_photograph(
+    scenario: Scenario,
+    image: NDArray[np.floating[Any]],
+    *,
+    samples: int = 4096,
+    bounces: int | None = None,
+    only_monitor: bool = False,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Path trace a photograph of the wall while the monitor shows an image.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    image
+        (R, C, 3) linear radiance along the monitor's normal, of any R and C.
+    samples
+        Camera samples a pixel (low-discrepancy), each spread over the pixel's area.
+    bounces
+        Reflections a path may have: 1 is the wall alone, as in A; None traces on until Russian
+        roulette ends the path.
+    only_monitor
+        Remove every other emitter of the scene.
+    seed
+        Seed of the sampler. The same seed and variant give the same bytes.
+    progress
+        Called with the fraction done.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns, 3) float64 radiance.
+
+    Raises
+    ------
+    ValueError
+        If the image is not (R, C, 3), not finite or negative, or samples or bounces is below 1.
+    """
+    use_variant()
+    image = np.asarray(image)
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(f"the hidden image must be (rows, columns, 3), not {image.shape}")
+    if not np.isfinite(image).all() or image.min() < 0:
+        raise ValueError("the hidden image's radiance must be finite and not negative")
+    if samples < 1 or (bounces is not None and bounces < 1):
+        raise ValueError("samples and bounces must be at least 1")
+    scene = build_scene(scenario, image, only_monitor=only_monitor)
+    depth = -1 if bounces is None else bounces + 1
+    return _render(scene, depth, scenario.photograph_shape, samples, seed, progress)
+
+
+def _render(
+    scene: Any,
+    depth: int,
+    shape: tuple[int, int],
+    samples: int,
+    seed: int,
+    progress: Callable[[float], None] | None,
+) -> Array:
+    import mitsuba as mi
+
+    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+    camera = camera_of(scene)
+    # Equal passes, since the low-discrepancy sampler rounds each up to a power of two.
+    at_once = max(1, WAVEFRONT // (shape[0] * shape[1]))
+    passes = -(-samples // at_once)
+    total = np.zeros((*shape, 3))
+    for number in range(passes):
+        rendered = mi.render(
+            scene,
+            sensor=camera,
+            integrator=integrator,
+            spp=-(-samples // passes),
+            seed=seed * passes + number,
+        )
+        total += np.array(rendered)
+        if progress is not None:
+            progress((number + 1) / passes)
+    return total / passes

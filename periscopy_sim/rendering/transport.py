@@ -1,0 +1,222 @@
+"""The light transport matrix A of any Mitsuba scene.
+
+Column j of A is the photograph of the wall when only patch j shines with unit normal radiance:
+
+    A[i, j] = ∫_patch j f(i; q → camera) E(q → i) V(i, q) cos θ_i cos θ_q / ‖q − i‖² dq
+
+with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and the visibility V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.rendering.scene_file import build_scene, camera_of, patch_uv, shape_of
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.scenario import Scenario
+
+Strata = Literal["midpoint", "jittered"]
+Progress = Callable[[float], None]
+
+LANES = 1 << 22
+"""Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
+
+
+def render_transport(
+    scenario: Scenario,
+    *,
+    samples: int = 16,
+    strata: Strata = "jittered",
+    pixel_samples: int = 1,
+    seed: int = 0,
+    out: NDArray[np.float32] | None = None,
+    progress: Progress | None = None,
+) -> NDArray[np.float32]:
+    """Render the light transport matrix by shadow rays.
+
+    Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
+    each. In scalar variants, where this would crawl, Mitsuba's own direct integrator renders the
+    columns one by one with as many samples a pixel (always jittered, over the pixel's whole area).
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    samples
+        Samples of a patch for each wall point.
+    strata
+        Where in its stratum a sample lies: ``"jittered"`` (unbiased; noise of independent entries)
+        or ``"midpoint"`` (no noise; penumbrae in steps).
+    pixel_samples
+        Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
+        averaged.
+    seed
+        Seed of the jitter. The same seed and variant give the same bytes.
+    out
+        (M, N) array to fill, such as a memory map; None allocates one.
+    progress
+        Called with the fraction done.
+
+    Returns
+    -------
+    ndarray
+        A, (M, N) float32, radiance sent to the camera for each unit of a patch's normal radiance.
+        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured.
+
+    Raises
+    ------
+    ValueError
+        If a number of samples is below 1 or `out` has another shape.
+    """
+    use_variant()
+    if samples < 1 or pixel_samples < 1:
+        raise ValueError(f"{samples} samples, {pixel_samples} pixel samples: both must be positive")
+    shape = scenario.transport_shape
+    A = np.empty(shape, np.float32) if out is None else out
+    if A.shape != shape:
+        raise ValueError(f"out has shape {A.shape}, the transport matrix {shape}")
+    report = progress or (lambda fraction: None)
+    if not is_vectorized():
+        from periscopy_sim.rendering.transport_scalar import render_columns
+
+        return render_columns(scenario, A, samples=samples, seed=seed, progress=report)
+    _render_blocks(scenario, A, samples, strata, pixel_samples, seed, report)
+    return A
+
+
+def _render_blocks(
+    scenario: Scenario,
+    A: NDArray[np.float32],
+    samples: int,
+    strata: Strata,
+    pixel_samples: int,
+    seed: int,
+    progress: Progress,
+) -> None:
+    import drjit as dr
+    import mitsuba as mi
+
+    entries = _make_kernel(scenario, samples, strata, pixel_samples)
+    pixels, patches = A.shape
+    block = max(1, LANES // patches)
+    for start in range(0, pixels, block):
+        stop = min(start + block, pixels)
+        lane = dr.arange(mi.UInt32, (stop - start) * patches)
+        # Opaque, so that all blocks share one compiled kernel.
+        pixel = lane // patches + dr.opaque(mi.UInt32, start)
+        values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, seed))
+        A[start:stop] = np.array(values).reshape(stop - start, patches)
+        progress(stop / pixels)
+
+
+def _make_kernel(
+    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
+) -> Callable[[Any, Any, Any], Any]:
+    """Return the function that computes entries A[pixel, patch] as Dr.Jit arrays."""
+    import drjit as dr
+    import mitsuba as mi
+
+    scene = build_scene(scenario)
+    camera = camera_of(scene)
+    wall, monitor = shape_of(scene, "wall"), shape_of(scene, "monitor")
+    bsdf, emitter = wall.bsdf(), monitor.emitter()
+    rows, columns = scenario.photograph_shape
+    hidden_rows, hidden_columns = scenario.hidden_shape
+    strata_down, strata_across = _factor(samples)
+    pixels_down, pixels_across = _factor(pixel_samples)
+    jittered = strata == "jittered"
+
+    def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
+        """Position in the unit square of sample number `index` of down x across strata."""
+        if jittered and (down > 1 or across > 1 or salt == 0):
+            r0, r1 = mi.sample_tea_32(key, 2 * index + salt)
+            jitter = _unit(mi, r0), _unit(mi, r1)
+        else:
+            jitter = (mi.Float(0.5), mi.Float(0.5))
+        return (
+            (mi.Float(index // across) + jitter[0]) / down,
+            (mi.Float(index % across) + jitter[1]) / across,
+        )
+
+    def wall_point(pixel: Any, index: Any, key: Any) -> Any:
+        y, x = within(index, pixels_down, pixels_across, key, 1)
+        film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)
+        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
+        return scene.ray_intersect(ray, +mi.RayFlags.All, True)
+
+    def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
+        """Integrand at one sample of the patch, per unit of the monitor's UV square."""
+        offset = within(index, strata_down, strata_across, key, 0)
+        uv = patch_uv(
+            patch // hidden_columns,
+            patch % hidden_columns,
+            (hidden_rows, hidden_columns),
+            scenario.mirrored,
+            offset,
+        )
+        light = monitor.eval_parameterization(mi.Point2f(*uv), +mi.RayFlags.All)
+        to_light = light.p - si.p
+        squared_distance = dr.squared_norm(to_light)
+        direction = to_light * dr.rsqrt(squared_distance)
+        cos_emission = -dr.dot(light.n, direction)
+        area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
+        value = dr.mean(bsdf.eval(mi.BSDFContext(), si, si.to_local(direction)))
+        value *= _profile(emitter, light, -direction) * cos_emission * area / squared_distance
+        active = light.is_valid() & (cos_emission > 0) & (value > 0)
+        blocked = scene.ray_test(si.spawn_ray_to(light.p), active)
+        return dr.select(active & ~blocked, value, 0)
+
+    def entries(pixel: Any, patch: Any, seed: Any) -> Any:
+        key, _ = mi.sample_tea_32(pixel, seed)
+        key, _ = mi.sample_tea_32(key, patch)
+
+        def at_wall_point(p: Any) -> Any:
+            si = wall_point(pixel, p, mi.sample_tea_32(key, p)[0])
+            return _sum(samples, lambda k: transfer(si, patch, k, key + p))
+
+        total = _sum(pixel_samples, at_wall_point)
+        return total / (samples * pixel_samples * hidden_rows * hidden_columns)
+
+    return entries
+
+
+def _sum(count: int, term: Callable[[Any], Any]) -> Any:
+    """Sum term(0) + ... + term(count - 1) in a loop within the kernel."""
+    import drjit as dr
+    import mitsuba as mi
+
+    total, _ = dr.while_loop(
+        (mi.Float(0), mi.UInt32(0)),
+        lambda total, k: k < count,
+        lambda total, k: (total + term(k), k + 1),
+    )
+    return total
+
+
+def _profile(emitter: Any, light: Any, direction: Any) -> Any:
+    """Radiance in a direction relative to the normal's, about the monitor's own axes."""
+    import drjit as dr
+    import mitsuba as mi
+
+    # eval_parameterization leaves the tangents unnormalized.
+    across = dr.normalize(light.dp_du)
+    light.sh_frame = mi.Frame3f(across, dr.cross(light.n, across), light.n)
+    light.wi = light.to_local(direction)
+    towards = emitter.eval(light).x
+    light.wi = mi.Vector3f(0, 0, 1)
+    return towards / emitter.eval(light).x
+
+
+def _factor(count: int) -> tuple[int, int]:
+    """Cut a unit square into `count` equal strata, as square as its divisors allow."""
+    down = next(n for n in range(int(np.sqrt(count)), 0, -1) if count % n == 0)
+    return down, count // down
+
+
+def _unit(mi: Any, bits: Any) -> Any:
+    """Turn 32 random bits into a float in [0, 1)."""
+    return mi.Float(bits >> 8) * (1 / (1 << 24))

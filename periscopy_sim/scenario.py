@@ -1,0 +1,194 @@
+"""The scene as plain arrays: what the camera sees of the wall, what the hidden patches are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EmissionProfile:
+    """Angular emission of an LCD: radiance relative to the normal's, after [15].
+
+    Attributes
+    ----------
+    vertical, horizontal
+        Exponents of the cosines of the vertical and the horizontal angle; 0 and 0 is Lambertian.
+    """
+
+    vertical: float = 0.0
+    horizontal: float = 0.0
+
+    def __call__(self, across: Array, up: Array, normal: Array) -> Array:
+        """Evaluate the profile for directions given by their components along the monitor's axes.
+
+        Parameters
+        ----------
+        across, up, normal
+            Components (any positive scale), broadcastable.
+
+        Returns
+        -------
+        ndarray
+            1 along the normal, 0 behind the monitor.
+        """
+        cos_vertical = normal / np.hypot(normal, up)
+        cos_horizontal = normal / np.hypot(normal, across)
+        lit = normal > 0
+        value = np.where(lit, cos_vertical, 0) ** self.vertical
+        value *= np.where(lit, cos_horizontal, 0) ** self.horizontal
+        return np.where(lit, value, 0.0)
+
+
+@dataclass(frozen=True)
+class Occluder:
+    """A shape that may block light.
+
+    Attributes
+    ----------
+    name
+        Its id in the scene file.
+    vertices
+        (V, 3) positions in metres; None for a shape that is not a triangle mesh.
+    faces
+        (F, 3) vertex indices; None likewise.
+    """
+
+    name: str
+    vertices: Array | None
+    faces: NDArray[np.int64] | None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One camera, one relay wall, one hidden monitor and what stands between them.
+
+    M is the number of pixels of the photograph, N the number of patches of the hidden image; both
+    are row-major with row 0 at the top.
+
+    Attributes
+    ----------
+    path
+        The Mitsuba scene file.
+    parameters
+        Values given for the file's ``<default>``s.
+    photograph_shape
+        (rows, columns) of the photograph.
+    hidden_shape
+        (rows, columns) of the hidden image.
+    wall_points
+        (M, 3) points that the pixels' centres see, in metres.
+    wall_normals
+        (M, 3) unit normals, towards the camera.
+    view_directions
+        (M, 3) unit vectors from the wall to the camera.
+    wall_reflectance
+        (3,) albedo of a diffuse wall; None for another material.
+    channel_gain
+        (3,) the wall's colour, of mean 1: channel c of a photograph is channel_gain[c] * A @ f[c].
+    patch_centers
+        (N, 3) centres in metres.
+    patch_normals
+        (N, 3) unit normals of the emitting side.
+    patch_across, patch_up
+        (N, 3) edge vectors in metres along a viewer's right and up; their cross product's norm is
+        the patch's area.
+    mirrored
+        Whether the monitor's u coordinate runs to a viewer's left, so that the columns run
+        against it.
+    emission
+        The monitor's angular profile where a closed form is known, else None.
+    occluders
+        Every shape but the wall and the monitor.
+    """
+
+    path: Path
+    parameters: Mapping[str, str]
+    photograph_shape: tuple[int, int]
+    hidden_shape: tuple[int, int]
+    wall_points: Array = field(repr=False)
+    wall_normals: Array = field(repr=False)
+    view_directions: Array = field(repr=False)
+    wall_reflectance: Array | None
+    channel_gain: Array
+    patch_centers: Array = field(repr=False)
+    patch_normals: Array = field(repr=False)
+    patch_across: Array = field(repr=False)
+    patch_up: Array = field(repr=False)
+    mirrored: bool
+    emission: EmissionProfile | None
+    occluders: tuple[Occluder, ...] = field(repr=False)
+
+    @property
+    def transport_shape(self) -> tuple[int, int]:
+        """(M, N), the shape of the light transport matrix."""
+        return len(self.wall_points), len(self.patch_centers)
+
+    @property
+    def patch_areas(self) -> Array:
+        """(N,) areas of the patches in square metres."""
+        areas: Array = np.linalg.norm(np.cross(self.patch_across, self.patch_up), axis=1)
+        return areas
+
+
+@dataclass(frozen=True)
+class WallFrame:
+    """Axes of the camera's field of view on the wall.
+
+    Attributes
+    ----------
+    center
+        (3,) centroid of the wall points, in metres.
+    across, normal, up
+        (3,) orthonormal: the photograph's columns run along across, as far as the wall's plane
+        allows; the normal points into the room; up completes them.
+    """
+
+    center: Array
+    across: Array
+    normal: Array
+    up: Array
+
+
+def wall_frame(
+    points: Array, normals: Array, photograph_shape: tuple[int, int] | None = None
+) -> WallFrame:
+    """Orient the field of view by the photograph's own rows and columns.
+
+    Parameters
+    ----------
+    points
+        (M, 3) wall points in metres.
+    normals
+        (M, 3) unit wall normals.
+    photograph_shape
+        (rows, columns) of the photograph; None, or a photograph of a single column, takes the
+        horizontal direction of the wall (z up) as across.
+
+    Returns
+    -------
+    WallFrame
+        The centre and axes.
+    """
+    center = points.mean(axis=0)
+    normal = normals.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    rows, columns = photograph_shape or (1, 1)
+    if columns > 1:
+        grid = points.reshape(rows, columns, 3)
+        across = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    else:
+        vertical = np.array([0.0, 0.0, 1.0])
+        across = np.cross(vertical, normal)
+        if np.linalg.norm(across) < 1e-6:
+            across = np.array([1.0, 0.0, 0.0])
+    across = across - (across @ normal) * normal
+    across /= np.linalg.norm(across)
+    up = np.cross(across, -normal)
+    return WallFrame(center, across, normal, up)

@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.ndimage import generic_filter
+
+from periscopy_sim.reconstruction.repair import repair
+
+SHAPES = [(1, 1, 3), (1, 6, 3), (6, 1, 3), (2, 2, 3), (3, 3, 1), (7, 9, 3), (5, 6, 4)]
+
+
+def random_image(*shape, seed=0):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+def loop_repair(image, threshold):
+    """Algorithm 2 in plain loops."""
+    rows, columns, channels = image.shape
+    result = image.copy()
+    for i in range(rows):
+        for j in range(columns):
+            neighbourhood = [
+                (k, m)
+                for k in (i - 1, i, i + 1)
+                for m in (j - 1, j, j + 1)
+                if 0 <= k < rows and 0 <= m < columns
+            ]
+            around = [
+                sum(v * v for v in image[place]) ** 0.5
+                for place in neighbourhood
+                if place != (i, j)
+            ]
+            own = sum(v * v for v in image[i, j]) ** 0.5
+            if around and abs(own - sum(around) / len(around)) > threshold:
+                for c in range(channels):
+                    result[i, j, c] = np.median([image[place][c] for place in neighbourhood])
+    return result
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("threshold", [0.0, 0.3, 0.8, 2.0])
+def test_repair_equals_plain_loops(shape, threshold):
+    image = random_image(*shape)
+    np.testing.assert_array_equal(repair(image, threshold), loop_repair(image, threshold))
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    image=arrays(
+        np.float64,
+        st.tuples(st.integers(1, 6), st.integers(1, 6), st.just(1)),
+        elements=st.integers(-20, 20).map(float),
+    ),
+    threshold=st.integers(0, 20),
+)
+def test_repair_equals_plain_loops_where_thresholds_are_met_exactly(image, threshold):
+    np.testing.assert_array_equal(repair(image, threshold), loop_repair(image, threshold))
+
+
+def test_repair_is_a_median_filter_in_the_interior_where_all_patches_stick_out():
+    image = random_image(9, 11, 3, seed=2)
+    magnitude = np.sqrt((image**2).sum(axis=2))
+    ring = np.ones((3, 3), dtype=bool)
+    ring[1, 1] = False
+    outlying = np.abs(magnitude - generic_filter(magnitude, np.mean, footprint=ring)) > 0.4
+    medians = np.stack(
+        [generic_filter(image[..., c], np.median, size=3) for c in range(3)], axis=-1
+    )
+    expected = np.where(outlying[..., None], medians, image)
+    inside = np.s_[1:-1, 1:-1]
+    assert 0 < outlying[inside].sum() < outlying[inside].size
+    np.testing.assert_array_equal(repair(image, 0.4)[inside], expected[inside])
+
+
+def test_a_hot_patch_is_removed_and_nothing_else_changes():
+    image = np.full((5, 6, 3), 0.2)
+    image[2, 3] = 5.0
+    np.testing.assert_array_equal(repair(image, 2.0), np.full((5, 6, 3), 0.2))
+
+
+def test_a_patch_at_the_threshold_exactly_stays():
+    image = np.zeros((3, 3, 3))
+    image[1, 1] = 3.0, 4.0, 0.0
+    np.testing.assert_array_equal(repair(image, 5.0)[1, 1], [3.0, 4.0, 0.0])
+    np.testing.assert_array_equal(repair(image, np.nextafter(5.0, 0.0))[1, 1], 0.0)
+
+
+def test_a_patch_of_another_colour_but_equal_magnitude_stays():
+    image = np.zeros((3, 3, 3))
+    image[..., 0] = 1.0
+    image[1, 1] = 0.0, 0.0, 1.0
+    np.testing.assert_array_equal(repair(image, 1e-9)[1, 1], [0.0, 0.0, 1.0])
+
+
+def test_a_corner_becomes_the_average_of_its_two_middle_values():
+    image = np.array([[9.0, 1.0], [2.0, 4.0]])[..., None]
+    np.testing.assert_array_equal(repair(image, 6.0)[..., 0], [[3.0, 1.0], [2.0, 4.0]])
+
+
+def test_repairs_do_not_depend_on_one_another():
+    image = random_image(8, 8, 3, seed=5)
+    flipped = repair(image[::-1, ::-1], 0.5)[::-1, ::-1]
+    np.testing.assert_array_equal(repair(image, 0.5), flipped)
+
+
+@pytest.mark.parametrize("scale", [2.0**30, 1000.0, 1e-6])
+def test_scaling_image_and_threshold_scales_the_result(scale):
+    image = random_image(8, 9, 3)
+    expected = scale * repair(image, 0.5)
+    np.testing.assert_allclose(repair(scale * image, scale * 0.5), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_an_infinite_threshold_repairs_nothing(shape):
+    image = random_image(*shape)
+    repaired = repair(image, np.inf)
+    np.testing.assert_array_equal(repaired, image)
+    assert not np.shares_memory(repaired, image)
+
+
+def test_a_single_patch_stays_at_any_threshold():
+    np.testing.assert_array_equal(repair(np.ones((1, 1, 3)), 0.0), np.ones((1, 1, 3)))
+
+
+def test_layout_and_precision_of_the_input_do_not_matter():
+    image = random_image(7, 9, 3).astype(np.float32)
+    repaired = repair(image, 0.5)
+    assert repaired.dtype == np.float64
+    np.testing.assert_array_equal(repair(np.asfortranarray(image), 0.5), repaired)
+
+
+def test_the_input_is_left_as_it_was():
+    image = random_image(7, 9, 3)
+    before = image.copy()
+    repair(image, 0.0)
+    np.testing.assert_array_equal(image, before)
+
+
+@pytest.mark.parametrize(
+    ("image", "threshold", "message"),
+    [
+        (np.ones((3, 3)), 1.0, "channels"),
+        (np.ones((3, 3, 0)), 1.0, "channels"),
+        (np.ones((0, 3, 3)), 1.0, "channels"),
+        (np.full((3, 3, 3), np.nan), 1.0, "NaN"),
+        (np.full((3, 3, 3), np.inf), 1.0, "NaN"),
+        (np.ones((3, 3, 3)), -1.0, "threshold"),
+        (np.ones((3, 3, 3)), np.nan, "threshold"),
+    ],
+)
+def test_bad_arguments_are_refused(image, threshold, message):
+    with pytest.raises(ValueError, match=message):
+        repair(image, threshold)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.complex128])
+def test_images_that_are_not_floating_point_are_refused(dtype):
+    with pytest.raises(TypeError, match="floating point"):
+        repair(np.ones((3, 3, 3), dtype=dtype), 1.0)
