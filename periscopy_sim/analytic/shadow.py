@@ -1,0 +1,185 @@
+"""Shadows of convex parts on a plane, by central projection.
+
+A convex part's shadow from a point source is the convex hull of its projected vertices.
+Coordinates are those of the plane: (across, up, height), in metres, the plane at height 0.
+"""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
+
+from periscopy_sim.scenario import Array
+
+Indices = NDArray[np.int64]
+
+# Metres that a shadow reaches beyond its border: parts that share an edge leave no bright seam.
+_SEAM = 1e-12
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def _compiled(function: Function) -> Function:
+    compiled: Function = numba.njit(cache=True, nogil=True)(function)
+    return compiled
+
+
+def connected_parts(vertices: Array, faces: Indices) -> list[tuple[Array, Indices]]:
+    """Split a mesh where its triangles share no vertex index.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) positions.
+    faces
+        (F, 3) vertex indices.
+
+    Returns
+    -------
+    list of (vertices, faces)
+        The parts; vertices that no triangle uses are left out.
+    """
+    start, end = faces[:, [0, 1]].T.ravel(), faces[:, [1, 2]].T.ravel()
+    edges = coo_array((np.ones(len(start)), (start, end)), shape=(len(vertices), len(vertices)))
+    label = connected_components(edges, directed=False)[1][faces[:, 0]]
+    order = np.argsort(label, kind="stable")
+    parts = []
+    for group in np.split(faces[order], np.flatnonzero(np.diff(label[order])) + 1):
+        used, local = np.unique(group, return_inverse=True)
+        parts.append((vertices[used], local.reshape(group.shape)))
+    return parts
+
+
+def is_convex(vertices: Array, faces: Indices) -> bool:
+    """Tell whether a mesh bounds a convex solid or fills a flat convex polygon.
+
+    That is so where the content of the faces (the enclosed volume, or the area of a flat mesh) is
+    the content of the vertices' convex hull, to one part in a million and to what rounding the
+    vertices to single precision can dent.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) positions, all used.
+    faces
+        (F, 3) vertex indices, consistently oriented.
+
+    Returns
+    -------
+    bool
+        Whether it is convex; a mesh that shrinks to a line or a point is.
+    """
+    rounding = np.finfo(np.float32).eps * np.abs(vertices).max()
+    corners = vertices - vertices.mean(axis=0)
+    corners = corners @ np.linalg.svd(corners, full_matrices=False)[2].T
+    corners = corners[:, np.ptp(corners, axis=0) > rounding]
+    dimensions = corners.shape[1]
+    if dimensions < 2:
+        return True
+    a, b, c = corners[faces].swapaxes(0, 1)
+    if dimensions == 3:
+        content = abs(np.sum(a * np.cross(b, c))) / 6
+    else:
+        content = abs(np.linalg.det(np.stack([b - a, c - a], axis=1)).sum()) / 2
+    hull = ConvexHull(corners)
+    return bool(abs(hull.volume - content) <= 1e-6 * hull.volume + rounding * hull.area)
+
+
+@_compiled
+def lit_points(
+    points: Array, foot: Array, height: float, vertices: Array, starts: Indices
+) -> NDArray[np.bool]:
+    """Find the points of the plane that lie in no part's shadow.
+
+    Parameters
+    ----------
+    points
+        (M, 2) across and up, sorted by the first.
+    foot
+        (2,) across and up of the point source.
+    height
+        Its height, above every vertex's.
+    vertices
+        (V, 3) vertices of the convex parts, one part after the other; none below the plane.
+    starts
+        (P + 1,) where each part begins in `vertices`, and V.
+
+    Returns
+    -------
+    ndarray
+        (M,) whether the source lights the point.
+    """
+    lit = np.ones(len(points), np.bool_)
+    for part in range(len(starts) - 1):
+        corners = vertices[starts[part] : starts[part + 1]]
+        shadow = _convex_hull(_project(foot, height, corners))
+        if len(shadow) > 2:
+            _darken(points, shadow, lit)
+    return lit
+
+
+@_compiled
+def _project(foot: Array, height: float, vertices: Array) -> Array:
+    """Project along the rays from the source onto the plane at height 0."""
+    projected = np.empty((len(vertices), 2))
+    for i in range(len(vertices)):
+        stretch = height / (height - vertices[i, 2])
+        for axis in range(2):
+            projected[i, axis] = foot[axis] + stretch * (vertices[i, axis] - foot[axis])
+    return projected
+
+
+@_compiled
+def _convex_hull(points: Array) -> Array:
+    """Corners of the convex hull of (n, 2) points, counterclockwise (Andrew's monotone chain)."""
+    order = np.argsort(points[:, 1], kind="mergesort")
+    order = order[np.argsort(points[order, 0], kind="mergesort")]
+    hull = np.empty((2 * len(points), 2))
+    size = 0
+    for i in order:
+        size = _push(hull, size, 0, points[i])
+    lower = size - 1
+    for i in order[-2::-1]:
+        size = _push(hull, size, lower, points[i])
+    return hull[: size - 1]
+
+
+@_compiled
+def _push(chain: Array, size: int, first: int, point: Array) -> int:
+    """Append a point to the chain from `first` on; drop those where it would not turn left."""
+    while size - first >= 2:
+        a, b = chain[size - 2], chain[size - 1]
+        if (b[0] - a[0]) * (point[1] - b[1]) > (b[1] - a[1]) * (point[0] - b[0]):
+            break
+        size -= 1
+    chain[size] = point
+    return size + 1
+
+
+@_compiled
+def _darken(points: Array, shadow: Array, lit: NDArray[np.bool]) -> None:
+    """Clear `lit` for the points within every half-plane left of the shadow's border."""
+    corners = len(shadow)
+    normal = np.empty((corners, 2))
+    offset = np.empty(corners)
+    for e in range(corners):
+        a, b = shadow[e], shadow[(e + 1) % corners]
+        length = np.hypot(b[0] - a[0], b[1] - a[1])
+        normal[e, 0] = (b[1] - a[1]) / length
+        normal[e, 1] = (a[0] - b[0]) / length
+        offset[e] = normal[e, 0] * a[0] + normal[e, 1] * a[1] + _SEAM
+    first = np.searchsorted(points[:, 0], shadow[:, 0].min() - _SEAM)
+    last = np.searchsorted(points[:, 0], shadow[:, 0].max() + _SEAM)
+    for i in range(first, last):
+        inside = True
+        for e in range(corners):
+            if normal[e, 0] * points[i, 0] + normal[e, 1] * points[i, 1] > offset[e]:
+                inside = False
+                break
+        if inside:
+            lit[i] = False

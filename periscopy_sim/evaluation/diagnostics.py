@@ -1,0 +1,161 @@
+"""How well a scene can be seen: condition numbers, angles between subspaces, Cramér-Rao bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.preconditioner import (
+    TOLERANCE,
+    Preconditioner,
+    form_preconditioner,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """The paper's figures of a scene (Sec. 2 and 3.3).
+
+    Attributes
+    ----------
+    condition_A
+        cond(A).
+    condition_DA
+        cond(D A), with D the differences of neighbouring entries of the photograph.
+    background_rank
+        Dimension kept of range(B).
+    largest_angle, smallest_angle
+        Principal angles between range(A) and the range kept of B, in degrees. The largest is what
+        MATLAB's `subspace` gives; the smallest says how much information the background costs.
+    identity_error
+        Largest entry of |P A − I|.
+    residual_background
+        Mean over B's columns of 100 ‖P B_i‖ / (‖P‖ ‖B_i‖), in percent.
+    bound_ratio
+        Summed Cramér-Rao bounds with A alone over those with [A, B]; at most 1.
+    bounds
+        (R, C) Cramér-Rao bound on each patch's standard deviation for unit noise in each pixel.
+    bounds_without_background
+        (R, C) the same with A alone.
+    """
+
+    condition_A: float
+    condition_DA: float
+    background_rank: int
+    largest_angle: float
+    smallest_angle: float
+    identity_error: float
+    residual_background: float
+    bound_ratio: float
+    bounds: Array
+    bounds_without_background: Array
+
+
+def diagnose(
+    A: NDArray[np.floating[Any]],
+    B: NDArray[np.floating[Any]],
+    photograph_shape: tuple[int, int],
+    hidden_shape: tuple[int, int],
+    *,
+    tolerance: float = TOLERANCE,
+) -> Diagnostics:
+    """Compute the paper's figures for one scene.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds.
+    photograph_shape, hidden_shape
+        (rows, columns) with products M and N.
+    tolerance
+        Relative tolerance on B's singular values.
+
+    Returns
+    -------
+    Diagnostics
+
+    Raises
+    ------
+    ValueError
+        If A has not full column rank beside B.
+    """
+    from scipy import linalg
+
+    A = np.asarray(A, np.float64)
+    P = form_preconditioner(A, B, tolerance=tolerance)
+    alone = form_preconditioner(A)
+    matrix = P.matrix()
+    angles = np.rad2deg(linalg.subspace_angles(A, P.Q)) if P.Q.shape[1] else np.array([90.0])
+    return Diagnostics(
+        condition_A=condition_number(A),
+        condition_DA=condition_number(neighbour_differences(A, photograph_shape)),
+        background_rank=P.Q.shape[1],
+        largest_angle=float(angles.max()),
+        smallest_angle=float(angles.min()),
+        identity_error=float(np.abs(matrix @ A - np.eye(A.shape[1])).max()),
+        residual_background=100 * float(residual_background(P, B).mean()),
+        bound_ratio=float(alone.noise_gain.sum() / P.noise_gain.sum()),
+        bounds=np.sqrt(P.noise_gain).reshape(hidden_shape),
+        bounds_without_background=np.sqrt(alone.noise_gain).reshape(hidden_shape),
+    )
+
+
+def condition_number(A: NDArray[np.floating[Any]]) -> float:
+    """Ratio of the largest to the smallest singular value of an (M, N) matrix."""
+    from scipy import linalg
+
+    # The triangular factor has the same singular values at N/M of the cost.
+    R = linalg.qr(np.asarray(A, np.float64), mode="r", check_finite=False)[0]
+    σ = linalg.svdvals(R[: A.shape[1]])
+    return float(σ[0] / σ[-1]) if σ[-1] > 0 else float("inf")
+
+
+def neighbour_differences(
+    A: NDArray[np.floating[Any]], photograph_shape: tuple[int, int]
+) -> NDArray[np.floating[Any]]:
+    """Apply the D of Eq. 3 to the rows of A, as the published code of [15] does.
+
+    It vectorizes the photograph by columns, so that neighbours lie one below the other, takes
+    differences across the ends of columns too, and keeps the last pixel as it is.
+
+    Parameters
+    ----------
+    A
+        (M, N), or (M,) for one photograph; row-major.
+    photograph_shape
+        (rows, columns) with product M.
+
+    Returns
+    -------
+    ndarray
+        D A, the same shape, rows in column-major order of the photograph.
+    """
+    order = np.arange(len(A)).reshape(photograph_shape).T.ravel()
+    by_columns = A[order]
+    differences = by_columns.copy()
+    differences[:-1] = by_columns[1:] - by_columns[:-1]
+    return differences
+
+
+def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Array:
+    """Give what P leaves of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
+
+    Divided by the spectral norm of P, since P carries the units of 1/A.
+    """
+    left = np.linalg.norm(P.apply(B), axis=0) / np.linalg.norm(B, axis=0)
+    residual: Array = left / spectral_norm(P)
+    return residual
+
+
+def spectral_norm(P: Preconditioner) -> float:
+    """Largest singular value of P, from its Cholesky factor: ‖P‖ = 1 / σ_min(A⊥)."""
+    from scipy import linalg
+
+    return 1 / float(linalg.svdvals(P.cholesky)[-1])

@@ -1,0 +1,174 @@
+"""Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.preconditioner import TOLERANCE, form_preconditioner
+from periscopy_sim.reconstruction.repair import repair
+from periscopy_sim.reconstruction.total_variation import prox_total_variation
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+
+class Method(Protocol):
+    """Anything that turns a photograph into a hidden image."""
+
+    def reconstruct(self, photograph: Image) -> Array:
+        """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A hidden image and the stages that led to it (Fig. 2).
+
+    Attributes
+    ----------
+    preconditioned
+        (R, C, 3) the estimate P y.
+    denoised
+        (R, C, 3) after the proximal operator of total variation.
+    image
+        (R, C, 3) after repair: the result, in units of the photograph's over those of A.
+    noise
+        (3,) standard deviation of the photograph's noise in each channel, as estimated from it.
+    weight
+        (3,) the total-variation weight λ used for each channel.
+    threshold
+        The repair threshold κ used.
+    """
+
+    preconditioned: Array
+    denoised: Array
+    image: Array
+    noise: Array
+    weight: Array
+    threshold: float
+
+
+class Periscope:
+    """The paper's method (Algorithm 1), fitted to one scene.
+
+    Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:
+
+    - λ is `tv_weight` times the standard error of P y: the noise σ of the photograph, estimated
+      from the part of it that [A, B] cannot explain, times the root mean square of √(P Pᵀ)_jj.
+    - κ is `repair_threshold` times the 99th percentile of the denoised magnitudes.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds; None for none.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    tolerance
+        Relative tolerance on B's singular values, see `background_basis`.
+    tv_weight, repair_threshold
+        Relative weights as above; 0 and infinity switch a stage off.
+    explicit
+        Form P in float32 once, for speed; otherwise apply it in factored float64.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or A has not full column rank beside B.
+    """
+
+    def __init__(
+        self,
+        A: NDArray[np.floating[Any]],
+        B: NDArray[np.floating[Any]] | None = None,
+        *,
+        hidden_shape: tuple[int, int],
+        channel_gain: NDArray[np.floating[Any]] | None = None,
+        tolerance: float = TOLERANCE,
+        tv_weight: float = 1.0,
+        repair_threshold: float = 0.1,
+        explicit: bool = True,
+    ) -> None:
+        if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
+            raise ValueError(
+                f"a hidden image of {hidden_shape[0]}x{hidden_shape[1]} patches does not fit A's "
+                f"{A.shape[1]} columns"
+            )
+        self.hidden_shape = hidden_shape
+        self.tv_weight = tv_weight
+        self.repair_threshold = repair_threshold
+        self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
+        self._gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
+        self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
+
+    def reconstruct(self, photograph: Image) -> Array:
+        """Recover the hidden image from one photograph.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3), linear, in any unit.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3) float64, linear; negative where noise makes it so.
+
+        Raises
+        ------
+        ValueError
+            If the photograph has not M pixels of 3 channels or is not finite.
+        """
+        return self.solve(photograph).image
+
+    def solve(self, photograph: Image) -> Reconstruction:
+        """Recover the hidden image and keep the stages; see `reconstruct`."""
+        y = self._vectorized(photograph)
+        rejected = self.preconditioner.reject_background(y)
+        if self._matrix is None:
+            f = self.preconditioner.apply(y)
+        else:
+            # Single precision needs numbers near 1, in whatever unit the photograph is.
+            scale = np.sqrt(np.mean(rejected**2)) or 1.0
+            f = scale * (self._matrix @ (rejected / scale).astype(np.float32)).astype(np.float64)
+        noise = self._noise(rejected, f)
+        standard_error = noise * np.sqrt(self.preconditioner.noise_gain.mean())
+        estimate = f.reshape(*self.hidden_shape, 3)
+        weight = self.tv_weight * standard_error
+        denoised = prox_total_variation(estimate, weight)
+        magnitude = np.linalg.norm(denoised, axis=2)
+        threshold = self.repair_threshold * float(np.percentile(magnitude, 99))
+        image = repair(denoised, threshold)
+        return Reconstruction(estimate, denoised, image, noise, weight, threshold)
+
+    def _vectorized(self, photograph: Image) -> Array:
+        photograph = np.asarray(photograph)
+        pixels = len(self.preconditioner.A)
+        if photograph.ndim < 2 or photograph.shape[-1] != 3 or photograph.size != 3 * pixels:
+            raise ValueError(
+                f"the photograph has shape {photograph.shape}; A has {pixels} rows, so it must be "
+                f"(rows, columns, 3) with rows x columns = {pixels}"
+            )
+        y = photograph.reshape(pixels, 3).astype(np.float64) / self._gain
+        if not np.isfinite(y).all():
+            raise ValueError("the photograph must be finite")
+        return y
+
+    def _noise(self, rejected: Array, f: Array) -> Array:
+        """Standard deviation of what [A, B] leaves of the photograph, per channel.
+
+        By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
+        """
+        P = self.preconditioner
+        explained = np.sum((P.cholesky @ f) ** 2, axis=0)
+        residual = np.maximum(np.sum(rejected**2, axis=0) - explained, 0)
+        freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
+        noise: Array = np.sqrt(residual / max(freedom, 1))
+        return noise
