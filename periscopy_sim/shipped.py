@@ -1,0 +1,66 @@
+"""Where the scenes and hidden images that come with the package lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from periscopy_sim.errors import SceneError
+
+
+def scenes_folder() -> Path:
+    """Find the folder of shipped scenes: inside an installed package, beside it in a checkout.
+
+    Raises
+    ------
+    SceneError
+        If neither exists.
+    """
+    package = Path(__file__).parent
+    for folder in (package / "scenes", package.parent / "scenes"):
+        if (folder / "chair.xml").is_file():
+            return folder
+    raise SceneError("the shipped scenes are missing; install periscopy_sim again")
+
+
+def find_scene(name: str | Path) -> Path:
+    """Resolve a scene: a path, or else the name of a shipped one.
+
+    Parameters
+    ----------
+    name
+        A path such as ``my/scene.xml``, or ``chair``, ``chair.xml``, ``scenes/chair.xml``.
+
+    Returns
+    -------
+    Path
+        An existing file.
+
+    Raises
+    ------
+    SceneError
+        If there is no such file and no such shipped scene.
+    """
+    return _find(Path(name), "", ".xml", "scene")
+
+
+def find_image(name: str | Path) -> Path:
+    """Resolve a hidden image: a path, or else the name of a shipped one such as ``mushroom``.
+
+    Raises
+    ------
+    SceneError
+        If there is no such file and no such shipped image.
+    """
+    return _find(Path(name), "images", ".png", "image")
+
+
+def _find(path: Path, subfolder: str, suffix: str, what: str) -> Path:
+    if path.is_file():
+        return path
+    folder = scenes_folder() / subfolder
+    shipped = folder / (path.stem + suffix)
+    if str(path.parent) in (".", "scenes", f"scenes/{subfolder}") and shipped.is_file():
+        return shipped
+    names = ", ".join(sorted(file.stem for file in folder.glob(f"*{suffix}")))
+    problem = "is a folder" if path.is_dir() else "does not exist"
+    raise SceneError(f"{what} '{path}' {problem}; name a file or a shipped {what}: {names}")

@@ -1,0 +1,1 @@
+"""Files in and out: photographs, hidden images, EXR, atomic outputs and provenance."""

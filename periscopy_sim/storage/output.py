@@ -1,0 +1,167 @@
+"""Outputs that appear complete under their final name, or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from periscopy_sim.errors import OutputError
+
+_OUT_OF_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+@contextmanager
+def staged_file(path: Path) -> Iterator[Path]:
+    """Write a file under a temporary name, and rename it once it is complete.
+
+    Missing parent folders are made. If the block raises, whatever the exception, nothing of the
+    file or of the folders made for it remains, and a file that stood there before is untouched.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file shall appear; a symbolic link is followed.
+
+    Yields
+    ------
+    Path
+        A free name with the same suffix in the same folder, for the block to write.
+
+    Raises
+    ------
+    OutputError
+        On entry, if `path` is a folder or a device, or its folder cannot be written; later, if
+        the disk is full.
+    """
+    with ExitStack() as undo:
+        with _reported(path):
+            target = _resolved(path)
+            if target.is_dir():
+                raise OutputError(f"cannot write {path}: it is a folder; name a file inside it")
+            if target.exists() and not target.is_file():
+                raise OutputError(f"cannot write {path}: it is not a regular file; name another")
+            _make_folder(target.parent, undo)
+            staged = target.parent / _partial_name(target)
+            staged.touch(exist_ok=False)  # proves now, not after hours, that it can be written
+            undo.callback(staged.unlink, missing_ok=True)
+            staged.unlink()
+        with _out_of_space_reported(path):
+            yield staged
+        with _reported(path):
+            staged.replace(target)
+        undo.pop_all()
+
+
+@contextmanager
+def staged_folder(path: Path) -> Iterator[Path]:
+    """Fill a folder under a temporary name, and rename it once it is complete.
+
+    Where the folder exists already, each file of the new one replaces its namesake, one atomic
+    rename at a time, and all others are kept. If the block raises, nothing of it remains.
+
+    Parameters
+    ----------
+    path : Path
+        Where the folder shall appear; a symbolic link is followed.
+
+    Yields
+    ------
+    Path
+        An empty folder to fill: beside `path`, or inside it where `path` exists, since that may
+        be a mount point, across which files cannot be renamed.
+
+    Raises
+    ------
+    OutputError
+        On entry, if `path` is a file or its place cannot be written; later, if the disk is full
+        or a file would replace a folder or a folder a file.
+    """
+    with ExitStack() as undo:
+        with _reported(path):
+            target = _resolved(path)
+            if target.exists() and not target.is_dir():
+                raise OutputError(f"cannot write {path}: it is a file; name a folder")
+            home = target if target.is_dir() else target.parent
+            _make_folder(home, undo)
+            staged = home / _partial_name(target)
+            staged.mkdir()
+            undo.callback(shutil.rmtree, staged, ignore_errors=True)
+        with _out_of_space_reported(path):
+            yield staged
+        with _reported(path):
+            if target.is_dir():
+                _merge(staged, target)
+            else:
+                staged.rename(target)
+        undo.pop_all()
+
+
+def _resolved(path: Path) -> Path:
+    """Absolute path, so that the block may change folder; symbolic links followed."""
+    return Path(os.path.realpath(path))
+
+
+def _partial_name(target: Path) -> str:
+    """Hidden name with the target's suffix, different at each call."""
+    return f".{target.stem[:40]}-{uuid.uuid4().hex[:12]}{target.suffix}"
+
+
+def _make_folder(folder: Path, undo: ExitStack) -> None:
+    """Make a folder and its missing parents; `undo` removes those that were made."""
+    if folder.is_dir():
+        return
+    if folder.exists():
+        raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder")
+    _make_folder(folder.parent, undo)
+    folder.mkdir(exist_ok=True)
+    undo.callback(_remove_if_empty, folder)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _merge(staged: Path, target: Path) -> None:
+    """Move every file of `staged` over its namesake in `target`, keeping all others."""
+    entries = sorted(staged.rglob("*"))
+    for entry in entries:
+        final = target / entry.relative_to(staged)
+        if final.exists() and final.is_dir() != entry.is_dir():
+            kind = "folder" if final.is_dir() else "file"
+            raise OutputError(f"cannot write {final}: a {kind} of that name exists; remove it")
+    for entry in entries:
+        final = target / entry.relative_to(staged)
+        if entry.is_dir():
+            final.mkdir(exist_ok=True)
+        else:
+            entry.replace(final)
+    shutil.rmtree(staged)
+
+
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    """Turn what the system says against `path` into an `OutputError`."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(f"cannot write {path}: {reason}; choose another place") from error
+
+
+@contextmanager
+def _out_of_space_reported(path: Path) -> Iterator[None]:
+    """Turn a full disk, met while the block writes, into an `OutputError`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _OUT_OF_SPACE:
+            raise OutputError(f"cannot write {path}: {error.strerror}; free some space") from error
+        raise

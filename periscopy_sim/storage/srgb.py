@@ -1,0 +1,56 @@
+"""The sRGB transfer curve, IEC 61966-2-1."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_SLOPE = 12.92
+_OFFSET = 0.055
+_EXPONENT = 2.4
+_LINEAR_END = 0.0031308  # of the straight piece, in linear light
+_ENCODED_END = 0.04045  # of the straight piece, encoded
+
+
+def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
+    """Encode linear light by the sRGB curve.
+
+    Parameters
+    ----------
+    linear : array of any shape
+        Linear light, nominally in [0, 1]; negatives follow the straight piece.
+
+    Returns
+    -------
+    float64 array of the same shape
+        Encoded values, 1 for 1.
+
+    References
+    ----------
+    IEC 61966-2-1:1999, clause 5.2.
+    """
+    linear = np.asarray(linear, dtype=np.float64)
+    power = (1 + _OFFSET) * np.maximum(linear, _LINEAR_END) ** (1 / _EXPONENT) - _OFFSET
+    return np.where(linear <= _LINEAR_END, _SLOPE * linear, power)
+
+
+def srgb_decode(encoded: ArrayLike) -> NDArray[np.float64]:
+    """Decode sRGB values to linear light.
+
+    Parameters
+    ----------
+    encoded : array of any shape
+        Encoded values, nominally in [0, 1]; negatives follow the straight piece.
+
+    Returns
+    -------
+    float64 array of the same shape
+        Linear light, 1 for 1.
+
+    References
+    ----------
+    IEC 61966-2-1:1999, clause 5.2.
+    """
+    encoded = np.asarray(encoded, dtype=np.float64)
+    power = ((np.maximum(encoded, _ENCODED_END) + _OFFSET) / (1 + _OFFSET)) ** _EXPONENT
+    return np.where(encoded <= _ENCODED_END, encoded / _SLOPE, power)

@@ -1,0 +1,330 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import png
+import pytest
+import tifffile
+from PIL import Image
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.photographs import check_photograph, read_photograph
+
+SHAPE = (6, 9)
+RNG = np.random.default_rng(3)
+COUNTS = RNG.integers(0, 65536, (*SHAPE, 3)).astype(np.uint16)
+LIGHT = RNG.standard_normal((*SHAPE, 3))  # negatives: a dark frame was subtracted
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
+
+
+def save_png(path, values, **options):
+    rows, columns = values.shape[:2]
+    channels = values.size // (rows * columns)
+    options = {"greyscale": channels < 3, "alpha": channels % 2 == 0, "bitdepth": 16} | options
+    with path.open("wb") as stream:
+        png.Writer(columns, rows, **options).write(stream, values.reshape(rows, -1).tolist())
+    return path
+
+
+def save_npy(path, values):
+    np.save(path, values)
+    return path
+
+
+def read(path):
+    return read_photograph(path, SHAPE)
+
+
+def test_16_bit_png_keeps_all_its_bits(tmp_path):
+    for options in ({}, {"interlace": True}):
+        photograph = read(save_png(tmp_path / "y.png", COUNTS, **options))
+        assert photograph.values.dtype == np.float64 and photograph.warnings == ()
+        assert np.array_equal(photograph.values, COUNTS)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"compression": "zlib"},
+        {"byteorder": ">"},
+        {"bigtiff": True},
+        {"tile": (16, 16)},
+        {"rowsperstrip": 2},
+    ],
+)
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float16, np.float32, np.float64])
+def test_deep_tiff_is_read_as_it_is(tmp_path, options, dtype):
+    values = COUNTS.astype(dtype) if np.dtype(dtype).kind == "u" else LIGHT.astype(dtype)
+    tifffile.imwrite(tmp_path / "y.tif", values, photometric="rgb", **options)
+    photograph = read(tmp_path / "y.tif")
+    assert np.array_equal(photograph.values, values) and photograph.warnings == ()
+
+
+def test_differenced_tiff_is_summed_again(tmp_path):
+    options = {"compression": "zlib", "predictor": True}
+    tifffile.imwrite(tmp_path / "y.tif", COUNTS, photometric="rgb", **options)
+    assert np.array_equal(read(tmp_path / "y.tif").values, COUNTS)
+
+
+def test_planes_and_pages_of_tiff_come_back_as_rows_columns_channels(tmp_path):
+    planes = np.ascontiguousarray(np.moveaxis(COUNTS, -1, 0))
+    tifffile.imwrite(tmp_path / "planes.tif", planes, photometric="rgb", planarconfig="separate")
+    tifffile.imwrite(tmp_path / "pages.tif", LIGHT, photometric="minisblack")
+    assert np.array_equal(read(tmp_path / "planes.tif").values, COUNTS)
+    assert np.array_equal(read(tmp_path / "pages.tif").values, LIGHT)
+
+
+def test_exr_of_half_and_float_in_any_channel_order(tmp_path):
+    for dtype in (np.float16, np.float32):
+        planes = {c: np.ascontiguousarray(LIGHT[..., i], dtype) for i, c in enumerate("RGB")}
+        expected = np.stack([planes[c].astype(np.float64) for c in "RGB"], axis=-1)
+        with OpenEXR.File({}, {c: planes[c] for c in "GBR"}) as file:
+            file.write(str(tmp_path / "y.exr"))
+        assert np.array_equal(read(tmp_path / "y.exr").values, expected)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        LIGHT,
+        LIGHT.astype(np.float16),
+        LIGHT.astype(">f8"),
+        LIGHT.astype(np.longdouble),
+        np.asfortranarray(LIGHT),
+        COUNTS,
+        COUNTS.astype(">i4"),
+        COUNTS.astype(np.int64) - 30000,
+    ],
+)
+def test_npy_of_any_number_type_and_order(tmp_path, values):
+    found = read(save_npy(tmp_path / "y.npy", values)).values
+    assert found.dtype == np.dtype("=f8") and found.flags.c_contiguous
+    assert np.array_equal(found, values)
+
+
+def test_npy_of_python_2_is_read_without_a_warning(tmp_path):
+    content = save_npy(tmp_path / "y.npy", LIGHT).read_bytes()
+    (tmp_path / "y.npy").write_bytes(content.replace(b"(6, 9, 3), } ", b"(6L, 9L, 3)} "))
+    assert b"6L" in (tmp_path / "y.npy").read_bytes()
+    assert np.array_equal(read(tmp_path / "y.npy").values, LIGHT)
+
+
+def test_npz_is_read_by_its_key(tmp_path):
+    np.savez_compressed(tmp_path / "y.npz", photograph=LIGHT, hidden=COUNTS)
+    assert np.array_equal(read(tmp_path / "y.npz").values, LIGHT)
+    np.savez(tmp_path / "z.npz", image=LIGHT, truth=COUNTS)
+    with pytest.raises(PhotographError, match="no array 'photograph', only image, truth"):
+        read(tmp_path / "z.npz")
+
+
+def test_format_is_told_by_contents_not_suffix(tmp_path):
+    path = save_npy(tmp_path / "y.npy", LIGHT).rename(tmp_path / "y.tif")
+    assert np.array_equal(read(path).values, LIGHT)
+
+
+def test_real_photograph_is_read():
+    if not SHARED.exists():
+        pytest.skip("the published photograph is not here")
+    values = read_photograph(SHARED, (126, 126)).values
+    assert values.shape == (126, 126, 3) and values.min() > 0
+
+
+def standard_decode(code):  # a scalar second implementation of the sRGB curve
+    c = code / 255
+    return c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_8_bit_files_are_decoded_with_a_warning(tmp_path, suffix):
+    codes = (COUNTS >> 8).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / f"y{suffix}")
+    photograph = read(tmp_path / f"y{suffix}")
+    assert np.allclose(photograph.values, np.vectorize(standard_decode)(codes), rtol=1e-13)
+    assert len(photograph.warnings) == 1 and "sRGB" in photograph.warnings[0]
+
+
+def test_jpeg_is_decoded_with_a_warning(tmp_path):
+    Image.new("RGB", SHAPE[::-1], (188, 99, 10)).save(tmp_path / "y.jpg", quality=100)
+    photograph = read(tmp_path / "y.jpg")
+    expected = [standard_decode(c) for c in (188, 99, 10)]
+    assert np.allclose(photograph.values, expected, atol=0.01)
+    assert "8-bit JPEG" in photograph.warnings[0]
+
+
+def test_palettes_and_few_bits_are_looked_up(tmp_path):
+    picture = Image.fromarray((COUNTS >> 8).astype(np.uint8)).quantize(4)
+    picture.save(tmp_path / "y.png", bits=2)
+    expected = np.vectorize(standard_decode)(np.asarray(picture.convert("RGB")))
+    assert np.allclose(read(tmp_path / "y.png").values, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [SHAPE, (*SHAPE, 1)])
+def test_one_channel_is_grey(tmp_path, shape):
+    grey = COUNTS[..., 0].reshape(shape)
+    tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack")
+    for path in (
+        save_npy(tmp_path / "y.npy", grey),
+        save_png(tmp_path / "y.png", grey),
+        tmp_path / "y.tif",
+    ):
+        assert np.array_equal(read(path).values, np.repeat(COUNTS[..., :1], 3, axis=2))
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_alpha_is_left_out_with_a_warning(tmp_path, channels):
+    values = np.concatenate([COUNTS[..., :channels], COUNTS[..., :1]], axis=2)
+    photometric = "rgb" if channels == 3 else "minisblack"
+    tifffile.imwrite(tmp_path / "y.tif", values, photometric=photometric, planarconfig="contig")
+    planes = {c: np.ones(SHAPE, np.float32) for c in ("RGBA" if channels == 3 else "YA")}
+    with OpenEXR.File({}, planes) as file:
+        file.write(str(tmp_path / "y.exr"))
+    for path in (save_png(tmp_path / "y.png", values), tmp_path / "y.tif"):
+        photograph = read(path)
+        assert np.array_equal(
+            photograph.values, np.broadcast_to(values[..., :channels], LIGHT.shape)
+        )
+        assert len(photograph.warnings) == 1 and "alpha" in photograph.warnings[0]
+    assert "left out the channels A" in read(tmp_path / "y.exr").warnings[0]
+
+
+@pytest.mark.parametrize("channels", [0, 2, 4, 5])
+def test_other_channel_counts_of_arrays_are_refused(tmp_path, channels):
+    with pytest.raises(PhotographError, match=rf"\(6, 9, {channels}\)"):
+        read(save_npy(tmp_path / "y.npy", np.ones((*SHAPE, channels))))
+
+
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        ((9, 6), "9 x 6 .*6 x 9"),
+        ((6, 10), "6 x 10 .*6 x 9"),
+        ((18, 27), "18 x 27 .*6 x 9; average 3 x 3 blocks first"),
+        ((12, 27), "12 x 27 .*6 x 9; crop"),
+        ((3, 4), "3 x 4 .*6 x 9; crop"),
+    ],
+)
+def test_other_sizes_are_refused_with_both_said(tmp_path, size, said):
+    values = np.ones((*size, 3), np.uint16)
+    tifffile.imwrite(tmp_path / "y.tif", values, photometric="rgb")
+    for path in (
+        save_npy(tmp_path / "y.npy", values),
+        save_png(tmp_path / "y.png", values),
+        tmp_path / "y.tif",
+    ):
+        with pytest.raises(PhotographError, match=said):
+            read(path)
+
+
+def test_nan_and_infinity_are_counted_and_located(tmp_path):
+    values = LIGHT.copy()
+    values[2, 3, 1] = np.nan
+    values[4, 0] = np.inf
+    with pytest.raises(PhotographError, match=r"4 values .*row 2, column 3, channel 1"):
+        read(save_npy(tmp_path / "y.npy", values))
+    with pytest.raises(PhotographError, match="1 values"):
+        check_photograph(np.where(np.arange(54).reshape(SHAPE) == 7, -np.inf, 1), SHAPE, "y")
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (np.zeros((*SHAPE, 3)), "zero"),
+        (np.ones(SHAPE, complex), "complex"),
+        (np.ones(SHAPE, bool), "truth values"),
+        (np.full(SHAPE, "bright"), "text"),
+        (np.full(SHAPE, b"bright"), "text"),
+        (np.ones(SHAPE, [("r", "f4"), ("g", "f4")]), "records"),
+        (np.ones(SHAPE, "m8[s]"), "times"),
+        (np.ones(54), "shape"),
+        (np.ones((1, *SHAPE, 3)), "shape"),
+        (np.float64(1), "shape"),
+    ],
+)
+def test_arrays_that_are_no_photograph_are_refused(tmp_path, values, said):
+    with pytest.raises(PhotographError, match=said) as caught:
+        read(save_npy(tmp_path / "y.npy", values))
+    assert str(tmp_path / "y.npy") in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(PhotographError, match=f"frame 7.*{said}"):
+        check_photograph(values, SHAPE, "frame 7")
+
+
+class Grenade:
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_pickles_are_never_loaded(tmp_path):
+    crate = np.full(SHAPE, Grenade(tmp_path / "exploded"), dtype=object)
+    np.save(tmp_path / "y.npy", crate)
+    np.savez(tmp_path / "y.npz", photograph=crate)
+    for name in ("y.npy", "y.npz"):
+        with pytest.raises(PhotographError, match="Python objects"):
+            read(tmp_path / name)
+    assert not (tmp_path / "exploded").exists()
+
+
+def test_checked_array_is_a_copy():
+    checked = check_photograph(LIGHT, SHAPE, "y")
+    checked[:] = 0
+    assert LIGHT.any()
+    assert np.array_equal(check_photograph(LIGHT.tolist(), SHAPE, "y"), LIGHT)
+    with pytest.raises(PhotographError, match="no array"):
+        check_photograph([[1.0], [1.0, 2.0]], SHAPE, "y")
+
+
+def test_missing_files_folders_and_strangers_are_told_apart(tmp_path):
+    (tmp_path / "empty.npy").write_bytes(b"")
+    (tmp_path / "text.exr").write_text("a letter to the editor")
+    os.mkfifo(tmp_path / "pipe")
+    for name, said in [
+        ("missing.exr", "no such file"),
+        ("text.exr/y.exr", "cannot be opened"),
+        ("", "folder"),
+        ("empty.npy", "empty"),
+        ("text.exr", "is no EXR"),
+        ("pipe", "not a regular file"),
+    ]:
+        with pytest.raises(PhotographError, match=said) as caught:
+            read(tmp_path / name)
+        assert str(tmp_path / name) in str(caught.value)
+
+
+def test_colours_other_than_rgb_are_refused(tmp_path):
+    Image.new("CMYK", SHAPE[::-1]).save(tmp_path / "y.jpg")
+    tifffile.imwrite(tmp_path / "white.tif", COUNTS[..., 0], photometric="miniswhite")
+    tifffile.imwrite(tmp_path / "ink.tif", COUNTS.repeat(2, 2)[..., :4], photometric="separated")
+    turned = [(274, "H", 1, 6, True)]
+    tifffile.imwrite(tmp_path / "turned.tif", COUNTS, photometric="rgb", extratags=turned)
+    with tifffile.TiffWriter(tmp_path / "two.tif") as file:
+        file.write(COUNTS, photometric="rgb")
+        file.write(COUNTS[:3], photometric="rgb")
+    stack = np.ones((5, *SHAPE), np.uint8)
+    tifffile.imwrite(tmp_path / "five.tif", stack, photometric="minisblack")
+    for name, said in [
+        ("y.jpg", "CMYK"),
+        ("five.tif", "5 pictures"),
+        ("white.tif", "MINISWHITE"),
+        ("ink.tif", "SEPARATED"),
+        ("turned.tif", "turned"),
+        ("two.tif", "2 pictures"),
+    ]:
+        with pytest.raises(PhotographError, match=said):
+            read(tmp_path / name)
+
+
+def test_import_brings_in_no_decoder():
+    script = (
+        "import sys, periscopy_sim.storage.photographs, periscopy_sim.storage.pictures\n"
+        "import periscopy_sim.storage.provenance\n"
+        "heavy = {'mitsuba', 'scipy', 'matplotlib', 'OpenEXR', 'tifffile', 'PIL', 'png', 'numba'}\n"
+        "print(*heavy & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == ""

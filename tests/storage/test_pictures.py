@@ -1,0 +1,181 @@
+import math
+
+import numpy as np
+import OpenEXR
+import png
+import pytest
+import tifffile
+from PIL import Image
+
+from periscopy_sim.errors import OutputError, PhotographError
+from periscopy_sim.storage.pictures import (
+    area_average,
+    read_hidden_image,
+    srgb_decode,
+    srgb_encode,
+    write_png,
+)
+
+RNG = np.random.default_rng(4)
+LIGHT = RNG.random((8, 6, 3))
+
+
+def encode_one(x):  # IEC 61966-2-1 for one number
+    return 12.92 * x if x <= 0.0031308 else 1.055 * math.pow(x, 1 / 2.4) - 0.055
+
+
+def decode_one(x):
+    return x / 12.92 if x <= 0.04045 else math.pow((x + 0.055) / 1.055, 2.4)
+
+
+def test_srgb_curve_is_the_standards():
+    for x in [0, 0.001, 0.0031308, 0.00313081, 0.04045, 0.0405, 0.18, 0.5, 0.9, 1]:
+        assert srgb_encode(x) == pytest.approx(encode_one(x), rel=1e-14)
+        assert srgb_decode(x) == pytest.approx(decode_one(x), rel=1e-14)
+    assert srgb_decode(188 / 255) == pytest.approx(0.5028865, abs=1e-7)
+    assert srgb_encode(-0.1) == pytest.approx(-1.292)
+
+
+def test_srgb_curve_is_undone_by_its_inverse():
+    x = np.linspace(-0.1, 2, 1001).reshape(7, 11, 13)
+    assert np.allclose(srgb_decode(srgb_encode(x)), x, rtol=1e-7, atol=0)
+    assert srgb_encode(x).shape == x.shape
+
+
+def brute_force_average(image, shape):
+    """Cut every pixel into whole parts of the new pixels, then average those."""
+    rows, columns = shape
+    fine = image.repeat(rows, axis=0).repeat(columns, axis=1)
+    height, width = image.shape[:2]
+    return fine.reshape(rows, height, columns, width, 3).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("shape", [(8, 6), (4, 3), (3, 4), (1, 1), (5, 7), (16, 12), (13, 1)])
+def test_area_average_is_exact_up_and_down(shape):
+    assert np.allclose(area_average(LIGHT, shape), brute_force_average(LIGHT, shape), rtol=1e-13)
+
+
+def save_16_bit_png(path, values, **options):
+    with path.open("wb") as stream:
+        writer = png.Writer(values.shape[1], values.shape[0], bitdepth=16, **options)
+        writer.write(stream, values.reshape(len(values), -1).tolist())
+
+
+def test_integer_pictures_are_gamma_encoded(tmp_path):
+    codes8 = (LIGHT * 255).astype(np.uint8)
+    codes16 = (LIGHT * 65535).astype(np.uint16)
+    Image.fromarray(codes8).save(tmp_path / "8.png")
+    Image.fromarray(codes8).save(tmp_path / "8.tif", compression="tiff_lzw")
+    tifffile.imwrite(tmp_path / "16.tif", codes16, photometric="rgb")
+    save_16_bit_png(tmp_path / "16.png", codes16, greyscale=False)
+    for name, encoded in [
+        ("8.png", codes8 / 255),
+        ("8.tif", codes8 / 255),
+        ("16.png", codes16 / 65535),
+        ("16.tif", codes16 / 65535),
+    ]:
+        found = read_hidden_image(tmp_path / name, (8, 6))
+        assert np.allclose(found, np.vectorize(decode_one)(encoded), rtol=1e-12), name
+
+
+def test_jpeg_is_gamma_encoded_and_turned_upright(tmp_path):
+    picture = Image.new("RGB", (16, 32), (128, 128, 128))
+    picture.paste((0, 0, 0), (0, 0, 16, 16))  # dark above
+    exif = Image.Exif()
+    exif[0x0112] = 3  # to be turned by 180 degrees
+    picture.save(tmp_path / "f.jpg", exif=exif, quality=95)
+    found = read_hidden_image(tmp_path / "f.jpg", (2, 1))
+    assert np.allclose(found[0], decode_one(128 / 255), atol=0.01)
+    assert np.allclose(found[1], 0, atol=0.01)
+
+
+def test_averaging_happens_in_linear_light(tmp_path):
+    Image.fromarray(np.array([[[255] * 3, [0] * 3]], np.uint8)).save(tmp_path / "f.png")
+    assert np.allclose(read_hidden_image(tmp_path / "f.png", (1, 1)), 0.5)
+
+
+def test_floating_point_pictures_are_linear(tmp_path):
+    np.save(tmp_path / "f.npy", LIGHT)
+    tifffile.imwrite(tmp_path / "f.tif", LIGHT.astype(np.float32), photometric="rgb")
+    with OpenEXR.File({}, {"RGB": LIGHT.astype(np.float32)}) as file:
+        file.write(str(tmp_path / "f.exr"))
+    for name in ("f.npy", "f.tif", "f.exr"):
+        found = read_hidden_image(tmp_path / name, (4, 2))
+        assert np.allclose(found, brute_force_average(LIGHT, (4, 2)), rtol=1e-6), name
+
+
+def test_integer_arrays_are_fractions(tmp_path):
+    for dtype, white in ((np.uint8, 255), (np.uint16, 65535)):
+        np.save(tmp_path / "f.npy", np.array([[white, 0, white // 5]], dtype))
+        assert np.allclose(read_hidden_image(tmp_path / "f.npy", (1, 3))[..., 1], [[1, 0, 0.2]])
+
+
+def test_transparent_parts_are_dark(tmp_path):
+    pixels = np.array([[[255, 255, 255, 255], [255, 255, 255, 0], [255, 255, 255, 51]]], np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "f.png")
+    found = read_hidden_image(tmp_path / "f.png", (1, 3))
+    assert np.allclose(found[0, :, 0], [1, 0, 0.2])
+    for mode in ("L", "RGB"):  # one colour declared transparent
+        picture = Image.fromarray(pixels[..., 3]).convert(mode)
+        picture.save(tmp_path / "f.png", transparency=255 if mode == "L" else (255, 255, 255))
+        found = read_hidden_image(tmp_path / "f.png", (1, 3))
+        assert np.allclose(found[0, :, 0], [0, 0, decode_one(0.2)])
+
+
+def test_grey_becomes_three_channels(tmp_path):
+    Image.new("L", (4, 4), 255).save(tmp_path / "f.png")
+    found = read_hidden_image(tmp_path / "f.png", (2, 3))
+    assert found.shape == (2, 3, 3) and np.allclose(found, 1, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (np.full((4, 4, 3), -0.1), "negative"),
+        (np.full((4, 4), np.nan), "NaN"),
+        (np.ones((4, 4, 4)), "shape"),
+        (np.ones((0, 4, 3)), "shape"),
+        (np.ones(4), "shape"),
+        (np.ones((4, 4), np.int64), "int64"),
+        (np.ones((4, 4), complex), "complex"),
+    ],
+)
+def test_arrays_that_are_no_picture_are_refused(tmp_path, values, said):
+    np.save(tmp_path / "f.npy", values)
+    with pytest.raises(PhotographError, match=said):
+        read_hidden_image(tmp_path / "f.npy", (2, 2))
+
+
+def test_other_formats_and_missing_files_are_refused(tmp_path):
+    np.savez(tmp_path / "f.npz", hidden=LIGHT)
+    with pytest.raises(PhotographError, match="is NPZ; give a PNG"):
+        read_hidden_image(tmp_path / "f.npz", (2, 2))
+    with pytest.raises(PhotographError, match="no such file"):
+        read_hidden_image(tmp_path / "f.png", (2, 2))
+
+
+def test_written_png_shows_the_image_and_says_where_it_comes_from(tmp_path):
+    image = np.concatenate([LIGHT, [[[-1, 0, 0.5], [1, 2, 1e-3]] * 3]])
+    text = {"command": "periscopy demo", "scene": "κάθισμα.xml", "seed": "7"}
+    write_png(tmp_path / "f.png", image, text)
+    with Image.open(tmp_path / "f.png") as picture:
+        assert picture.mode == "RGB" and picture.text == text
+        expected = np.vectorize(encode_one)(np.clip(image, 0, 1)) * 255
+        assert np.abs(np.asarray(picture) - expected).max() <= 0.5 + 1e-9
+    found = read_hidden_image(tmp_path / "f.png", image.shape[:2])
+    assert np.allclose(found, np.clip(image, 0, 1), atol=0.005)
+
+
+def test_png_bytes_depend_on_the_inputs_alone(tmp_path):
+    write_png(tmp_path / "a.png", LIGHT, {"a": "1", "b": "2"})
+    write_png(tmp_path / "b.png", LIGHT.astype(np.float64), {"b": "2", "a": "1"})
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_what_is_no_image_is_not_written(tmp_path):
+    for image in (LIGHT[..., 0], LIGHT[..., :2], np.full((2, 2, 3), np.nan)):
+        with pytest.raises(ValueError, match="expected"):
+            write_png(tmp_path / "f.png", image, {})
+    with pytest.raises(OutputError):
+        write_png(tmp_path, LIGHT, {})
+    assert list(tmp_path.iterdir()) == []
