@@ -28,7 +28,8 @@ def find_scene(name: str | Path) -> Path:
     Parameters
     ----------
     name
-        A path such as ``my/scene.xml``, or ``chair``, ``chair.xml``, ``scenes/chair.xml``.
+        A path such as ``my/scene.xml``, or ``chair``, ``scenes/chair.xml``,
+        ``ambient/ceiling_panels``.
 
     Returns
     -------
@@ -58,8 +59,10 @@ def _find(path: Path, subfolder: str, suffix: str, what: str) -> Path:
     if path.is_file():
         return path
     folder = scenes_folder() / subfolder
-    shipped = folder / (path.stem + suffix)
-    if str(path.parent) in (".", "scenes", f"scenes/{subfolder}") and shipped.is_file():
+    # Also as the checkout's own paths: scenes/chair.xml, scenes/images/mushroom.png.
+    inside = [part for part in path.parts if part not in ("scenes", subfolder)]
+    shipped = folder.joinpath(*inside).with_suffix(suffix)
+    if ".." not in inside and not path.is_absolute() and shipped.is_file():
         return shipped
     names = ", ".join(sorted(file.stem for file in folder.glob(f"*{suffix}")))
     problem = "is a folder" if path.is_dir() else "does not exist"

@@ -159,3 +159,23 @@ def spectral_norm(P: Preconditioner) -> float:
     from scipy import linalg
 
     return 1 / float(linalg.svdvals(P.cholesky)[-1])
+
+
+def rank_row(
+    A: NDArray[np.floating[Any]], B: NDArray[np.floating[Any]], tolerance: float
+) -> dict[str, float]:
+    """Tell what one rank tolerance of B costs and leaves.
+
+    Returns
+    -------
+    dict
+        ``tolerance``; ``rank`` kept; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
+        ``noise_gain``, trace(P Pᵀ).
+    """
+    P = form_preconditioner(A, B, tolerance=tolerance)
+    return {
+        "tolerance": tolerance,
+        "rank": P.Q.shape[1],
+        "residual_background": float(residual_background(P, B).max()),
+        "noise_gain": float(P.noise_gain.sum()),
+    }

@@ -66,19 +66,37 @@ def render_photograph(
         raise ValueError("samples and bounces must be at least 1")
     scene = build_scene(scenario, image, only_monitor=only_monitor)
     depth = -1 if bounces is None else bounces + 1
-    return _render(scene, depth, scenario.photograph_shape, samples, seed, progress)
+    return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
 
 
-def _render(
+def path_trace(
     scene: Any,
     depth: int,
-    shape: tuple[int, int],
+    *,
     samples: int,
     seed: int,
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None] | None = None,
 ) -> Array:
+    """Render what the sensor ``camera`` of a Mitsuba scene sees, in passes of bounded memory.
+
+    Parameters
+    ----------
+    scene
+        A Mitsuba scene.
+    depth
+        Mitsuba's path depth: 2 for one reflection, -1 for any number.
+    samples, seed, progress
+        As in `render_photograph`.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns, 3) float64 radiance.
+    """
     import mitsuba as mi
 
+    columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
+    shape = (rows, columns)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
     camera = camera_of(scene)
     # Equal passes, since the low-discrepancy sampler rounds each up to a power of two.

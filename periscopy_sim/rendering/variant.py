@@ -14,9 +14,14 @@ from periscopy_sim.errors import VariantError
 PREFERENCE = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 OVERRIDE = "PERISCOPY_VARIANT"
 
+OLDEST_LLVM = 17
+"""LLVM 15 and 16 load, but abort the process when they compile the path tracer: their x86 backend
+cannot select the instruction fminimum."""
+
 INSTALL_LLVM = (
-    "install LLVM 15 or newer (Debian, Ubuntu: apt-get install libllvm15; macOS: brew install"
-    " llvm; elsewhere set DRJIT_LIBLLVM_PATH to its libLLVM) to render about 100 times faster"
+    f"install LLVM {OLDEST_LLVM} or newer (Debian, Ubuntu: apt-get install libllvm19; macOS: brew "
+    "install llvm; elsewhere set DRJIT_LIBLLVM_PATH to its libLLVM) to render about 100 times "
+    "faster"
 )
 
 
@@ -50,20 +55,21 @@ def examine_variants() -> list[VariantReport]:
     import drjit as dr
 
     cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
-    llvm = bool(dr.has_backend(dr.JitBackend.LLVM))
+    found = bool(dr.has_backend(dr.JitBackend.LLVM))
+    version = dr.detail.llvm_version()[0] if found else 0
+    if version >= OLDEST_LLVM:
+        llvm = f"libLLVM {version} was found"
+    elif found:
+        llvm = f"libLLVM {version} is too old for Mitsuba's path tracer: {INSTALL_LLVM}"
+    else:
+        llvm = f"no libLLVM was found, or one too old for Dr.Jit: {INSTALL_LLVM}"
     return [
         VariantReport(
             "cuda_ad_rgb",
             cuda,
             "an NVIDIA device answers" if cuda else "no NVIDIA device or driver answers",
         ),
-        VariantReport(
-            "llvm_ad_rgb",
-            llvm,
-            "a libLLVM was found"
-            if llvm
-            else f"no libLLVM of version 15 or newer was found: {INSTALL_LLVM}",
-        ),
+        VariantReport("llvm_ad_rgb", version >= OLDEST_LLVM, llvm),
         VariantReport("scalar_rgb", True, "needs nothing; about 100 times slower than LLVM"),
     ]
 

@@ -1,0 +1,136 @@
+"""What the commands have in common: the forms of their arguments, messages and progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from periscopy_sim.errors import PeriscopyError
+
+Out = Annotated[Path, typer.Option("--out", help="Folder to write; appears complete or not at all.")]
+OutFile = Annotated[Path, typer.Option("--out", help="File to write; appears complete or not at all.")]
+SceneArgument = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A Mitsuba XML file, or the name of a shipped scene.")
+]
+SceneOption = Annotated[
+    str, typer.Option("--scene", help="A Mitsuba XML file, or the name of a shipped scene.")
+]
+Hidden = Annotated[
+    str,
+    typer.Option(
+        "--hidden", metavar="ROWSxCOLUMNS", help="Patches of the hidden image, such as 29x36."
+    ),
+]
+Define = Annotated[
+    list[str] | None,
+    typer.Option("-D", metavar="NAME=VALUE", help="Set one of the scene's <default>s; repeatable."),
+]
+Samples = Annotated[int, typer.Option(min=1, help="Samples of a patch for each wall point.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of every random draw.")]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Read ROWSxCOLUMNS.
+
+    Raises
+    ------
+    PeriscopyError
+        If the text is of another form.
+    """
+    rows, separator, columns = text.lower().partition("x")
+    if not (separator and rows.isdigit() and columns.isdigit()):
+        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
+    return int(rows), int(columns)
+
+
+def parse_definitions(definitions: list[str] | None) -> dict[str, str]:
+    """Read the ``-D name=value`` options.
+
+    Raises
+    ------
+    PeriscopyError
+        If one is of another form or a name is given twice.
+    """
+    values: dict[str, str] = {}
+    for definition in definitions or []:
+        name, separator, value = definition.partition("=")
+        if not (name and separator and value):
+            raise PeriscopyError(f"-D '{definition}' is not of the form name=value")
+        if name in values:
+            raise PeriscopyError(f"-D {name} is given twice")
+        values[name] = value
+    return values
+
+
+@contextmanager
+def mendable(what: str) -> Iterator[None]:
+    """Report a ValueError about the user's data as the user's mistake."""
+    try:
+        yield
+    except PeriscopyError:
+        raise
+    except ValueError as error:
+        raise PeriscopyError(f"{what}: {error}") from error
+
+
+def say(message: str) -> None:
+    """Print one line to the user."""
+    print(message, flush=True)
+
+
+def warn(message: str) -> None:
+    """Print one warning line."""
+    print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar while a long computation reports the fraction done.
+
+    Yields
+    ------
+    callable
+        Takes the fraction done, 0 to 1.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=1.0)
+        yield lambda fraction: bar.update(task, completed=fraction)
+
+
+class Stopwatch:
+    """Seconds that the stages of a command took, by name."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time a block."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = round(time.perf_counter() - start, 4)
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON file, human-readable, with arrays as lists and no NaN."""
+    import json
+
+    import numpy as np
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        return str(value)
+
+    path.write_text(json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n")

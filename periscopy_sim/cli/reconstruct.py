@@ -1,0 +1,167 @@
+"""`periscopy reconstruct`: from a photograph to the hidden image."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli.arguments import (
+    Define,
+    Hidden,
+    Out,
+    Samples,
+    SceneOption,
+    Seed,
+    Stopwatch,
+    mendable,
+    say,
+    warn,
+    write_json,
+)
+
+
+class MethodName(StrEnum):
+    """The reconstruction methods."""
+
+    preconditioned = "preconditioned"
+
+
+def reconstruct(
+    photo: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PHOTO", help="EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
+        ),
+    ],
+    scene: SceneOption,
+    hidden: Hidden,
+    out: Out,
+    method: MethodName = MethodName.preconditioned,
+    samples: Samples = 16,
+    model: scenes.Model = scenes.Model.rendered,
+    matrix: Annotated[
+        Path | None,
+        typer.Option("--transport", help="Take A from this NPY file rather than render it."),
+    ] = None,
+    tv_weight: Annotated[
+        float, typer.Option(min=0, help="TV weight, in standard errors of the estimate.")
+    ] = 1.0,
+    repair_threshold: Annotated[
+        float, typer.Option(min=0, help="Repair threshold, in 99th percentiles of the magnitude.")
+    ] = 0.1,
+    rank_tolerance: Annotated[
+        float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
+    ] = 1e-10,
+    truth: Annotated[
+        Path | None, typer.Option(help="The hidden image, if known: adds metrics and a picture.")
+    ] = None,
+    seed: Seed = 0,
+    define: Define = None,
+) -> None:
+    """Recover the hidden image from one photograph of the wall."""
+    from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.evaluation import figures
+    from periscopy_sim.reconstruction.periscope import Periscope
+    from periscopy_sim.storage.output import staged_folder
+    from periscopy_sim.storage.photographs import read_photograph
+    from periscopy_sim.storage.pictures import read_hidden_image, write_png
+    from periscopy_sim.storage.provenance import as_text
+
+    timed = Stopwatch()
+    with staged_folder(out) as folder:
+        with timed("load the scene"):
+            scenario = scenes.load(scene, hidden, define)
+        given = read_photograph(photo, scenario.photograph_shape)
+        for warning in given.warnings:
+            warn(warning)
+        known = None if truth is None else read_hidden_image(truth, scenario.hidden_shape)
+        with timed("transport matrix"):
+            if matrix is not None:
+                A = scenes.read_transport(matrix, scenario)
+            else:
+                A = scenes.transport(scenario, samples, seed, model)
+        with timed("form the preconditioner"), mendable(f"scene '{scenario.path}'"):
+            periscope = Periscope(
+                A,
+                point_light_backgrounds(scenario),
+                hidden_shape=scenario.hidden_shape,
+                channel_gain=scenario.channel_gain,
+                tolerance=rank_tolerance,
+                tv_weight=tv_weight,
+                repair_threshold=repair_threshold,
+                explicit=False,
+            )
+        with timed("reconstruct"):
+            solution = periscope.solve(given.values)
+        provenance = scenes.provenance_of(scenario, seed)
+        text = as_text(provenance)
+        np.save(folder / "reconstruction.npy", solution.image.astype(np.float32))
+        shown = figures.displayable(solution.image)
+        write_png(folder / "reconstruction.png", figures.enlarged(shown), text)
+        panels = [
+            ("photograph", figures.displayable(given.values)),
+            ("preconditioned, P y", figures.displayable(solution.preconditioned)),
+            ("denoised", figures.displayable(solution.denoised)),
+            ("repaired", shown),
+        ]
+        figures.draw_panels(folder / "stages.png", panels, metadata=text)
+        summary: dict[str, Any] = {
+            "method": method.value,
+            "photograph": str(photo),
+            "photograph_shape": scenario.photograph_shape,
+            "hidden_shape": scenario.hidden_shape,
+            "model": "file" if matrix else model.value,
+            "samples": samples,
+            "tv_weight": tv_weight,
+            "repair_threshold": repair_threshold,
+            "rank_tolerance": rank_tolerance,
+            "background_rank": periscope.preconditioner.Q.shape[1],
+            "noise": solution.noise,
+            "lambda": solution.weight,
+            "kappa": solution.threshold,
+            "warnings": given.warnings,
+        }
+        if known is not None:
+            summary |= _compare(folder, solution.image, known, given.values, text)
+        write_json(
+            folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
+        )
+    say(f"wrote {out}/reconstruction.npy, .png, stages.png, summary.json")
+    if known is not None:
+        say(
+            f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
+            f"{summary['psnr_registered']:.2f} dB (shift {summary['shift']} patches down, right)"
+        )
+
+
+def _compare(
+    folder: Path,
+    image: np.ndarray[Any, np.dtype[np.float64]],
+    truth: np.ndarray[Any, np.dtype[np.float64]],
+    photograph: np.ndarray[Any, np.dtype[np.float64]],
+    text: dict[str, str],
+) -> dict[str, Any]:
+    """Metrics against the truth, and the picture of both beside the photograph."""
+    from periscopy_sim.evaluation import figures, metrics
+
+    best = metrics.registered(image, truth)
+    figures.draw_panels(
+        folder / "comparison.png",
+        [
+            ("hidden image", truth),
+            ("photograph", figures.displayable(photograph)),
+            ("reconstruction", metrics.gain_matched(image, truth)),
+        ],
+        metadata=text,
+    )
+    return {
+        "psnr": metrics.psnr(image, truth),
+        "mean_squared_error": metrics.mean_squared_error(image, truth),
+        "psnr_registered": best.psnr,
+        "shift": best.shift,
+    }
