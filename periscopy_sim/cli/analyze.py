@@ -58,7 +58,10 @@ def analyze(
         provenance = scenes.provenance_of(scenario, seed)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(A.sum(axis=1).mean())
-        maps = {"bounds": found.bounds, "bounds_without_background": found.bounds_without_background}
+        maps = {
+            "bounds": found.bounds,
+            "bounds_without_background": found.bounds_without_background,
+        }
         for name, values in maps.items():
             np.save(folder / f"{name}.npy", values)
         figures.draw_maps(

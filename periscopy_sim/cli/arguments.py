@@ -13,8 +13,12 @@ import typer
 
 from periscopy_sim.errors import PeriscopyError
 
-Out = Annotated[Path, typer.Option("--out", help="Folder to write; appears complete or not at all.")]
-OutFile = Annotated[Path, typer.Option("--out", help="File to write; appears complete or not at all.")]
+Out = Annotated[
+    Path, typer.Option("--out", help="Folder to write; appears complete or not at all.")
+]
+OutFile = Annotated[
+    Path, typer.Option("--out", help="File to write; appears complete or not at all.")
+]
 SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE", help="A Mitsuba XML file, or the name of a shipped scene.")
 ]
@@ -91,7 +95,7 @@ def warn(message: str) -> None:
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar while a long computation reports the fraction done.
+    """Show a bar on a terminal while a long computation reports the fraction done.
 
     Yields
     ------
@@ -103,7 +107,10 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
     from rich.progress import TimeRemainingColumn as Remaining
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda fraction: bar.update(task, completed=fraction)
 

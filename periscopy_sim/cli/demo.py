@@ -68,7 +68,8 @@ def demo(
             background = render_background(
                 find_scene("ambient/ceiling_panels.xml"),
                 scenario.parameters,
-                samples=4096 if fast else 512,
+                samples=1024 if fast else 64,
+                indirect_samples=180**2 if fast else 1024,
                 seed=seed + 1,
                 progress=report,
             )

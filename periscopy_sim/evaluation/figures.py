@@ -64,7 +64,8 @@ def draw_panels(
 
     aspects = [image.shape[1] / image.shape[0] for _, image in panels]
     height = 2.6
-    figure = Figure(figsize=(height * sum(aspects) + 0.2, height + 0.75), layout="constrained")
+    size = (height * sum(aspects) + 0.2, height + (0.65 if caption else 0.4))
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
     for ax, (title, image) in zip(axes, panels, strict=True):
         ax.imshow(srgb_encode(image), interpolation="nearest", aspect="equal")
@@ -100,6 +101,7 @@ def draw_maps(
     """
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
 
     values = np.concatenate([np.ravel(values) for _, values in maps])
     norm = LogNorm(float(values.min()), float(values.max()))
@@ -112,7 +114,10 @@ def draw_maps(
         ax.tick_params(labelsize=8)
     axes[0].set_ylabel("patch row", fontsize=9)
     bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
-    bar.ax.tick_params(labelsize=8)
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    bar.ax.yaxis.set_major_formatter(plain)
+    bar.ax.yaxis.set_minor_formatter(plain)
+    bar.ax.tick_params(labelsize=8, which="both")
     if caption:
         figure.supxlabel(caption, fontsize=9)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))

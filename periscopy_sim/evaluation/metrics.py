@@ -71,7 +71,9 @@ def psnr(estimate: Image, truth: Image) -> float:
     return -10 * float(np.log10(max(mean_squared_error(estimate, truth), 1e-30)))
 
 
-def registered(estimate: Image, truth: Image, reach: float = 2.0, step: float = 0.5) -> Registration:
+def registered(
+    estimate: Image, truth: Image, reach: float = 2.0, step: float = 0.5
+) -> Registration:
     """Find the shift that agrees best with the truth.
 
     The monitor's position is often known only to about a patch; this tells that error apart from
@@ -91,7 +93,7 @@ def registered(estimate: Image, truth: Image, reach: float = 2.0, step: float = 
     Registration
         The best over the grid.
     """
-    steps = int(round(reach / step))
+    steps = round(reach / step)
     shifts = [step * n for n in range(-steps, steps + 1)]
     candidates = ((down, right) for down in shifts for right in shifts)
     best = max(

@@ -162,7 +162,7 @@ class Periscope:
         return y
 
     def _noise(self, rejected: Array, f: Array) -> Array:
-        """Standard deviation of what [A, B] leaves of the photograph, per channel.
+        """Take the standard deviation of what [A, B] leaves of the photograph, per channel.
 
         By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
         """

@@ -175,7 +175,7 @@ def form_preconditioner(
         If the shapes do not fit, entries are not finite, or A with range(B) projected out has not
         full column rank: some patch cannot be told apart from the others or from background.
     """
-    A = np.asarray(A, np.float64)
+    transport: Array = np.asarray(A, np.float64)
     if A.ndim != 2 or A.shape[0] < A.shape[1]:
         raise ValueError(f"A must have at least as many rows as columns, not shape {A.shape}")
     if B is None:
@@ -185,7 +185,7 @@ def form_preconditioner(
     if not (np.isfinite(A).all() and np.isfinite(B).all()):
         raise ValueError("A and B must be finite")
     Q = background_basis(B, tolerance)
-    gram = _gram(A, Q)
+    gram = _gram(transport, Q)
     try:
         cholesky = linalg.cholesky(gram, check_finite=False)
     except linalg.LinAlgError:
@@ -196,7 +196,7 @@ def form_preconditioner(
             f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "
             f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor"
         )
-    return Preconditioner(A, Q, cholesky)
+    return Preconditioner(transport, Q, cholesky)
 
 
 def _gram(A: Array, Q: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -35,7 +36,7 @@ def render_photograph(
     image
         (R, C, 3) linear radiance along the monitor's normal, of any R and C.
     samples
-        Camera samples a pixel (low-discrepancy), each spread over the pixel's area.
+        Camera samples a pixel, multi-jittered over its area; rounded up to a square number.
     bounces
         Reflections a path may have: 1 is the wall alone, as in A; None traces on until Russian
         roulette ends the path.
@@ -96,22 +97,22 @@ def path_trace(
     import mitsuba as mi
 
     columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
-    shape = (rows, columns)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
     camera = camera_of(scene)
-    # Equal passes, since the low-discrepancy sampler rounds each up to a power of two.
-    at_once = max(1, WAVEFRONT // (shape[0] * shape[1]))
-    passes = -(-samples // at_once)
-    total = np.zeros((*shape, 3))
+    at_once = max(1, WAVEFRONT // (rows * columns))
+    passes = math.ceil(samples / at_once)
+    # The multi-jittered sampler wants a square number.
+    square = math.ceil(math.sqrt(samples / passes)) ** 2
+    total = np.zeros((rows, columns, 3))
     for number in range(passes):
-        rendered = mi.render(
+        picture = mi.render(
             scene,
             sensor=camera,
             integrator=integrator,
-            spp=-(-samples // passes),
+            spp=square,
             seed=seed * passes + number,
         )
-        total += np.array(rendered)
+        total += np.array(picture)
         if progress is not None:
             progress((number + 1) / passes)
     return total / passes

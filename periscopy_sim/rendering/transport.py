@@ -82,7 +82,7 @@ def render_transport(
     A = np.empty(shape, np.float32) if out is None else out
     if A.shape != shape:
         raise ValueError(f"out has shape {A.shape}, the transport matrix {shape}")
-    report = progress or (lambda fraction: None)
+    report = progress or (lambda _: None)
     if not is_vectorized():
         from periscopy_sim.rendering.transport_scalar import render_columns
 
@@ -199,7 +199,7 @@ def _sum(count: int, term: Callable[[Any], Any]) -> Any:
 
     total, _ = dr.while_loop(
         (mi.Float(0), mi.UInt32(0)),
-        lambda total, k: k < count,
+        lambda _, k: k < count,
         lambda total, k: (total + term(k), k + 1),
     )
     return total

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.arrays import read_npy
+from periscopy_sim.storage.arrays import read_npy, read_npz
 from periscopy_sim.storage.decoding import file_format
 from periscopy_sim.storage.exr import decode_exr
 from periscopy_sim.storage.output import staged_file
@@ -25,7 +25,8 @@ def read_hidden_image(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]
 
     PNG, JPEG and TIFF of 8 or 16 bits are decoded by the sRGB curve, and what is transparent in
     them is dark; EXR, NPY and floating-point TIFF are linear light, 8- or 16-bit integers in NPY
-    fractions of their largest value.
+    fractions of their largest value. An NPZ file's array `hidden` is taken likewise, but its 8-bit
+    integers are what a monitor was sent, and decoded.
 
     Parameters
     ----------
@@ -49,10 +50,15 @@ def read_hidden_image(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]
         light: NDArray[Any] = decode_exr(path).colour
     elif kind == "NPY":
         light = _fraction(read_npy(path), path)
+    elif kind == "NPZ":
+        stored = read_npz(path, "hidden")
+        light = _fraction(stored, path)
+        if stored.dtype == np.uint8:  # what a monitor was sent
+            light = srgb_decode(light)
     elif kind in ("PNG", "TIFF", "JPEG"):
         light = _raster_light(read_raster(path, kind), path)
     else:
-        raise PhotographError(f"{path}: is {kind}; give a PNG, JPEG, TIFF, EXR or NPY picture")
+        raise PhotographError(f"{path}: is {kind}; give a PNG, JPEG, TIFF, EXR, NPY or NPZ picture")
     if light.ndim == 2:
         light = light[..., None]
     if light.ndim != 3 or light.shape[2] not in (1, 3) or light.size == 0:

@@ -1,0 +1,37 @@
+# `make demo` and `make test` set up everything in .venv; they need Python 3.11 or newer and make.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test test-slow lint validate clean
+
+demo: $(VENV)/installed
+	$(BIN)/periscopy demo --out out/demo
+
+test: $(VENV)/installed-dev lint
+	$(BIN)/python -m pytest -q
+
+# Minutes of rendering: every claim about accuracy at full size.
+test-slow: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -q -m slow
+
+lint: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# The numbers that prove the rendering and the solver, as one table.
+validate: $(VENV)/installed
+	$(BIN)/python -m experiments.validation --out out/validation
+
+$(VENV)/installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,56 @@
+"""The public names; each is loaded when first used."""
+
+from .analytic.point_light import (
+    paper_grid,
+    point_light_backgrounds,
+    point_light_response,
+)
+from .analytic.transport import analytic_transport
+from .errors import PeriscopyError
+from .evaluation.diagnostics import diagnose
+from .evaluation.metrics import gain_matched, mean_squared_error, psnr, registered
+from .measurement import add_noise, composite
+from .reconstruction.periscope import Periscope, Reconstruction
+from .reconstruction.preconditioner import Preconditioner, form_preconditioner
+from .reconstruction.repair import repair
+from .reconstruction.total_variation import prox_total_variation
+from .rendering.ambient import render_background
+from .rendering.photograph import render_photograph
+from .rendering.scene_file import load_scenario
+from .rendering.transport import render_transport
+from .rendering.variant import use_variant
+from .scenario import Scenario
+from .shipped import find_image, find_scene
+from .storage.photographs import read_photograph
+from .storage.pictures import read_hidden_image
+
+__all__ = [
+    "Periscope",
+    "PeriscopyError",
+    "Preconditioner",
+    "Reconstruction",
+    "Scenario",
+    "add_noise",
+    "analytic_transport",
+    "composite",
+    "diagnose",
+    "find_image",
+    "find_scene",
+    "form_preconditioner",
+    "gain_matched",
+    "load_scenario",
+    "mean_squared_error",
+    "paper_grid",
+    "point_light_backgrounds",
+    "point_light_response",
+    "prox_total_variation",
+    "psnr",
+    "read_hidden_image",
+    "read_photograph",
+    "registered",
+    "render_background",
+    "render_photograph",
+    "render_transport",
+    "repair",
+    "use_variant",
+]
