@@ -146,9 +146,17 @@ def test_arrays_that_are_no_picture_are_refused(tmp_path, values, said):
         read_hidden_image(tmp_path / "f.npy", (2, 2))
 
 
+def test_an_npz_holds_what_the_monitor_was_sent(tmp_path):
+    sent = np.array([[[0, 128, 255]]], np.uint8)
+    np.savez(tmp_path / "f.npz", hidden=sent, photograph=LIGHT)
+    # 128 / 255 by the sRGB curve of IEC 61966-2-1.
+    expected = [[[0, ((128 / 255 + 0.055) / 1.055) ** 2.4, 1]]]
+    np.testing.assert_allclose(read_hidden_image(tmp_path / "f.npz", (1, 1)), expected)
+
+
 def test_other_formats_and_missing_files_are_refused(tmp_path):
-    np.savez(tmp_path / "f.npz", hidden=LIGHT)
-    with pytest.raises(PhotographError, match="is NPZ; give a PNG"):
+    (tmp_path / "f.npz").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(105) + b"\x00\x01IM")
+    with pytest.raises(PhotographError, match="is MATLAB; give a PNG"):
         read_hidden_image(tmp_path / "f.npz", (2, 2))
     with pytest.raises(PhotographError, match="no such file"):
         read_hidden_image(tmp_path / "f.png", (2, 2))
