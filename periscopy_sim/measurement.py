@@ -37,6 +37,7 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
         raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
     if not (signal.mean() > 0 and background.mean() > 0):
         raise ValueError("signal and background must have a positive mean")
+    signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     total = signal / signal.mean() + background / (background.mean() * sbr)
     exposed: Array = total / total.mean()
     return exposed

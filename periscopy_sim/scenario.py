@@ -38,12 +38,11 @@ class EmissionProfile:
         ndarray
             1 along the normal, 0 behind the monitor.
         """
-        cos_vertical = normal / np.hypot(normal, up)
-        cos_horizontal = normal / np.hypot(normal, across)
         lit = normal > 0
-        value = np.where(lit, cos_vertical, 0) ** self.vertical
-        value *= np.where(lit, cos_horizontal, 0) ** self.horizontal
-        return np.where(lit, value, 0.0)
+        ahead = np.where(lit, normal, 1.0)
+        cos_vertical = ahead / np.hypot(ahead, up)
+        cos_horizontal = ahead / np.hypot(ahead, across)
+        return np.where(lit, cos_vertical**self.vertical * cos_horizontal**self.horizontal, 0.0)
 
 
 @dataclass(frozen=True)

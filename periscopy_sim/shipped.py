@@ -62,7 +62,8 @@ def _find(path: Path, subfolder: str, suffix: str, what: str) -> Path:
     # Also as the checkout's own paths: scenes/chair.xml, scenes/images/mushroom.png.
     inside = [part for part in path.parts if part not in ("scenes", subfolder)]
     shipped = folder.joinpath(*inside).with_suffix(suffix)
-    if ".." not in inside and not path.is_absolute() and shipped.is_file():
+    named = path.suffix in ("", suffix) and ".." not in inside and not path.is_absolute()
+    if named and shipped.is_file():
         return shipped
     names = ", ".join(sorted(file.stem for file in folder.glob(f"*{suffix}")))
     problem = "is a folder" if path.is_dir() else "does not exist"

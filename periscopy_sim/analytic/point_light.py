@@ -34,8 +34,10 @@ def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
     # nothing cancels.
     center = points.mean(axis=0)
     c, α = points - center, np.asarray(lights, np.float64) - center
-    squared = np.sum(c**2, axis=1)[:, None] + np.sum(α**2, axis=1) - 2 * c @ α.T
-    if squared.min() <= 0:
+    c_squared, α_squared = np.sum(c**2, axis=1), np.sum(α**2, axis=1)
+    squared = c_squared[:, None] + α_squared - 2 * c @ α.T
+    # Within a millionth of the size of the whole, a distance is all rounding error.
+    if (squared.min(axis=0) <= 1e-12 * (c_squared.max() + α_squared)).any():
         raise ValueError("a point light lies on the wall; move it away")
     height = normals @ α.T - np.sum(normals * c, axis=1)[:, None]
     response: Array = np.maximum(height, 0) / squared**1.5

@@ -1,14 +1,14 @@
 """The `periscopy` command.
 
-Exit codes: 0, or 2 with one clear line for what a user can mend.
+Exit codes: 0; 2 with one clear line for what a user can mend; 130 after Ctrl-C.
 """
 
 from __future__ import annotations
 
-import os
+import io
 import sys
 import warnings
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 
@@ -16,9 +16,11 @@ from periscopy_sim.cli import analyze, demo, doctor, photograph, reconstruct, tr
 from periscopy_sim.cli.arguments import warn
 from periscopy_sim.errors import PeriscopyError
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C. Newer versions of typer return it, older ones raise Abort."""
+
 app = typer.Typer(
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -34,28 +36,31 @@ app.command("analyze")(analyze.analyze)
 def main() -> None:
     """Run the command line; turn what a user can mend into one line and exit code 2."""
     warnings.showwarning = _one_line_warning
+    if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code = app(standalone_mode=False)
+        arguments = sys.argv[1:] or ["--help"]
+        code = app(arguments, prog_name="periscopy", standalone_mode=False)
     except PeriscopyError as error:
         _fail(str(error), 2)
-    except KeyboardInterrupt:
-        _fail("interrupted; nothing was written", 130)
-    except typer.Abort:
-        _fail("interrupted; nothing was written", 130)
-    except BrokenPipeError:
-        # The reader of our output left; Python would complain once more when it flushes.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(1) from None
+    except MemoryError as error:
+        _fail(f"not enough memory: {error}; take fewer pixels or patches", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
     except Exception as error:
         # What the option parser refuses: an unknown option, a missing argument.
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        _fail(message(), 2)
+        context = getattr(error, "ctx", None)
+        hint = f" Try '{context.command_path} --help'." if context else ""
+        _fail(message() + hint, 2)
+    if code == INTERRUPTED:
+        _fail("interrupted; nothing was written", INTERRUPTED)
     raise SystemExit(code if isinstance(code, int) else 0)
 
 
-def _fail(message: str, code: int) -> None:
+def _fail(message: str, code: int) -> NoReturn:
     line = " ".join(message.split())
     print(f"periscopy: error: {line}", file=sys.stderr)
     raise SystemExit(code)

@@ -29,7 +29,7 @@ def analyze(
     hidden: Hidden,
     out: Out,
     samples: Samples = 16,
-    model: scenes.Model = scenes.Model.rendered,
+    model: scenes.ModelOption = scenes.Model.rendered,
     rank_tolerance: Annotated[
         float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
     ] = 1e-10,

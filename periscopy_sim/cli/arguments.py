@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -36,7 +37,8 @@ Define = Annotated[
     typer.Option("-D", metavar="NAME=VALUE", help="Set one of the scene's <default>s; repeatable."),
 ]
 Samples = Annotated[int, typer.Option(min=1, help="Samples of a patch for each wall point.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of every random draw.")]
+# Mitsuba takes seeds of 32 bits; twice this still fits, for renderings in two passes.
+Seed = Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of every random draw.")]
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -47,10 +49,10 @@ def parse_size(text: str) -> tuple[int, int]:
     PeriscopyError
         If the text is of another form.
     """
-    rows, separator, columns = text.lower().partition("x")
-    if not (separator and rows.isdigit() and columns.isdigit()):
+    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
+    if not size:
         raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
-    return int(rows), int(columns)
+    return int(size[1]), int(size[2])
 
 
 def parse_definitions(definitions: list[str] | None) -> dict[str, str]:

@@ -12,6 +12,7 @@ from periscopy_sim.cli.arguments import (
     Out,
     Seed,
     Stopwatch,
+    mendable,
     parse_size,
     progress,
     say,
@@ -36,6 +37,9 @@ def demo(
     ] = None,
     image: Annotated[str, typer.Option(help="What the monitor shows.")] = "mushroom",
     seed: Seed = 0,
+    effort: Annotated[
+        float, typer.Option(min=0, max=1, hidden=True, help="Part of the path tracer's samples.")
+    ] = 1.0,
 ) -> None:
     """Photograph a wall by a hidden monitor under ambient light, and recover what it shows."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
@@ -55,6 +59,10 @@ def demo(
         variant = use_variant()
         say(f"rendering with {variant}")
         fast = is_vectorized()
+
+        def samples(vectorized: int, scalar: int) -> int:
+            return max(1, round(effort * (vectorized if fast else scalar)))
+
         patches = hidden or ("29x36" if fast else "14x18")
         pixels = resolution or (126 if fast else 63)
         definitions = [f"resolution={pixels}"]
@@ -63,18 +71,18 @@ def demo(
         with timed("transport matrix"):
             A = scenes.transport(scenario, 16, seed)
         with timed("photograph"):
-            signal = scenes.photograph(scenario, truth, 8192 if fast else 512, seed)
+            signal = scenes.photograph(scenario, truth, samples(8192, 512), seed)
         with timed("ambient light"), progress("path tracing the ambient light") as report:
             background = render_background(
                 find_scene("ambient/ceiling_panels.xml"),
                 scenario.parameters,
-                samples=1024 if fast else 64,
-                indirect_samples=180**2 if fast else 1024,
+                samples=samples(1024, 64),
+                indirect_samples=samples(180**2, 1024),
                 seed=seed + 1,
                 progress=report,
             )
         photograph = add_noise(composite(signal, background, SBR), SNR, seed)
-        with timed("form the preconditioner"):
+        with timed("form the preconditioner"), mendable(f"scene '{scenario.path}'"):
             B = point_light_backgrounds(scenario)
             periscope = Periscope(A, B, hidden_shape=scenario.hidden_shape)
         periscope.reconstruct(photograph)  # compiles
@@ -92,7 +100,7 @@ def demo(
         figures.draw_panels(
             folder / "demo.png",
             [
-                ("hidden image", truth),
+                ("hidden image", figures.displayable(truth, white=1)),
                 ("photograph of the wall", figures.displayable(photograph)),
                 ("reconstruction", matched),
             ],
@@ -114,4 +122,7 @@ def demo(
     for stage, seconds in timed.seconds.items():
         say(f"{stage:26} {seconds:8.3f} s")
     say(f"PSNR {psnr:.1f} dB after one gain per channel that fits the truth")
-    say(f"wrote {out}/demo.png, photograph.exr, A.npy, reconstruction.npy, summary.json")
+    say(
+        f"wrote {out}/demo.png, photograph.exr, A.npy, reconstruction.npy, reconstruction.png, "
+        "truth.png, summary.json"
+    )

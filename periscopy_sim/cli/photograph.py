@@ -35,9 +35,17 @@ def photograph(
         Path | None, typer.Option(help="Photograph of ambient light to add, at --sbr.")
     ] = None,
     sbr: Annotated[
-        float | None, typer.Option(help="Signal-to-background ratio; scales the sum to mean 1.")
+        float | None,
+        typer.Option(
+            min=1e-6, max=1e6, help="Signal-to-background ratio; scales the sum to mean 1."
+        ),
     ] = None,
-    snr: Annotated[float | None, typer.Option(help="Gaussian noise, in dB.")] = None,
+    snr: Annotated[
+        float | None,
+        typer.Option(
+            min=-100, max=300, help="Add Gaussian noise at this signal-to-noise ratio, dB."
+        ),
+    ] = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -46,7 +54,6 @@ def photograph(
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.exr import write_exr
     from periscopy_sim.storage.output import staged_file
-    from periscopy_sim.storage.photographs import read_photograph
     from periscopy_sim.storage.pictures import read_hidden_image
     from periscopy_sim.storage.provenance import as_text
 
@@ -59,13 +66,20 @@ def photograph(
         shown = read_hidden_image(find_image(image), parse_size(hidden))
         background = None
         if ambient is not None:
-            background = read_photograph(ambient, scenario.photograph_shape).values
+            background = scenes.read_photograph(ambient, scenario).values
         y = scenes.photograph(scenario, shown, samples, seed)
         with mendable("photograph"):
             if background is not None and sbr is not None:
                 y = measurement.composite(y, background, sbr)
             if snr is not None:
                 y = measurement.add_noise(y, snr, seed)
-        settings = {"image": image, "samples": samples, "ambient": ambient, "sbr": sbr, "snr": snr}
+        settings = {
+            "image": image,
+            "hidden": hidden,
+            "samples": samples,
+            "ambient": ambient,
+            "sbr": sbr,
+            "snr": snr,
+        }
         write_exr(file, y, as_text({**settings, **scenes.provenance_of(scenario, seed)}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")

@@ -20,7 +20,6 @@ from periscopy_sim.cli.arguments import (
     Stopwatch,
     mendable,
     say,
-    warn,
     write_json,
 )
 
@@ -41,24 +40,38 @@ def reconstruct(
     scene: SceneOption,
     hidden: Hidden,
     out: Out,
-    method: MethodName = MethodName.preconditioned,
+    method: Annotated[
+        MethodName, typer.Option(help="How the image is reconstructed.")
+    ] = MethodName.preconditioned,
     samples: Samples = 16,
-    model: scenes.Model = scenes.Model.rendered,
+    model: scenes.ModelOption = scenes.Model.rendered,
     matrix: Annotated[
         Path | None,
         typer.Option("--transport", help="Take A from this NPY file rather than render it."),
     ] = None,
     tv_weight: Annotated[
-        float, typer.Option(min=0, help="TV weight, in standard errors of the estimate.")
+        float,
+        typer.Option(
+            min=0, max=1e9, help="TV weight, in standard errors of the estimate; 0: none."
+        ),
     ] = 1.0,
     repair_threshold: Annotated[
-        float, typer.Option(min=0, help="Repair threshold, in 99th percentiles of the magnitude.")
+        float,
+        typer.Option(
+            min=0,
+            max=1e9,
+            help="Repair patches that differ from their neighbours by more than this part of the "
+            "image's 99th percentile.",
+        ),
     ] = 0.1,
     rank_tolerance: Annotated[
         float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
     ] = 1e-10,
     truth: Annotated[
-        Path | None, typer.Option(help="The hidden image, if known: adds metrics and a picture.")
+        str | None,
+        typer.Option(
+            help="The hidden image, if known (a file or a shipped one): adds metrics, a picture."
+        ),
     ] = None,
     seed: Seed = 0,
     define: Define = None,
@@ -67,8 +80,8 @@ def reconstruct(
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import figures
     from periscopy_sim.reconstruction.periscope import Periscope
+    from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.output import staged_folder
-    from periscopy_sim.storage.photographs import read_photograph
     from periscopy_sim.storage.pictures import read_hidden_image, write_png
     from periscopy_sim.storage.provenance import as_text
 
@@ -76,16 +89,16 @@ def reconstruct(
     with staged_folder(out) as folder:
         with timed("load the scene"):
             scenario = scenes.load(scene, hidden, define)
-        given = read_photograph(photo, scenario.photograph_shape)
-        for warning in given.warnings:
-            warn(warning)
-        known = None if truth is None else read_hidden_image(truth, scenario.hidden_shape)
+        given = scenes.read_photograph(photo, scenario)
+        known = None
+        if truth is not None:
+            known = read_hidden_image(find_image(truth), scenario.hidden_shape)
         with timed("transport matrix"):
             if matrix is not None:
                 A = scenes.read_transport(matrix, scenario)
             else:
                 A = scenes.transport(scenario, samples, seed, model)
-        with timed("form the preconditioner"), mendable(f"scene '{scenario.path}'"):
+        with timed("form the preconditioner"), mendable(str(matrix or f"scene '{scenario.path}'")):
             periscope = Periscope(
                 A,
                 point_light_backgrounds(scenario),
@@ -96,7 +109,7 @@ def reconstruct(
                 repair_threshold=repair_threshold,
                 explicit=False,
             )
-        with timed("reconstruct"):
+        with timed("reconstruct"), mendable(str(photo)):
             solution = periscope.solve(given.values)
         provenance = scenes.provenance_of(scenario, seed)
         text = as_text(provenance)
@@ -116,7 +129,8 @@ def reconstruct(
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
             "model": "file" if matrix else model.value,
-            "samples": samples,
+            "transport": matrix,
+            "samples": None if matrix else samples,
             "tv_weight": tv_weight,
             "repair_threshold": repair_threshold,
             "rank_tolerance": rank_tolerance,
@@ -125,13 +139,15 @@ def reconstruct(
             "lambda": solution.weight,
             "kappa": solution.threshold,
             "warnings": given.warnings,
+            "truth": truth,
         }
         if known is not None:
             summary |= _compare(folder, solution.image, known, given.values, text)
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )
-    say(f"wrote {out}/reconstruction.npy, .png, stages.png, summary.json")
+    pictures = "stages.png" if known is None else "stages.png, comparison.png"
+    say(f"wrote {out}/reconstruction.npy, reconstruction.png, {pictures}, summary.json")
     if known is not None:
         say(
             f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
@@ -153,7 +169,7 @@ def _compare(
     figures.draw_panels(
         folder / "comparison.png",
         [
-            ("hidden image", truth),
+            ("hidden image", figures.displayable(truth, white=1)),
             ("photograph", figures.displayable(photograph)),
             ("reconstruction", metrics.gain_matched(image, truth)),
         ],

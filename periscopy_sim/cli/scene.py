@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
 from periscopy_sim.cli.arguments import (
@@ -15,11 +16,13 @@ from periscopy_sim.cli.arguments import (
     parse_definitions,
     parse_size,
     progress,
+    warn,
 )
 from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
     from periscopy_sim.scenario import Scenario
+    from periscopy_sim.storage.photographs import Photograph
 
 
 class Model(StrEnum):
@@ -27,6 +30,11 @@ class Model(StrEnum):
 
     rendered = "rendered"
     analytic = "analytic"
+
+
+ModelOption = Annotated[
+    Model, typer.Option(help="A by shadow rays, or in closed form (planar scenes, convex parts).")
+]
 
 
 def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
@@ -60,9 +68,15 @@ def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
     PhotographError
         If the file cannot be read or the shapes differ.
     """
-    from periscopy_sim.storage.arrays import read_npy
+    from periscopy_sim.storage.arrays import check_real
+    from periscopy_sim.storage.decoding import decoding, file_format
 
-    A = read_npy(path)
+    if file_format(path) != "NPY":
+        raise PhotographError(f"{path}: is no NPY file; make one by `periscopy transport`")
+    with decoding(path, "NPY"):
+        # Mapped, not read: it may be large, and its shape is told by the header.
+        A: NDArray[np.float32] = np.load(path, mmap_mode="r", allow_pickle=False)
+    check_real(A.dtype, str(path))
     if A.shape != scenario.transport_shape:
         raise PhotographError(
             f"{path}: holds a matrix of shape {A.shape}; the scene's camera and hidden size need "
@@ -71,6 +85,16 @@ def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
     if not np.isfinite(A).all():
         raise PhotographError(f"{path}: holds NaN or infinities; render the matrix again")
     return A
+
+
+def read_photograph(path: Path, scenario: Scenario) -> Photograph:
+    """Read a photograph of the size that the scene's camera sees, and print its warnings."""
+    from periscopy_sim.storage import photographs
+
+    given = photographs.read_photograph(path, scenario.photograph_shape)
+    for warning in given.warnings:
+        warn(warning)
+    return given
 
 
 def photograph(

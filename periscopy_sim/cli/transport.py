@@ -23,7 +23,7 @@ def transport(
     hidden: Hidden,
     out: OutFile,
     samples: Samples = 16,
-    model: scenes.Model = scenes.Model.rendered,
+    model: scenes.ModelOption = scenes.Model.rendered,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:

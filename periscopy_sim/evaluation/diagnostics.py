@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioner import (
     TOLERANCE,
     Preconditioner,
@@ -100,7 +101,7 @@ def diagnose(
         largest_angle=float(angles.max()),
         smallest_angle=float(angles.min()),
         identity_error=float(np.abs(matrix @ A - np.eye(A.shape[1])).max()),
-        residual_background=100 * float(residual_background(P, B).mean()),
+        residual_background=100 * float(residual_background(P, B).sum() / max(B.shape[1], 1)),
         bound_ratio=float(alone.noise_gain.sum() / P.noise_gain.sum()),
         bounds=np.sqrt(P.noise_gain).reshape(hidden_shape),
         bounds_without_background=np.sqrt(alone.noise_gain).reshape(hidden_shape),
@@ -117,39 +118,13 @@ def condition_number(A: NDArray[np.floating[Any]]) -> float:
     return float(σ[0] / σ[-1]) if σ[-1] > 0 else float("inf")
 
 
-def neighbour_differences(
-    A: NDArray[np.floating[Any]], photograph_shape: tuple[int, int]
-) -> NDArray[np.floating[Any]]:
-    """Apply the D of Eq. 3 to the rows of A, as the published code of [15] does.
-
-    It vectorizes the photograph by columns, so that neighbours lie one below the other, takes
-    differences across the ends of columns too, and keeps the last pixel as it is.
-
-    Parameters
-    ----------
-    A
-        (M, N), or (M,) for one photograph; row-major.
-    photograph_shape
-        (rows, columns) with product M.
-
-    Returns
-    -------
-    ndarray
-        D A, the same shape, rows in column-major order of the photograph.
-    """
-    order = np.arange(len(A)).reshape(photograph_shape).T.ravel()
-    by_columns = A[order]
-    differences = by_columns.copy()
-    differences[:-1] = by_columns[1:] - by_columns[:-1]
-    return differences
-
-
 def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Array:
     """Give what P leaves of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
 
-    Divided by the spectral norm of P, since P carries the units of 1/A.
+    Divided by the spectral norm of P, since P carries the units of 1/A. A column of zeros gives 0.
     """
-    left = np.linalg.norm(P.apply(B), axis=0) / np.linalg.norm(B, axis=0)
+    norms = np.linalg.norm(B, axis=0)
+    left = np.linalg.norm(P.apply(B), axis=0) / np.where(norms > 0, norms, 1)
     residual: Array = left / spectral_norm(P)
     return residual
 
@@ -176,6 +151,6 @@ def rank_row(
     return {
         "tolerance": tolerance,
         "rank": P.Q.shape[1],
-        "residual_background": float(residual_background(P, B).max()),
+        "residual_background": float(residual_background(P, B).max(initial=0)),
         "noise_gain": float(P.noise_gain.sum()),
     }

@@ -5,7 +5,9 @@ Every metric here uses the truth to tune: the gain of each channel, and the shif
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -91,11 +93,12 @@ def registered(
     Returns
     -------
     Registration
-        The best over the grid.
+        The best over the grid; among equals, the smallest shift.
     """
-    steps = round(reach / step)
+    steps = int(reach / step + 1e-9)
     shifts = [step * n for n in range(-steps, steps + 1)]
-    candidates = ((down, right) for down in shifts for right in shifts)
+    # The nearest first: among equals, max takes the first.
+    candidates = sorted(product(shifts, repeat=2), key=lambda shift: math.hypot(*shift))
     best = max(
         ((psnr(moved := shifted(estimate, d, r), truth), (d, r), moved) for d, r in candidates),
         key=lambda candidate: candidate[0],

@@ -8,9 +8,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.preconditioner import TOLERANCE, form_preconditioner
+from periscopy_sim.reconstruction.preconditioner import (
+    TOLERANCE,
+    Preconditioner,
+    form_preconditioner,
+)
 from periscopy_sim.reconstruction.repair import repair
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
+from periscopy_sim.reconstruction.vectorization import vectorization_of
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -70,7 +75,7 @@ class Periscope:
     hidden_shape
         (R, C) with R C = N.
     channel_gain
-        (3,) colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
     tolerance
         Relative tolerance on B's singular values, see `background_basis`.
     tv_weight, repair_threshold
@@ -81,7 +86,8 @@ class Periscope:
     Raises
     ------
     ValueError
-        If the shapes do not fit or A has not full column rank beside B.
+        If the shapes do not fit, A has not full column rank beside B, or the wall reflects nothing
+        in a channel.
     """
 
     def __init__(
@@ -96,16 +102,11 @@ class Periscope:
         repair_threshold: float = 0.1,
         explicit: bool = True,
     ) -> None:
-        if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
-            raise ValueError(
-                f"a hidden image of {hidden_shape[0]}x{hidden_shape[1]} patches does not fit A's "
-                f"{A.shape[1]} columns"
-            )
+        self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
-        self._gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
 
     def reconstruct(self, photograph: Image) -> Array:
@@ -130,7 +131,7 @@ class Periscope:
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        y = self._vectorized(photograph)
+        y = self._vectorization.vectorized(photograph)
         rejected = self.preconditioner.reject_background(y)
         if self._matrix is None:
             f = self.preconditioner.apply(y)
@@ -138,37 +139,66 @@ class Periscope:
             # Single precision needs numbers near 1, in whatever unit the photograph is.
             scale = np.sqrt(np.mean(rejected**2)) or 1.0
             f = scale * (self._matrix @ (rejected / scale).astype(np.float32)).astype(np.float64)
-        noise = self._noise(rejected, f)
+        noise = noise_level(self.preconditioner, rejected, f)
         standard_error = noise * np.sqrt(self.preconditioner.noise_gain.mean())
-        estimate = f.reshape(*self.hidden_shape, 3)
-        weight = self.tv_weight * standard_error
-        denoised = prox_total_variation(estimate, weight)
-        magnitude = np.linalg.norm(denoised, axis=2)
-        threshold = self.repair_threshold * float(np.percentile(magnitude, 99))
-        image = repair(denoised, threshold)
-        return Reconstruction(estimate, denoised, image, noise, weight, threshold)
+        return denoise_and_repair(
+            self._vectorization.image(f),
+            noise,
+            weight=self.tv_weight * standard_error,
+            repair_threshold=self.repair_threshold,
+        )
 
-    def _vectorized(self, photograph: Image) -> Array:
-        photograph = np.asarray(photograph)
-        pixels = len(self.preconditioner.A)
-        if photograph.ndim < 2 or photograph.shape[-1] != 3 or photograph.size != 3 * pixels:
-            raise ValueError(
-                f"the photograph has shape {photograph.shape}; A has {pixels} rows, so it must be "
-                f"(rows, columns, 3) with rows x columns = {pixels}"
-            )
-        y = photograph.reshape(pixels, 3).astype(np.float64) / self._gain
-        if not np.isfinite(y).all():
-            raise ValueError("the photograph must be finite")
-        return y
 
-    def _noise(self, rejected: Array, f: Array) -> Array:
-        """Take the standard deviation of what [A, B] leaves of the photograph, per channel.
+def noise_level(P: Preconditioner, rejected: Array, f: Array) -> Array:
+    """Take the standard deviation of what [A, B] leaves of the photograph, per channel.
 
-        By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
-        """
-        P = self.preconditioner
-        explained = np.sum((P.cholesky @ f) ** 2, axis=0)
-        residual = np.maximum(np.sum(rejected**2, axis=0) - explained, 0)
-        freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
-        noise: Array = np.sqrt(residual / max(freedom, 1))
-        return noise
+    By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
+
+    Parameters
+    ----------
+    P
+        The preconditioner.
+    rejected
+        (M, 3) the photograph y⊥, range(B) projected out.
+    f
+        (N, 3) the estimate P y.
+
+    Returns
+    -------
+    ndarray
+        (3,) in units of the photograph.
+    """
+    explained = np.sum((P.cholesky @ f) ** 2, axis=0)
+    residual = np.maximum(np.sum(rejected**2, axis=0) - explained, 0)
+    freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
+    noise: Array = np.sqrt(residual / max(freedom, 1))
+    return noise
+
+
+def denoise_and_repair(
+    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float
+) -> Reconstruction:
+    """Lead a linear estimate through total variation and repair (Algorithm 1, lines 6 and 8).
+
+    Parameters
+    ----------
+    estimate
+        (R, C, 3) P y.
+    noise
+        (3,) of the photograph, for the record.
+    weight
+        (3,) the total-variation weight λ of each channel.
+    repair_threshold
+        κ as a part of the 99th percentile of the denoised magnitudes.
+
+    Returns
+    -------
+    Reconstruction
+    """
+    denoised = prox_total_variation(estimate, weight)
+    magnitude = np.linalg.norm(denoised, axis=2)
+    threshold = repair_threshold
+    if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
+        threshold *= float(np.percentile(magnitude, 99))
+    image = repair(denoised, threshold)
+    return Reconstruction(estimate, denoised, image, noise, weight, threshold)

@@ -52,6 +52,8 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     if not 0 < tolerance < 1:
         raise ValueError(f"the rank tolerance must lie between 0 and 1, not {tolerance}")
     B = np.asarray(B, np.float64)
+    if not np.isfinite(B).all():
+        raise ValueError("B must be finite")
     norms = np.linalg.norm(B, axis=0)
     scaled = B[:, norms > 0] / norms[norms > 0]
     if scaled.shape[1] == 0:
@@ -62,7 +64,9 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     kept = U[:, σ > tolerance * σ[0]]
     padded = np.zeros((B.shape[0], kept.shape[1]), order="F")
     padded[: len(kept)] = kept
-    Q, _, info = linalg.lapack.dormqr("L", "N", reflectors, tau, padded, lwork=64 * len(tau))
+    Q, _, info = linalg.lapack.dormqr(
+        "L", "N", reflectors[:, : len(tau)], tau, padded, lwork=64 * len(tau)
+    )
     assert info == 0
     return np.asarray(Q)
 
@@ -130,11 +134,9 @@ class Preconditioner:
 
     def matrix(self) -> Array:
         """Form P itself, (N, M) float64."""
-        A_perp = self.reject_background(self.A)
-        P = self.solve(A_perp.T)
+        P = self.solve(self.reject_background(self.A).T)
         # The same refinement, for all columns: P ← P + (I − P A) P.
-        PA = self.solve(A_perp.T @ self.A)
-        refined: Array = P + (P - PA @ P)
+        refined: Array = P + (P - (P @ self.A) @ P)
         return refined
 
     @cached_property
@@ -182,16 +184,19 @@ def form_preconditioner(
         B = np.zeros((A.shape[0], 0))
     if B.ndim != 2 or B.shape[0] != A.shape[0]:
         raise ValueError(f"B has shape {B.shape}; its rows must match the {A.shape[0]} of A")
-    if not (np.isfinite(A).all() and np.isfinite(B).all()):
-        raise ValueError("A and B must be finite")
+    if not np.isfinite(A).all():
+        raise ValueError("A must be finite")
     Q = background_basis(B, tolerance)
     gram = _gram(transport, Q)
     try:
         cholesky = linalg.cholesky(gram, check_finite=False)
     except linalg.LinAlgError:
         cholesky = None
-    if cholesky is None or np.diag(cholesky).min() <= 1e-8 * np.diag(cholesky).max():
-        dark = int((np.diag(gram) <= 1e-14 * np.diag(gram).max()).sum())
+    # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
+    # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
+    norms = np.linalg.norm(transport, axis=0)
+    if cholesky is None or (np.diag(cholesky) <= 1e-6 * norms).any():
+        dark = int((norms <= 1e-7 * norms.max()).sum())
         raise ValueError(
             f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "
             f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor"

@@ -110,7 +110,7 @@ def path_trace(
             sensor=camera,
             integrator=integrator,
             spp=square,
-            seed=seed * passes + number,
+            seed=(seed * passes + number) % 2**32,
         )
         total += np.array(picture)
         if progress is not None:

@@ -234,7 +234,13 @@ def _patches(
         si = monitor.eval_parameterization(uv, +mi.RayFlags.All)
         return si.p, si.n, si.dp_du, si.dp_dv, si.is_valid()
 
-    _, normal, du, dv, _ = _map_points(locate, np.array([[0.5, 0.5]]))
+    try:
+        _, normal, du, dv, _ = _map_points(locate, np.array([[0.5, 0.5]]))
+    except RuntimeError:
+        raise SceneError(
+            f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates, "
+            "or use a rectangle"
+        ) from None
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
     u, v = patch_uv(row, column, hidden, mirrored, (0.5, 0.5))

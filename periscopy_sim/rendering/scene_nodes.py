@@ -19,13 +19,15 @@ from periscopy_sim.rendering.emission import PLUGIN as LCD
 from periscopy_sim.scenario import EmissionProfile
 
 
-def declared_defaults(path: Path) -> dict[str, str]:
+def declared_defaults(path: Path, including: tuple[Path, ...] = ()) -> dict[str, str]:
     """List the ``<default>``s of a scene file and of the files it includes.
 
     Parameters
     ----------
     path
         The scene file.
+    including
+        The resolved files that led to it, which are not read again.
 
     Returns
     -------
@@ -47,8 +49,8 @@ def declared_defaults(path: Path) -> dict[str, str]:
     for element in root.iter():
         if element.tag == "include":
             included = path.parent / element.get("filename", "")
-            if included.is_file() and included != path:
-                defaults |= declared_defaults(included)
+            if included.is_file() and included.resolve() not in including:
+                defaults |= declared_defaults(included, (*including, path.resolve()))
         elif element.tag == "default":
             defaults[element.get("name", "")] = element.get("value", "")
     return defaults
@@ -105,6 +107,7 @@ class SceneNodes:
         contract = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         for name, kind in (contract if required is None else required).items():
             self._require(name, kind)
+        self._straighten_monitor()
 
     # -- reading ---------------------------------------------------------------------------------
 
@@ -228,7 +231,7 @@ class SceneNodes:
         camera["sampler"] = mi.load_dict({"type": "multijitter"})
 
     def instantiate(self) -> Any:
-        """Build the Mitsuba scene.
+        """Build the Mitsuba scene, once: it consumes the nodes.
 
         Returns
         -------
@@ -241,10 +244,17 @@ class SceneNodes:
         """
         import mitsuba as mi
 
+        state, self._state = self._state, None
+        refused = ""
         try:
-            built = mi.parser.instantiate(self._config, self._state)
+            built = mi.parser.instantiate(self._config, state)
         except (RuntimeError, ValueError) as error:
-            raise SceneError(f"scene '{self.path}': {_one_line(error)}") from None
+            refused = _one_line(error)
+        # What was built of a refused scene must go at once: Dr.Jit would trace an emitter that
+        # outlives its shape at the next virtual call, and crash.
+        del state
+        if refused:
+            raise SceneError(f"scene '{self.path}': {refused}")
         return built[0] if isinstance(built, list | tuple) else built
 
     # -- nodes -----------------------------------------------------------------------------------
@@ -277,6 +287,27 @@ class SceneNodes:
             'give it one, for example <emitter type="area"> with a radiance'
         )
 
+    def _straighten_monitor(self) -> None:
+        """Rewrite a flipped or mirrored rectangle as a plain one with the same emitting side.
+
+        Of such a rectangle Mitsuba's rays, position samples and UV lookups report different
+        normals, so that its light would depend on the way it was found.
+        """
+        import mitsuba as mi
+
+        if "monitor" not in self._state.id_to_index:
+            return
+        monitor = self._by_id("monitor")
+        if monitor.plugin_name() != "rectangle":
+            return
+        to_world = monitor.get("to_world", mi.ScalarTransform4f())
+        if monitor.get("flip_normals", False):
+            to_world = to_world @ type(to_world)().scale([1, 1, -1])
+            del monitor["flip_normals"]
+        if np.linalg.det(np.array(to_world.matrix)) < 0:
+            to_world = to_world @ type(to_world)().scale([-1, 1, 1])
+        monitor["to_world"] = to_world
+
     def _film(self) -> Any:
         for child in self._children(self._by_id("camera")):
             if str(child.type).endswith("Film") and child.props.plugin_name() == "hdrfilm":
@@ -303,7 +334,8 @@ class SceneNodes:
                 raise SceneError(f"scene '{self.path}': {what} names a missing file '{file}'")
             if file.stat().st_size == 0:
                 raise SceneError(f"scene '{self.path}': {what} names an empty file '{file}'")
-            node.props["filename"] = str(file)
+            # Absolute, since Mitsuba searches the folder that the process started in.
+            node.props["filename"] = str(file.resolve())
 
 
 def _one_line(error: BaseException) -> str:

@@ -10,11 +10,12 @@ with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene_file import build_scene, camera_of, patch_uv, shape_of
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
@@ -24,6 +25,9 @@ Progress = Callable[[float], None]
 
 LANES = 1 << 22
 """Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
+
+RAYS = 1 << 28
+"""Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
 
 SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
@@ -72,12 +76,16 @@ def render_transport(
 
     Raises
     ------
+    SceneError
+        If no light of the monitor reaches the wall.
     ValueError
-        If a number of samples is below 1 or `out` has another shape.
+        If a number of samples is below 1, `strata` is neither, or `out` has another shape.
     """
     use_variant()
     if samples < 1 or pixel_samples < 1:
         raise ValueError(f"{samples} samples, {pixel_samples} pixel samples: both must be positive")
+    if strata not in get_args(Strata):
+        raise ValueError(f"strata '{strata}' are not known; use one of {get_args(Strata)}")
     shape = scenario.transport_shape
     A = np.empty(shape, np.float32) if out is None else out
     if A.shape != shape:
@@ -86,8 +94,14 @@ def render_transport(
     if not is_vectorized():
         from periscopy_sim.rendering.transport_scalar import render_columns
 
-        return render_columns(scenario, A, samples=samples, seed=seed, progress=report)
-    _render_blocks(scenario, A, samples, strata, pixel_samples, seed, report)
+        render_columns(scenario, A, samples=samples, seed=seed, progress=report)
+    else:
+        _render_blocks(scenario, A, samples, strata, pixel_samples, seed, report)
+    if not A.any():
+        raise SceneError(
+            f"scene '{scenario.path}': no light of the monitor reaches the wall; look for what "
+            "stands between them, or an emitter that shines in other directions"
+        )
     return A
 
 
@@ -105,7 +119,8 @@ def _render_blocks(
 
     entries = _make_kernel(scenario, samples, strata, pixel_samples)
     pixels, patches = A.shape
-    block = max(1, LANES // patches)
+    lanes = min(LANES, RAYS // (samples * pixel_samples))
+    block = max(1, lanes // patches)
     for start in range(0, pixels, block):
         stop = min(start + block, pixels)
         lane = dr.arange(mi.UInt32, (stop - start) * patches)
@@ -136,7 +151,7 @@ def _make_kernel(
     def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
         """Position in the unit square of sample number `index` of down x across strata."""
         if jittered and (down > 1 or across > 1 or salt == 0):
-            r0, r1 = mi.sample_tea_32(key, 2 * index + salt)
+            r0, r1 = _hash(mi, key, 2 * index + salt)
             jitter = _unit(mi, r0), _unit(mi, r1)
         else:
             jitter = (mi.Float(0.5), mi.Float(0.5))
@@ -168,7 +183,8 @@ def _make_kernel(
         direction = to_light / distance
         cos_emission = -dr.dot(light.n, direction)
         area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
-        value = dr.mean(bsdf.eval(mi.BSDFContext(), si, si.to_local(direction)))
+        # Not dr.mean: it writes the number of lanes into the kernel, and into the last bit.
+        value = dr.sum(bsdf.eval(mi.BSDFContext(), si, si.to_local(direction))) / 3
         value *= _profile(emitter, light, -direction) * cos_emission * area / squared_distance
         active = light.is_valid() & (cos_emission > 0) & (value > 0)
         # The segment, shortened at both ends. Mitsuba's spawn_ray_to would lift its start off the
@@ -179,12 +195,13 @@ def _make_kernel(
         return dr.select(active & ~blocked, value, 0)
 
     def entries(pixel: Any, patch: Any, seed: Any) -> Any:
-        key, _ = mi.sample_tea_32(pixel, seed)
-        key, _ = mi.sample_tea_32(key, patch)
+        key, _ = _hash(mi, pixel, seed)
+        key, _ = _hash(mi, key, patch)
 
         def at_wall_point(p: Any) -> Any:
-            si = wall_point(pixel, p, mi.sample_tea_32(key, p)[0])
-            return _sum(samples, lambda k: transfer(si, patch, k, key + p))
+            point_key, _ = _hash(mi, key, p)
+            si = wall_point(pixel, p, point_key)
+            return _sum(samples, lambda k: transfer(si, patch, k, point_key))
 
         total = _sum(pixel_samples, at_wall_point)
         return total / (samples * pixel_samples * hidden_rows * hidden_columns)
@@ -223,6 +240,12 @@ def _factor(count: int) -> tuple[int, int]:
     """Cut a unit square into `count` equal strata, as square as its divisors allow."""
     down = next(n for n in range(int(np.sqrt(count)), 0, -1) if count % n == 0)
     return down, count // down
+
+
+def _hash(mi: Any, a: Any, b: Any) -> Any:
+    """Turn two integers into two of random bits."""
+    # Mitsuba's default of 4 rounds leaves neighbours correlated by up to 0.4.
+    return mi.sample_tea_32(a, b, 6)
 
 
 def _unit(mi: Any, bits: Any) -> Any:

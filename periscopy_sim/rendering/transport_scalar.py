@@ -68,8 +68,10 @@ def render_columns(
         image = image.reshape(hidden)[::-1, :: -1 if scenario.mirrored else 1]
         lit["monitor.emitter.radiance.data"] = mi.TensorXf(np.ascontiguousarray(image))
         lit.update()
+        # Seeds differ for every column, also those of neighbouring seeds.
+        own_seed = (seed * A.shape[1] + patch) % 2**32
         column = np.array(
-            mi.render(scene, sensor=camera, integrator=integrator, spp=samples, seed=seed + patch)
+            mi.render(scene, sensor=camera, integrator=integrator, spp=samples, seed=own_seed)
         )
         A[:, patch] = column.mean(axis=2).ravel() * profile[:, patch]
         progress((patch + 1) / A.shape[1])

@@ -128,7 +128,8 @@ def _check(name: str) -> None:
 
     if name not in mi.variants():
         raise VariantError(
-            f"unknown Mitsuba variant '{name}'; installed here: {', '.join(mi.variants())}"
+            f"unknown Mitsuba variant '{name}'; installed here: {', '.join(mi.variants())}; "
+            f"name one of these, or unset {OVERRIDE}"
         )
     if "_rgb" not in name:
         raise VariantError(f"variant '{name}' is not an RGB variant; use one of {PREFERENCE}")

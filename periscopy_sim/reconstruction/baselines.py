@@ -1,0 +1,300 @@
+"""The methods that the paper compares with: differencing ([15], Eq. 2), a truncated SVD (Fig. 9).
+
+The third, the pseudoinverse of A without a model of the background, is `Periscope(A, None, ...)`.
+
+References
+----------
+[15] Saunders, Murray-Bruce, Goyal, "Computational periscopy with an ordinary digital camera",
+Nature, 2019.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from periscopy_sim.reconstruction.differencing import neighbour_differences
+from periscopy_sim.reconstruction.fista import (
+    LeastSquares,
+    Minimum,
+    converge,
+    descend_as_published,
+)
+from periscopy_sim.reconstruction.periscope import Reconstruction, denoise_and_repair, noise_level
+from periscopy_sim.reconstruction.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.vectorization import vectorization_of
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+PUBLISHED_ENTRY = 5e3
+"""Mean entry of A in the units of the published code of [15], for the chair experiment."""
+
+PUBLISHED_MEAN = 0.25
+"""Mean that a hidden image in [0, 1] is taken to have, where it decides when [15] stops."""
+
+MAX_ITERATIONS = 10_000
+"""After so many iterations, far more than any photograph should need, differencing gives up."""
+
+
+@dataclass(frozen=True, eq=False)
+class DifferencingResult:
+    """A hidden image by differencing and how its iterations ended.
+
+    Attributes
+    ----------
+    image
+        (R, C, 3) the result, in units of the photograph's over those of A.
+    noise
+        (3,) standard deviation of the differenced photograph's noise, as estimated from it.
+    weight
+        (3,) the total-variation weight λ used for each channel.
+    iterations
+        (3,) iterations taken.
+    gap
+        (3,) the relative duality gap that was left, see `fista.Minimum`.
+    """
+
+    image: Array
+    noise: Array
+    weight: Array
+    iterations: NDArray[np.int64]
+    gap: Array
+
+
+class Differencing:
+    """The method of [15]: f̂ = argmin_f ‖D(A f − y)‖² + λ‖f‖_TV for each channel (Eq. 2).
+
+    λ follows the photograph: it is `tv_weight` σ ‖D A‖_F / √N, with σ the noise of the differenced
+    photograph, estimated from what D A cannot explain of it. So λ is `tv_weight` standard
+    deviations of what noise adds to an entry of (D A)ᵀD y, and neither exposure nor albedo nor
+    units need tuning. The weights that [15] chose by hand for each image are of that size.
+
+    Each channel is a problem of its own, with steps and an end of its own. An iteration costs one
+    product with the N x N Gram matrix, or three to four with the published steps.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    photograph_shape, hidden_shape
+        (rows, columns) with products M and N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    wrap
+        D as in the published code; or only differences within the photograph's columns, see
+        `neighbour_differences`.
+    tv_weight
+        Relative weight as above.
+    stop
+        ``"converged"``: the minimizer, to a relative duality gap of `tolerance`. ``"published"``:
+        where the published code stops, with its steps; see `fista.descend_as_published`. Its
+        constants belong to its units, in which A's mean entry is about 5000 and the hidden image
+        lies in [0, 1]; there the uniform image that fits D y best is taken to be 1/4.
+    tolerance
+        Relative duality gap; only for ``"converged"``.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, D A has not full column rank, the wall reflects nothing in a
+        channel, or a number is out of range.
+    """
+
+    def __init__(
+        self,
+        A: Image,
+        *,
+        photograph_shape: tuple[int, int],
+        hidden_shape: tuple[int, int],
+        channel_gain: Image | None = None,
+        wrap: bool = True,
+        tv_weight: float = 1.0,
+        stop: Literal["converged", "published"] = "converged",
+        tolerance: float = 1e-7,
+    ) -> None:
+        if stop not in ("converged", "published"):
+            raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
+        if not tv_weight >= 0:
+            raise ValueError(f"tv_weight is {tv_weight}: give a number that is not negative")
+        if not 0 < tolerance < 1:
+            raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
+        self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
+        self.photograph_shape = photograph_shape
+        self.hidden_shape = hidden_shape
+        self.wrap = wrap
+        self.tv_weight = tv_weight
+        self.stop = stop
+        self.tolerance = tolerance
+        # Without backgrounds this is the pseudoinverse of D A: least squares and what they leave.
+        self._inverse = form_preconditioner(self._differenced(np.asarray(A, np.float64)))
+        R = self._inverse.cholesky
+        self._least_squares = LeastSquares(R.T @ R, R, hidden_shape)
+        self._unit = PUBLISHED_ENTRY / float(np.mean(A, dtype=np.float64))
+
+    def reconstruct(self, photograph: Image) -> Array:
+        """Recover the hidden image from one photograph.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3), linear, in any unit.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3) float64, linear; negative where noise makes it so.
+
+        Raises
+        ------
+        ValueError
+            If the photograph has not M pixels of 3 channels or is not finite.
+
+        Warns
+        -----
+        RuntimeWarning
+            The tolerance was not reached.
+        """
+        return self.solve(photograph).image
+
+    def solve(self, photograph: Image) -> DifferencingResult:
+        """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
+        Dy = self._differenced(self._vectorization.vectorized(photograph))
+        h = self._inverse.A.T @ Dy
+        noise = noise_level(self._inverse, Dy, self._inverse.solve(h))
+        weight = self.tv_weight * noise * np.sqrt(np.trace(self._least_squares.gram) / len(h))
+        minimize = self._minimizer(h)
+        minima = [
+            minimize(self._least_squares, h_c, λ)
+            for h_c, λ in zip(np.ascontiguousarray(h.T), weight.tolist(), strict=True)
+        ]
+        gap = np.array([minimum.gap for minimum in minima])
+        if self.stop == "converged" and not (gap <= self.tolerance).all():
+            warnings.warn(
+                f"differencing stopped after {MAX_ITERATIONS} iterations at a relative duality gap "
+                f"of {gap.max():.1e}, above {self.tolerance:.1e}: raise the tolerance",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        return DifferencingResult(
+            image=self._vectorization.image(np.stack([minimum.f for minimum in minima], axis=1)),
+            noise=noise,
+            weight=weight,
+            iterations=np.array([minimum.iterations for minimum in minima]),
+            gap=gap,
+        )
+
+    def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], Minimum]:
+        if self.stop == "converged":
+            return partial(converge, tolerance=self.tolerance, max_iterations=MAX_ITERATIONS)
+        white = float(np.abs(self._least_squares.best_mean(h)).mean()) / PUBLISHED_MEAN
+        return partial(descend_as_published, unit=self._unit, white=white)
+
+    def _differenced(self, A: Array) -> Array:
+        differences = neighbour_differences(A, self.photograph_shape, wrap=self.wrap)
+        return np.asarray(differences, np.float64)
+
+
+class TruncatedSVD:
+    """The paper's method with an inverse of A by its top singular vectors in place of P (Fig. 9).
+
+    With A = U Σ Vᵀ and k singular values kept, the estimate is V_k Σ_k⁻¹ U_kᵀ y. No background is
+    rejected: what of it lies in the span of U_k ends in the image. Total variation and repair
+    follow as in `Periscope`, with weights relative to the standard error of this estimate: σ times
+    the root mean square of √(V_k Σ_k⁻² V_kᵀ)_jj, where σ is what U_k leaves of the photograph.
+
+    The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
+    number of c among the kept, that costs c² rounding errors.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    fraction
+        Part of the N singular values kept, the largest; at least one is.
+    tv_weight, repair_threshold
+        Relative weights, see `Periscope`; 0 and infinity switch a stage off.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, A is not finite, a singular value that was to be kept is zero to
+        rounding, the wall reflects nothing in a channel, or the fraction is out of range.
+    """
+
+    def __init__(
+        self,
+        A: Image,
+        *,
+        hidden_shape: tuple[int, int],
+        channel_gain: Image | None = None,
+        fraction: float = 0.4,
+        tv_weight: float = 1.0,
+        repair_threshold: float = 0.1,
+    ) -> None:
+        if not 0 < fraction <= 1:
+            raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
+        self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
+        if not np.isfinite(A).all():
+            raise ValueError("A must be finite")
+        self.hidden_shape = hidden_shape
+        self.tv_weight = tv_weight
+        self.repair_threshold = repair_threshold
+        self._A: Array = np.asarray(A, np.float64)
+        N = A.shape[1]
+        self.rank = max(round(fraction * N), 1)
+        energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
+        if not energy[0] > 1e-14 * energy[-1]:
+            raise ValueError(
+                f"A has fewer than {self.rank} singular values above rounding: keep a smaller "
+                f"fraction than {fraction}"
+            )
+        self.V: Array = V
+        self.singular_values: Array = np.sqrt(energy)
+
+    def reconstruct(self, photograph: Image) -> Array:
+        """Recover the hidden image from one photograph.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3), linear, in any unit.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3) float64, linear; negative where noise makes it so.
+
+        Raises
+        ------
+        ValueError
+            If the photograph has not M pixels of 3 channels or is not finite.
+        """
+        return self.solve(photograph).image
+
+    def solve(self, photograph: Image) -> Reconstruction:
+        """Recover the hidden image and keep the stages; see `reconstruct`."""
+        y = self._vectorization.vectorized(photograph)
+        σ = self.singular_values[:, np.newaxis]
+        coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
+        residual = np.sum(y**2, axis=0) - np.sum(coefficients**2, axis=0)
+        noise: Array = np.sqrt(np.maximum(residual, 0) / max(len(y) - self.rank, 1))
+        # The trace of V_k Σ_k⁻² V_kᵀ.
+        standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
+        return denoise_and_repair(
+            self._vectorization.image(self.V @ (coefficients / σ)),
+            noise,
+            weight=self.tv_weight * standard_error,
+            repair_threshold=self.repair_threshold,
+        )

@@ -1,0 +1,199 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from periscopy_sim.analytic.point_light import (
+    paper_grid,
+    point_light_backgrounds,
+    point_light_response,
+)
+from periscopy_sim.scenario import Scenario
+
+FILM = (5, 7)
+CENTER = np.array([0.74, 1.03, 0.26])
+GRID = np.array([[0.3, 1.2, -0.4], [-2.0, 0.5, 1.0], [0.0, 3.0, 0.0]])
+LIGHTS = CENTER + np.array([[0.3, -1.2, -0.4], [-2.0, -0.5, 1.0], [0.0, -3.0, 0.0]])
+ANGLES = [(0, 0, 90), (25, -70, 130), (-160, 35, 10), (90, 0, 0)]
+
+
+def make_scenario(film=FILM):
+    """A wall at y = 1.03 m seen squarely, x to the right and z up; nothing else counts."""
+    row, column = np.divmod(np.arange(np.prod(film)), film[1])
+    across, up = 0.4 * ((column + 0.5) / film[1] - 0.5), 0.3 * (0.5 - (row + 0.5) / film[0])
+    points = CENTER + np.stack([across, np.zeros(len(row)), up], axis=1)
+    normals = np.tile([0.0, -1.0, 0.0], (len(points), 1))
+    one = np.ones((1, 3))
+    return Scenario(
+        path=Path("room.xml"),
+        parameters={},
+        photograph_shape=film,
+        hidden_shape=(1, 1),
+        wall_points=points,
+        wall_normals=normals,
+        view_directions=normals,
+        wall_reflectance=None,
+        channel_gain=np.ones(3),
+        patch_centers=one,
+        patch_normals=one,
+        patch_across=one,
+        patch_up=one,
+        mirrored=False,
+        emission=None,
+        occluders=(),
+    )
+
+
+def loop_response(lights, points, normals):
+    """Eq. 4, one light and one point after the other."""
+    response = np.zeros((len(points), len(lights)))
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        for j, light in enumerate(lights):
+            away = [a - c for a, c in zip(light, point, strict=True)]
+            height = sum(a * n for a, n in zip(away, normal, strict=True))
+            response[i, j] = max(height, 0) / sum(a * a for a in away) ** 1.5
+    return response
+
+
+def random_surface(count, seed=0):
+    """Points of a bumpy surface with unit normals of their own."""
+    rng = np.random.default_rng(seed)
+    points = np.array([30.0, -20.0, 10.0]) + rng.uniform(-1, 1, (count, 3))
+    normals = rng.normal(size=(count, 3))
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def test_response_equals_eq_4_in_loops():
+    points, normals = random_surface(40)
+    lights = points[:25] + np.random.default_rng(1).normal(size=(25, 3)) * 3
+    expected = loop_response(lights, points, normals)
+    assert (expected == 0).sum() > 100 and (expected > 0).sum() > 100
+    response = point_light_response(lights, points, normals)
+    np.testing.assert_allclose(response, expected, rtol=1e-10, atol=1e-13)
+
+
+def test_response_takes_one_normal_for_a_plane():
+    points = np.random.default_rng(2).normal(size=(9, 3)) * [1, 1, 0]
+    lights = np.array([[0.2, -0.3, 0.5], [4.0, 2.0, 7.0]])
+    normal = np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(
+        point_light_response(lights, points, normal),
+        loop_response(lights, points, np.tile(normal, (9, 1))),
+        rtol=1e-13,
+    )
+
+
+def test_response_above_a_point_is_the_inverse_square_of_the_distance():
+    points = np.array([[1.0, 2.0, 0.0], [1.5, 2.0, 0.0]])
+    for distance in (1e-3, 0.5, 300.0):
+        light = points[:1] + distance * np.array([0, 0, 1])
+        response = point_light_response(light, points, np.array([0.0, 0.0, 1.0]))
+        assert response[0, 0] == pytest.approx(distance**-2, rel=1e-9)
+
+
+def test_light_behind_the_wall_gives_exactly_zero():
+    points = np.random.default_rng(3).uniform(-1, 1, (30, 3)) * [1, 1, 0]
+    lights = np.array([[0.3, 0.1, -0.2], [5.0, 0.0, -1e-3], [0.1, 0.2, -40.0]])
+    response = point_light_response(lights, points, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_array_equal(response, 0)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_light_on_any_point_of_the_wall_is_refused(seed):
+    points, normals = random_surface(30, seed)
+    for point in points:
+        lights = np.stack([[31.0, -20.0, 25.0], point])
+        with pytest.raises(ValueError, match="lies on the wall"):
+            point_light_response(lights, points, normals)
+
+
+def test_paper_grid_is_the_half_open_one_of_the_paper():
+    sideways = [-3.0, -2.25, -1.5, -0.75, 0.0, 0.75, 1.5, 2.25]
+    away = [1.0, 1.75, 2.5, 3.25, 4.0, 4.75, 5.5, 6.25]
+    expected = [(x, y, z) for x in sideways for y in away for z in sideways]
+    grid = paper_grid()
+    assert grid.shape == (512, 3)
+    np.testing.assert_array_equal(grid, expected)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.3, 0.5, 1.5, 2.0])
+def test_grid_of_another_step_stays_half_open(step):
+    grid = paper_grid(step)
+    across, away, up = (np.unique(axis) for axis in grid.T)
+    for axis, start in ((across, -3), (away, 1), (up, -3)):
+        assert axis[0] == start
+        assert start + 6 - step - 1e-9 <= axis[-1] < start + 6 - 1e-9
+        np.testing.assert_allclose(np.diff(axis), step, rtol=1e-9)
+    assert len(grid) == len(across) * len(away) * len(up)
+
+
+def test_lights_stand_about_the_centre_of_the_field_of_view():
+    scenario = make_scenario()
+    np.testing.assert_allclose(
+        point_light_backgrounds(scenario, GRID),
+        loop_response(LIGHTS, scenario.wall_points, scenario.wall_normals),
+        rtol=1e-12,
+    )
+
+
+def test_default_grid_is_the_papers():
+    scenario = make_scenario()
+    B = point_light_backgrounds(scenario)
+    assert B.shape == (35, 512) and B.dtype == np.float64
+    np.testing.assert_array_equal(B, point_light_backgrounds(scenario, paper_grid()))
+
+
+@pytest.mark.parametrize("angles", ANGLES)
+def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
+    room, turn = make_scenario(), Rotation.from_euler("xyz", angles, degrees=True)
+    shift = np.array([3.0, -5.0, 2.0])
+    turned = replace(
+        room,
+        wall_points=turn.apply(room.wall_points) + shift,
+        wall_normals=turn.apply(room.wall_normals),
+        view_directions=turn.apply(room.view_directions),
+    )
+    np.testing.assert_allclose(
+        point_light_backgrounds(turned), point_light_backgrounds(room), rtol=1e-12
+    )
+
+
+def test_camera_upside_down_turns_the_lights_with_it():
+    room = make_scenario()
+    flipped = replace(
+        room, wall_points=room.wall_points[::-1], view_directions=room.view_directions[::-1]
+    )
+    turned_grid = GRID * [-1, 1, -1]
+    assert not np.allclose(
+        point_light_backgrounds(room, GRID), point_light_backgrounds(room, turned_grid)
+    )
+    np.testing.assert_allclose(
+        point_light_backgrounds(flipped, GRID)[::-1],
+        point_light_backgrounds(room, turned_grid),
+        rtol=1e-12,
+    )
+
+
+def test_photograph_of_one_column_takes_the_walls_horizontal_as_across():
+    narrow = make_scenario((6, 1))
+    np.testing.assert_allclose(
+        point_light_backgrounds(narrow, GRID),
+        loop_response(LIGHTS, narrow.wall_points, narrow.wall_normals),
+        rtol=1e-12,
+    )
+
+
+@pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 2, 3)])
+def test_grid_that_is_no_list_of_positions_is_refused(shape):
+    with pytest.raises(ValueError, match=r"a grid of lights is \(L, 3\)"):
+        point_light_backgrounds(make_scenario(), np.ones(shape))
+
+
+@pytest.mark.parametrize("away", [0.0, -1.0, np.nan])
+def test_grid_with_a_light_not_in_front_of_the_wall_is_refused(away):
+    grid = GRID.copy()
+    grid[1, 1] = away
+    with pytest.raises(ValueError, match="in front of the wall"):
+        point_light_backgrounds(make_scenario(), grid)

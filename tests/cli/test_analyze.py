@@ -1,0 +1,137 @@
+import contextlib
+import io
+import json
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim import cli
+from periscopy_sim.analytic import point_light
+from periscopy_sim.cli import scene as scenes
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+
+
+@pytest.fixture(scope="module")
+def analyzed(tmp_path_factory):
+    """What `analyze` wrote of the chair, with few lights, kept at 1e-4; and what it printed."""
+    folder, printed = tmp_path_factory.mktemp("analysis"), io.StringIO()
+    grid = point_light.paper_grid
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
+        patch.chdir(folder)
+        patch.delenv("PERISCOPY_VARIANT", raising=False)
+        patch.setattr(point_light, "paper_grid", lambda: grid(2.0))
+        options = ("--seed", "3", "--rank-tolerance", "1e-4", "--out", "analysis")
+        patch.setattr(sys, "argv", ["periscopy", "analyze", "chair", *TINY, *options])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert end.value.code == 0
+    return folder / "analysis", printed.getvalue()
+
+
+@pytest.fixture
+def folder(analyzed):
+    return analyzed[0]
+
+
+@pytest.fixture
+def model():
+    """A and B of the same scene."""
+    scenario = ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
+    A = ps.render_transport(scenario, samples=4, seed=3).astype(np.float64)
+    return A, ps.point_light_backgrounds(scenario)
+
+
+def kept_range(B, tolerance):
+    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
+    return U[:, σ > tolerance * σ[0]]
+
+
+def test_figures_are_those_of_dense_linear_algebra(folder, model):
+    summary = json.loads((folder / "summary.json").read_text())
+    A, B = model
+    Q = kept_range(B, 1e-4)
+    A_perp = A - Q @ (Q.T @ A)
+    P = np.linalg.pinv(A_perp)
+    assert summary["background_rank"] == Q.shape[1] > 3
+    σ = np.linalg.svd(A, compute_uv=False)
+    assert summary["condition_A"] == pytest.approx(σ[0] / σ[-1], rel=1e-6)
+    # Down the columns of the photograph, across their ends, and the last pixel as it is.
+    by_columns = A.reshape(24, 24, 20).transpose(1, 0, 2).reshape(576, 20)
+    D = np.eye(576, k=1) - np.eye(576)
+    D[-1, -1] = 1
+    σ = np.linalg.svd(D @ by_columns, compute_uv=False)
+    assert summary["condition_DA"] == pytest.approx(σ[0] / σ[-1], rel=1e-6)
+    U = np.linalg.svd(A, full_matrices=False)[0]
+    cosines = np.linalg.svd(Q.T @ U, compute_uv=False)
+    assert summary["smallest_angle"] == pytest.approx(np.degrees(np.arccos(cosines[0])), rel=1e-6)
+    assert summary["largest_angle"] == pytest.approx(np.degrees(np.arccos(cosines[-1])), rel=1e-6)
+    left = np.linalg.norm(P @ B, axis=0) / np.linalg.norm(B, axis=0) / np.linalg.norm(P, 2)
+    assert summary["residual_background"] == pytest.approx(100 * left.mean(), rel=1e-3)
+    assert summary["identity_error"] < 1e-10
+    alone, beside = (np.linalg.inv(M.T @ M).diagonal() for M in (A, A_perp))
+    assert summary["bound_ratio"] == pytest.approx(alone.sum() / beside.sum(), rel=1e-6)
+    assert summary["bound_ratio"] < 1
+    bounds, without = (np.load(folder / f"bounds{n}.npy") for n in ("", "_without_background"))
+    assert bounds.shape == without.shape == (4, 5)
+    assert np.allclose(bounds.ravel(), np.sqrt(beside), rtol=1e-6)
+    assert np.allclose(without.ravel(), np.sqrt(alone), rtol=1e-6)
+
+
+def test_rank_table_shows_what_each_tolerance_keeps(folder, model):
+    table = json.loads((folder / "summary.json").read_text())["rank_table"]
+    A, B = model
+    assert [row["tolerance"] for row in table] == [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]
+    for row in table[:2]:
+        Q = kept_range(B, row["tolerance"])
+        A_perp = A - Q @ (Q.T @ A)
+        P = np.linalg.pinv(A_perp)
+        left = np.linalg.norm(P @ B, axis=0) / np.linalg.norm(B, axis=0) / np.linalg.norm(P, 2)
+        assert row["rank"] == Q.shape[1]
+        assert row["noise_gain"] == pytest.approx(np.trace(P @ P.T), rel=1e-6)
+        assert row["residual_background"] == pytest.approx(left.max(), rel=1e-3)
+    assert table[0]["rank"] < table[1]["rank"] and table[0]["noise_gain"] < table[1]["noise_gain"]
+
+
+def test_folder_holds_summary_and_maps(analyzed):
+    folder, printed = analyzed
+    names = {"summary.json", "bounds.png", "bounds.npy", "bounds_without_background.npy"}
+    assert {path.name for path in folder.iterdir()} == names
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["photograph_shape"] == [24, 24] and summary["hidden_shape"] == [4, 5]
+    assert (summary["model"], summary["samples"]) == ("rendered", 4)
+    assert summary["rank_tolerance"] == 1e-4
+    assert summary["provenance"]["seed"] == 3
+    assert len(summary["provenance"]["scene_sha256"]) == 64
+    with Image.open(folder / "bounds.png") as picture:
+        picture.load()
+        assert picture.text["scene_sha256"] == summary["provenance"]["scene_sha256"]
+    assert f"condition A              {summary['condition_A']:.6g}\n" in printed
+    assert "wrote analysis/summary.json, bounds.png" in printed
+    for row in summary["rank_table"]:
+        assert f"{row['tolerance']:.0e}  {row['rank']:4d}" in printed
+
+
+def test_patches_that_cannot_be_told_apart_are_refused(refused):
+    line = refused("analyze", "chair", *TINY, "--hidden", "24x24", "--out", "analysis")
+    assert "chair.xml" in line and "full column rank" in line and "use fewer patches" in line
+
+
+@pytest.mark.parametrize("tolerance", ["0", "1", "-1e-9", "small"])
+def test_impossible_tolerance_is_refused(tolerance, refused):
+    arguments = ("analyze", "chair", *TINY, "--rank-tolerance", tolerance, "--out", "analysis")
+    assert "'--rank-tolerance'" in refused(*arguments)
+
+
+def test_place_that_cannot_be_written_is_refused_before_rendering(refused, tmp_path, monkeypatch):
+    monkeypatch.setattr(scenes, "load", None)
+    (tmp_path / "file").write_text("kept")
+    assert "cannot write file: it is a file; name a folder" in refused(
+        "analyze", "chair", *TINY, "--out", "file"
+    )
+    assert "cannot write file/new" in refused("analyze", "chair", *TINY, "--out", "file/new")

@@ -1,0 +1,82 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+TINY = ("demo", "--hidden", "6x7", "--resolution", "24", "--effort", "0.02")
+FILES = {
+    *("A.npy", "photograph.exr", "reconstruction.npy", "reconstruction.png", "truth.png"),
+    *("demo.png", "summary.json"),
+}
+
+
+def matched_psnr(estimate, truth):
+    errors = []
+    for channel in range(3):
+        e, t = np.maximum(estimate[..., channel].ravel(), 0), truth[..., channel].ravel()
+        gain = np.linalg.lstsq(e[:, None], t, rcond=None)[0]
+        errors.append(np.mean((np.clip(gain * e, 0, 1) - t) ** 2))
+    return -10 * np.log10(np.mean(errors))
+
+
+def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("kept")
+    out = succeeds(*TINY, "--seed", "2", "--out", "out")
+    folder = tmp_path / "out"
+    assert {path.name for path in folder.iterdir()} == FILES | {"notes.txt"}
+    for name in FILES:
+        assert name in out
+    summary = json.loads((folder / "summary.json").read_text())
+    image = np.load(folder / "reconstruction.npy")
+    assert image.shape == (6, 7, 3) and image.dtype == np.float32
+    assert np.load(folder / "A.npy").shape == (576, 42)
+    truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
+    assert summary["psnr"] == pytest.approx(matched_psnr(image, truth), abs=1e-3)
+    assert f"PSNR {summary['psnr']:.1f} dB" in out
+    # Better than the best flat picture, and than the same upside down.
+    assert summary["psnr"] > matched_psnr(np.ones_like(truth), truth) + 2
+    assert summary["psnr"] > matched_psnr(image[::-1], truth) + 1
+    photograph = ps.read_photograph(folder / "photograph.exr", (24, 24)).values
+    assert photograph.mean() == pytest.approx(1, abs=1e-3)
+    assert (summary["sbr"], summary["snr"]) == (0.5, 60)
+    assert set(summary["seconds"]) >= {"transport matrix", "photograph", "reconstruct"}
+    assert summary["provenance"]["seed"] == 2
+    for name in ("demo.png", "truth.png", "reconstruction.png"):
+        with Image.open(folder / name) as picture:
+            picture.load()
+            assert "periscopy demo" in picture.text["command"]
+
+
+def test_demo_of_another_image_shows_it_the_right_way_round(succeeds, tmp_path):
+    succeeds(*TINY, "--image", "digits", "--out", "out")
+    truth = ps.read_hidden_image(ps.find_image("digits"), (6, 7))
+    image = np.load(tmp_path / "out" / "reconstruction.npy")
+    others = (np.ones_like(truth), image[:, ::-1])
+    assert all(matched_psnr(image, truth) > matched_psnr(other, truth) + 3 for other in others)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--hidden", "25x25"), "25x25 hidden patches are more than the 24x24 pixels"),
+        (("--hidden", "6"), "'6' is not a size"),
+        (("--image", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
+        (("--hidden", "24x24"), "full column rank"),
+    ],
+)
+def test_impossible_demo_is_refused(options, message, refused, periscopy):
+    rendering = next(line for line in periscopy("doctor").out.splitlines() if "rendering" in line)
+    line = refused(*TINY, *options, "--out", "out", out=f"{' '.join(rendering.split())}\n")
+    assert message in line
+
+
+def test_too_few_pixels_and_bad_places_are_refused_at_once(refused, tmp_path):
+    assert "'--resolution'" in refused(*TINY, "--resolution", "1", "--out", "out")
+    (tmp_path / "file").write_text("kept")
+    assert "cannot write file: it is a file" in refused(*TINY, "--out", "file")

@@ -1,0 +1,63 @@
+import os
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+
+from periscopy_sim.rendering.variant import examine_variants
+
+
+def examine(**environment):
+    """Run `periscopy doctor` alone: in this process the variant is chosen already."""
+    return subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", "doctor"],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_versions_and_variants_are_shown():
+    works = {report.name: report.works for report in examine_variants()}
+    ended = examine(PERISCOPY_VARIANT="")
+    assert ended.returncode == 0
+    lines = dict(line.split(maxsplit=1) for line in ended.stdout.splitlines())
+    for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):
+        assert lines[package] == metadata.version(package)
+    assert sys.version.startswith(lines["python"].split()[0])
+    for name, here in works.items():
+        assert lines[name].startswith("works: " if here else "does not work: ")
+    best = next(name for name, here in works.items() if here)
+    assert lines["rendering"] == f"with {best}"
+    assert ended.stderr == "" or best == "scalar_rgb"
+
+
+def test_variant_asked_for_is_named():
+    ended = examine(PERISCOPY_VARIANT="scalar_rgb")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.splitlines()[-2:] == [
+        "PERISCOPY_VARIANT is set to scalar_rgb",
+        "rendering    with scalar_rgb",
+    ]
+
+
+def test_wrong_variant_is_refused_after_the_report():
+    ended = examine(PERISCOPY_VARIANT="pixar_rgb")
+    assert ended.returncode == 2
+    assert ended.stdout.splitlines()[-1] == "PERISCOPY_VARIANT is set to pixar_rgb"
+    assert ended.stderr.startswith("periscopy: error: unknown Mitsuba variant 'pixar_rgb'")
+    assert ended.stderr.count("\n") == 1
+
+
+def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
+    if any(report.works for report in examine_variants() if report.name.startswith("cuda")):
+        pytest.skip("CUDA works here, which is preferred to LLVM")
+    ended = examine(PERISCOPY_VARIANT="", DRJIT_LIBLLVM_PATH="no-such-library")
+    assert ended.returncode == 0
+    assert ended.stdout.splitlines()[-1] == "rendering    with scalar_rgb"
+    # Dr.Jit itself complains of the path that we gave.
+    warned = [line for line in ended.stderr.splitlines() if line.startswith("periscopy: ")]
+    assert len(warned) == 1 and warned[0] == ended.stderr.splitlines()[-1]
+    assert warned[0].startswith("periscopy: warning: rendering with scalar_rgb: install LLVM")

@@ -1,0 +1,202 @@
+import os
+import subprocess
+import sys
+import warnings
+
+import pytest
+import typer
+
+from periscopy_sim import cli
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.errors import PeriscopyError
+
+TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+TRANSPORT = ("transport", "chair", *TINY, "--out", "A.npy")
+OPTIONS = {
+    "demo": {"--out", "--hidden", "--resolution", "--image", "--seed"},
+    "doctor": set(),
+    "transport": {"SCENE", "--hidden", "--out", "--samples", "--model", "--seed", "-D"},
+    "photograph": {
+        *("SCENE", "IMAGE", "--out", "--hidden", "--samples"),
+        *("--ambient", "--sbr", "--snr", "--seed", "-D"),
+    },
+    "reconstruct": {
+        *("PHOTO", "--scene", "--hidden", "--out", "--method", "--samples", "--model"),
+        *("--transport", "--tv-weight", "--repair-threshold", "--rank-tolerance", "--truth"),
+        *("--seed", "-D"),
+    },
+    "analyze": {
+        *("SCENE", "--hidden", "--out", "--samples", "--model"),
+        *("--rank-tolerance", "--seed", "-D"),
+    },
+}
+
+
+def failing(error):
+    def fail(*_, **__):
+        raise error
+
+    return fail
+
+
+def run(*command, **environment):
+    return subprocess.run(
+        [sys.executable, *command],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_help_lists_every_command(succeeds):
+    shown = {line.split()[0] for line in succeeds("--help").splitlines() if line.startswith("  ")}
+    assert set(OPTIONS) <= shown
+    assert set(typer.main.get_command(cli.app).commands) == set(OPTIONS)
+
+
+def test_no_argument_at_all_shows_the_help(succeeds):
+    assert succeeds() == succeeds("--help")
+
+
+@pytest.mark.parametrize("command", OPTIONS)
+def test_help_of_a_command_names_its_options(command, succeeds):
+    shown = succeeds(command, "--help")
+    assert {name for name in OPTIONS[command] if name not in shown.split()} == set()
+
+
+@pytest.mark.parametrize("command", OPTIONS)
+def test_every_option_is_explained(command):
+    parameters = typer.main.get_command(cli.app).commands[command].params
+    assert [parameter.name for parameter in parameters if not parameter.help] == []
+
+
+def test_help_needs_no_renderer():
+    code = "import sys; from periscopy_sim import cli; sys.exit('mitsuba' in sys.modules)"
+    assert run("-c", code).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("paint",), "No such command 'paint'."),
+        (("--loud",), "No such option: --loud"),
+        ((*TRANSPORT, "--loud"), "No such option: --loud"),
+        ((*TRANSPORT, "plate"), "plate"),
+        (("transport", *TINY, "--out", "A.npy"), "Missing argument 'SCENE'."),
+        (("transport", "chair", *TINY), "Missing option '--out'."),
+        (("transport", "chair", "--out", "A.npy"), "Missing option '--hidden'."),
+        (("reconstruct", "y.npy", *TINY, "--out", "r"), "Missing option '--scene'."),
+        (("photograph", "chair", "--out", "y.exr"), "Missing argument 'IMAGE'."),
+        ((*TRANSPORT, "--model", "guessed"), "'rendered', 'analytic'"),
+        ((*TRANSPORT, "--samples", "0"), "'--samples'"),
+        ((*TRANSPORT, "--samples", "many"), "'--samples'"),
+        ((*TRANSPORT, "--seed", "-1"), "'--seed'"),
+        ((*TRANSPORT, "--seed", str(2**32)), "'--seed'"),
+    ],
+)
+def test_what_the_parser_refuses_is_one_line_with_a_way_on(arguments, message, refused):
+    line = refused(*arguments)
+    assert message in line
+    command = f"{arguments[0]} " if arguments[0] in OPTIONS else ""
+    assert line.endswith(f" Try 'periscopy {command}--help'.")
+
+
+def test_option_without_its_value_is_refused(refused):
+    assert "--out" in refused("transport", "chair", *TINY, "--out")
+
+
+def test_message_of_many_lines_is_printed_as_one(monkeypatch, refused):
+    monkeypatch.setattr(scenes, "load", failing(PeriscopyError("no\n  such\nthing")))
+    assert refused(*TRANSPORT) == "no such thing"
+
+
+def test_lack_of_memory_is_one_line(monkeypatch, refused):
+    monkeypatch.setattr(scenes, "load", failing(MemoryError("Unable to allocate 26.8 GiB")))
+    assert "not enough memory: Unable to allocate 26.8 GiB" in refused(*TRANSPORT)
+
+
+def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
+    monkeypatch.setattr(scenes, "load", failing(RuntimeError("a defect")))
+    with pytest.raises(RuntimeError, match="a defect"):
+        periscopy(*TRANSPORT)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        TRANSPORT,
+        ("photograph", "chair", "mushroom", *TINY, "--out", "new/y.exr"),
+        ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "new/r"),
+        ("analyze", "chair", *TINY, "--out", "r"),
+        ("demo", "--out", "new/r"),
+    ],
+)
+@pytest.mark.usefixtures("jit")
+def test_interrupt_ends_with_130_and_writes_nothing(arguments, monkeypatch, periscopy, tmp_path):
+    monkeypatch.setattr(scenes, "load", failing(KeyboardInterrupt))
+    outcome = periscopy(*arguments)
+    assert outcome.code == 130
+    assert outcome.err == "periscopy: error: interrupted; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("jit")
+def test_interrupt_while_the_files_are_written_leaves_none(monkeypatch, periscopy, tmp_path):
+    monkeypatch.setattr("periscopy_sim.cli.transport.write_json", failing(KeyboardInterrupt))
+    assert periscopy(*TRANSPORT).code == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("jit")
+def test_warning_is_one_line_and_the_command_goes_on(monkeypatch, periscopy):
+    transport = scenes.transport
+
+    def warns(*arguments):
+        warnings.warn("first line\n   second line", RuntimeWarning, 2)
+        return transport(*arguments)
+
+    monkeypatch.setattr(scenes, "transport", warns)
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        outcome = periscopy(*TRANSPORT)
+    assert outcome.code == 0
+    assert outcome.err == "periscopy: warning: first line second line\n"
+
+
+def test_module_runs_as_the_command_does():
+    ended = run("-m", "periscopy_sim", "--help")
+    assert ended.returncode == 0
+    assert set(OPTIONS) <= set(ended.stdout.split()) and ended.stderr == ""
+    ended = run("-m", "periscopy_sim", "transport", "chair")
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr == (
+        "periscopy: error: Missing option '--hidden'. Try 'periscopy transport --help'.\n"
+    )
+
+
+@pytest.mark.usefixtures("jit")
+def test_closed_pipe_ends_the_command_without_complaint(tmp_path):
+    with subprocess.Popen(
+        [sys.executable, "-m", "periscopy_sim", *TRANSPORT],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        process.stdout.close()
+        complaint = process.stderr.read()
+    assert (process.returncode, complaint) == (1, b"")
+
+
+@pytest.mark.usefixtures("jit")
+def test_name_that_the_terminal_cannot_encode_is_printed_all_the_same(tmp_path):
+    ended = subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", *TRANSPORT[:-1], "é.npy"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+    )
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert ended.stdout == b"wrote \\xe9.npy 576x20 and \\xe9.json\n"
+    assert {path.name for path in tmp_path.iterdir()} == {"é.npy", "é.json"}

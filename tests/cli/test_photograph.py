@@ -1,0 +1,165 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.storage.exr import read_exr
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "16")
+RNG = np.random.default_rng(11)
+HIDDEN = RNG.random((4, 5, 3))
+AMBIENT = np.linspace(1, 3, 24)[:, None, None] * RNG.uniform(0.9, 1.1, (24, 24, 3))
+
+
+@pytest.fixture
+def shoot(succeeds, tmp_path):
+    """Take a photograph of HIDDEN and return its pixels."""
+    np.save(tmp_path / "hidden.npy", HIDDEN)
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+
+    def take(*options, image="hidden.npy"):
+        succeeds("photograph", "chair", image, *TINY, *options, "--out", "y.exr")
+        pixels, _ = read_exr(tmp_path / "y.exr")
+        assert pixels.shape == (24, 24, 3) and np.isfinite(pixels).all()
+        return pixels.astype(np.float64)
+
+    return take
+
+
+def test_photograph_is_written_with_its_settings(succeeds, tmp_path):
+    arguments = ("photograph", "chair", "mushroom", *TINY, "--snr", "50", "--seed", "5")
+    assert succeeds(*arguments, "--out", "new/y.exr") == "wrote new/y.exr 24x24\n"
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["y.exr"]
+    pixels, metadata = read_exr(tmp_path / "new" / "y.exr")
+    assert pixels.shape == (24, 24, 3) and pixels.dtype == np.float32
+    assert metadata["image"] == "mushroom" and metadata["hidden"] == "4x5"
+    assert (metadata["samples"], metadata["snr"], metadata["seed"]) == ("16", "50.0", "5")
+    assert len(metadata["scene_sha256"]) == 64 and "sbr" not in metadata
+    assert metadata["command"].startswith("periscopy photograph chair mushroom -D resolution=24")
+
+
+def test_photograph_is_the_matrix_times_the_image(shoot, succeeds, tmp_path):
+    y = shoot("--samples", "1024")
+    few = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "64")
+    succeeds("transport", "chair", *few, "--out", "A.npy")
+    A = np.load(tmp_path / "A.npy").astype(np.float64)
+    expected = (A @ HIDDEN.reshape(20, 3)).reshape(24, 24, 3)
+    # The rest is light by way of the chair, and penumbrae averaged over a pixel's area.
+    assert np.linalg.norm(y - expected) < 0.03 * np.linalg.norm(expected)
+
+
+def test_photograph_is_linear_in_the_image(shoot, tmp_path):
+    np.save(tmp_path / "bright.npy", 2 * HIDDEN)
+    assert np.allclose(shoot(image="bright.npy"), 2 * shoot(), rtol=1e-5)
+
+
+def test_same_seed_gives_the_same_bytes_and_another_does_not(shoot, tmp_path):
+    contents = []
+    for seed in (3, 3, 4):
+        shoot("--snr", "40", "--seed", seed)
+        contents.append((tmp_path / "y.exr").read_bytes())
+    assert contents[0] == contents[1] != contents[2]
+
+
+@pytest.mark.parametrize("sbr", [0.2, 4])
+def test_ambient_light_is_added_at_the_ratio_asked_for(sbr, shoot):
+    signal, y = shoot(), shoot("--ambient", "ambient.npy", "--sbr", sbr)
+    parts = np.stack([signal.ravel(), AMBIENT.ravel()], axis=1)
+    weights, _, rank, _ = np.linalg.lstsq(parts, y.ravel(), rcond=None)
+    assert rank == 2 and np.allclose(parts @ weights, y.ravel(), rtol=1e-5)
+    light, background = weights * parts.mean(axis=0)
+    assert light / background == pytest.approx(sbr, rel=1e-4)
+    assert y.mean() == pytest.approx(1, rel=1e-5)
+
+
+def test_noise_has_the_level_asked_for(shoot):
+    clean, noisy = shoot(), shoot("--snr", "20")
+    noise = (noisy - clean).ravel()
+    expected = 0.1 * np.sqrt(np.mean(clean**2))
+    # Standard errors of 1728 normal values; five of them are exceeded once in two million.
+    assert abs(noise.std() / expected - 1) < 5 / np.sqrt(2 * noise.size)
+    assert abs(noise.mean()) < 5 * expected / np.sqrt(noise.size)
+    other = (shoot("--snr", "20", "--seed", "1") - shoot("--seed", "1")).ravel()
+    assert abs(np.corrcoef(noise, other)[0, 1]) < 5 / np.sqrt(noise.size)
+
+
+def test_8_bit_ambient_light_gives_a_warning(shoot, periscopy, tmp_path):
+    shoot()
+    Image.fromarray(np.full((24, 24, 3), 99, np.uint8)).save(tmp_path / "ambient.png")
+    outcome = periscopy(
+        *("photograph", "chair", "hidden.npy", *TINY, "--out", "y.exr"),
+        *("--ambient", "ambient.png", "--sbr", "1"),
+    )
+    assert outcome.code == 0
+    assert outcome.err.startswith("periscopy: warning: ambient.png: 8-bit PNG")
+    assert outcome.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--ambient", "ambient.npy"), "--ambient and --sbr go together"),
+        (("--sbr", "1"), "--ambient and --sbr go together"),
+        (("--ambient", "ambient.npy", "--sbr", "0"), "'--sbr'"),
+        (("--ambient", "ambient.npy", "--sbr", "-1"), "'--sbr'"),
+        (("--ambient", "ambient.npy", "--sbr", "inf"), "'--sbr'"),
+        (("--ambient", "ambient.npy", "--sbr", "1e-320"), "'--sbr'"),
+        (("--ambient", "ambient.npy", "--sbr", "much"), "'--sbr'"),
+        (("--ambient", "dark.npy", "--sbr", "1"), "positive mean"),
+        (("--ambient", "small.npy", "--sbr", "1"), "12 x 12 pixels (rows x columns), but the"),
+        (("--ambient", "none.exr", "--sbr", "1"), "none.exr: no such file"),
+        (("--snr", "inf"), "'--snr'"),
+        (("--snr", "-1e5"), "'--snr'"),
+        (("--snr", "loud"), "'--snr'"),
+        (("--samples", "0"), "'--samples'"),
+    ],
+)
+def test_impossible_light_is_refused(options, message, refused, tmp_path):
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+    np.save(tmp_path / "dark.npy", -AMBIENT)
+    np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
+    assert message in refused("photograph", "chair", "bars", *TINY, *options, "--out", "y.exr")
+
+
+@pytest.mark.parametrize("option", ["--sbr", "--snr"])
+def test_ratio_that_is_no_number_is_refused(option, refused, tmp_path):
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+    ambient = ("--ambient", "ambient.npy") if option == "--sbr" else ()
+    line = refused("photograph", "chair", "bars", *TINY, *ambient, option, "nan", "--out", "y.exr")
+    assert option in line or "ratio" in line
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        ("mushrom", "'mushrom' does not exist; name a file or a shipped image: bars, checker"),
+        ("text.png", "text.png: is no EXR, NPY"),
+        ("negative.npy", "negative.npy: has negative, NaN or infinite values"),
+        ("nan.npy", "nan.npy: has negative, NaN or infinite values"),
+        ("line.npy", "line.npy: has shape (5,)"),
+        (".", "'.' is a folder"),
+    ],
+)
+def test_image_that_cannot_be_shown_is_refused(image, message, refused, tmp_path):
+    (tmp_path / "text.png").write_text("not a picture, but long enough to be one" * 9)
+    np.save(tmp_path / "negative.npy", HIDDEN - 0.5)
+    np.save(tmp_path / "nan.npy", np.where(HIDDEN > 0.5, np.nan, HIDDEN))
+    np.save(tmp_path / "line.npy", np.ones(5))
+    assert message in refused("photograph", "chair", image, *TINY, "--out", "y.exr")
+
+
+@pytest.mark.parametrize("out", ["y.png", "y", "y.EXR", ".exr"])
+def test_wrong_suffix_is_refused(out, refused):
+    line = refused("photograph", "chair", "bars", *TINY, "--out", out)
+    assert f"--out {out}: the photograph is written as .exr" in line
+
+
+def test_place_that_cannot_be_written_is_refused_before_rendering(refused, monkeypatch):
+    monkeypatch.setattr(scenes, "load", None)
+    Path("file").write_text("kept")
+    line = refused("photograph", "chair", "bars", *TINY, "--out", "file/y.exr")
+    assert "cannot write file/y.exr" in line

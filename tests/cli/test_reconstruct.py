@@ -1,0 +1,475 @@
+import hashlib
+import json
+import os
+import pickle
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import png
+import pytest
+import scipy.io
+import tifffile
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.storage.exr import write_exr
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+SCENE = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5")
+TINY = (*SCENE, "--samples", "4")
+PLAIN = ("--tv-weight", "0", "--repair-threshold", "1e9")  # P y alone
+RNG = np.random.default_rng(21)
+HIDDEN = RNG.uniform(0.1, 1, (4, 5, 3))
+COUNTS = RNG.integers(9000, 65536, (24, 24, 3)).astype(np.uint16)
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
+FILES = {"reconstruction.npy", "reconstruction.png", "stages.png", "summary.json"}
+
+
+@pytest.fixture(scope="module")
+def light():
+    """A photograph of HIDDEN as the scene's own matrix has it, without noise, and ambient light."""
+    scenario = ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
+    A = ps.render_transport(scenario, samples=4).astype(np.float64)
+    signal = A @ HIDDEN.reshape(20, 3)
+    # A lamp 1 m to the left, 3 m before the wall and 1 m above the centre: one of the modelled.
+    lamp = np.array([0.7435 - 1, 1.03 - 3, 0.2645 + 1])
+    away = lamp - scenario.wall_points
+    ambient = -away[:, 1] / np.linalg.norm(away, axis=1) ** 3
+    ambient *= 5 * signal.mean() / ambient.mean()
+    colour = [1.2, 1, 0.8]
+    return signal.reshape(24, 24, 3), (ambient[:, None] * colour).reshape(24, 24, 3)
+
+
+@pytest.fixture
+def reconstruct(succeeds, tmp_path):
+    """Reconstruct from a file into `out`; return the image and the summary."""
+
+    def run(photo, *options):
+        succeeds("reconstruct", photo, *TINY, *options, "--out", "out")
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        return np.load(tmp_path / "out" / "reconstruction.npy"), summary
+
+    return run
+
+
+# -- what is recovered and written ---------------------------------------------------------------
+
+
+def test_hidden_image_is_recovered_beside_ambient_light(light, reconstruct, tmp_path):
+    signal, ambient = light
+    np.save(tmp_path / "y.npy", signal + ambient)
+    image, summary = reconstruct("y.npy", *PLAIN)
+    assert image.shape == (4, 5, 3) and image.dtype == np.float32
+    assert np.allclose(image, HIDDEN, rtol=1e-4)
+    assert max(summary["noise"]) < 1e-6 * signal.mean()
+
+
+def test_folder_holds_image_picture_stages_and_summary(light, succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    arguments = ("reconstruct", "y.npy", *TINY, "--seed", "3", "--out", "new/out")
+    out = succeeds(*arguments)
+    folder = tmp_path / "new" / "out"
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert out.startswith("wrote new/out/") and all(name in out for name in FILES)
+    summary = json.loads((folder / "summary.json").read_text())
+    expected = {
+        "method": "preconditioned",
+        "photograph": "y.npy",
+        "photograph_shape": [24, 24],
+        "hidden_shape": [4, 5],
+        "model": "rendered",
+        "transport": None,
+        "samples": 4,
+        "tv_weight": 1.0,
+        "repair_threshold": 0.1,
+        "rank_tolerance": 1e-10,
+        "truth": None,
+        "warnings": [],
+    }
+    assert {name: summary[name] for name in expected} == expected
+    assert summary["background_rank"] > 3
+    assert len(summary["noise"]) == len(summary["lambda"]) == 3 and summary["kappa"] > 0
+    stages = {"load the scene", "transport matrix", "form the preconditioner", "reconstruct"}
+    assert set(summary["seconds"]) == stages and min(summary["seconds"].values()) >= 0
+    provenance = summary["provenance"]
+    digest = hashlib.sha256()
+    for file in (ps.find_scene("chair"), ps.find_scene("chair").parent / "meshes" / "chair.ply"):
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    assert provenance["scene_sha256"] == digest.hexdigest()
+    assert provenance["command"] == "periscopy " + " ".join(arguments)
+    assert provenance["seed"] == 3 and provenance["parameters"] == {"resolution": "24"}
+    assert {"periscopy-sim", "mitsuba", "numpy", "python", "variant"} <= set(provenance)
+    for name in ("reconstruction.png", "stages.png"):
+        with Image.open(folder / name) as picture:
+            picture.load()
+            assert picture.text["scene_sha256"] == provenance["scene_sha256"]
+
+
+def test_picture_shows_the_array_upright_in_srgb(light, reconstruct, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    image, _ = reconstruct("y.npy")
+    with Image.open(tmp_path / "out" / "reconstruction.png") as picture:
+        pixels = np.asarray(picture) / 255
+    assert pixels.shape == (4 * 144, 5 * 144, 3)
+    shown = pixels[72::144, 72::144]
+    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    inside = (shown > 0) & (shown < 1)
+    scale = linear[inside] / image[inside]
+    assert inside.mean() > 0.8 and scale.std() < 0.01 * scale.mean()
+
+
+def test_folder_that_exists_keeps_its_other_files(light, reconstruct, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    (tmp_path / "out" / "old").mkdir(parents=True)
+    for name in ("notes.txt", "summary.json", "old/summary.json"):
+        (tmp_path / "out" / name).write_text("old")
+    _, summary = reconstruct("y.npy")
+    assert summary["samples"] == 4
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES | {"notes.txt", "old"}
+    for name in ("notes.txt", "old/summary.json"):
+        assert (tmp_path / "out" / name).read_text() == "old"
+
+
+def test_same_command_gives_the_same_image_and_another_seed_does_not(light, reconstruct, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    contents = []
+    for seed in (0, 0, 1):
+        reconstruct("y.npy", "--seed", seed)
+        contents.append((tmp_path / "out" / "reconstruction.npy").read_bytes())
+    assert contents[0] == contents[1] != contents[2]
+
+
+def test_transport_file_serves_like_rendering(light, reconstruct, succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    rendered, _ = reconstruct("y.npy")
+    tiny = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+    succeeds("transport", "chair", *tiny, "--out", "A.npy")
+    image, summary = reconstruct("y.npy", "--transport", "A.npy")
+    assert np.array_equal(image, rendered)
+    # Its samples are not known.
+    assert (summary["model"], summary["transport"]) == ("file", "A.npy")
+    assert summary["samples"] is None
+
+
+@pytest.mark.parametrize("model", ["rendered", "analytic"])
+def test_estimate_is_the_pseudoinverse_of_the_model_asked_for(model, reconstruct, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    options = ("--model", model, "--rank-tolerance", "1e-4", *PLAIN)
+    image, summary = reconstruct("y.npy", *options)
+    scenario = ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
+    render = {"rendered": ps.render_transport, "analytic": ps.analytic_transport}[model]
+    A = render(scenario, samples=4).astype(np.float64)
+    B = ps.point_light_backgrounds(scenario)
+    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
+    Q = U[:, σ > 1e-4 * σ[0]]
+    expected = np.linalg.pinv(A - Q @ (Q.T @ A)) @ COUNTS.reshape(576, 3)
+    assert np.allclose(image.reshape(20, 3), expected, rtol=1e-5, atol=1e-5 * expected.max())
+    assert (summary["model"], summary["background_rank"]) == (model, Q.shape[1])
+
+
+def test_weights_follow_their_options_and_the_noise(light, reconstruct, tmp_path):
+    σ = 0.01 * light[0].mean()
+    np.save(tmp_path / "y.npy", light[0] + np.random.default_rng(4).normal(0, σ, (24, 24, 3)))
+    _, once = reconstruct("y.npy")
+    _, thrice = reconstruct("y.npy", "--tv-weight", "3")
+    plain, without = reconstruct("y.npy", *PLAIN)
+    # Standard errors of at least 500 normal values; five are exceeded once in two million.
+    assert np.allclose(np.array(once["noise"]) / σ, 1, atol=5 / np.sqrt(2 * 500))
+    assert once["noise"] == thrice["noise"] == without["noise"]
+    assert np.allclose(thrice["lambda"], 3 * np.array(once["lambda"])) and min(once["lambda"]) > 0
+    assert without["lambda"] == [0, 0, 0]
+    magnitude = np.linalg.norm(plain.astype(np.float64), axis=2)
+    assert without["kappa"] == pytest.approx(1e9 * np.percentile(magnitude, 99), rel=1e-5)
+
+
+@pytest.mark.parametrize("given", ["hidden.npy", "bars"])
+def test_truth_adds_metrics_and_a_comparison(given, light, succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", light[0] + np.random.default_rng(6).normal(0, 1e-4, (24, 24, 3)))
+    np.save(tmp_path / "hidden.npy", HIDDEN)
+    truth = HIDDEN
+    if given == "bars":
+        truth = ps.read_hidden_image(ps.find_image("bars"), (4, 5))
+    out = succeeds("reconstruct", "y.npy", *TINY, "--truth", given, "--out", "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES | {"comparison.png"}
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    image = np.maximum(np.load(tmp_path / "out" / "reconstruction.npy").astype(np.float64), 0)
+    errors = []
+    for channel in range(3):
+        estimate, wanted = image[..., channel].ravel(), truth[..., channel].ravel()
+        gain = np.linalg.lstsq(estimate[:, None], wanted, rcond=None)[0]
+        errors.append(np.mean((np.clip(gain * estimate, 0, 1) - wanted) ** 2))
+    assert summary["mean_squared_error"] == pytest.approx(np.mean(errors), rel=1e-4)
+    assert summary["psnr"] == pytest.approx(-10 * np.log10(np.mean(errors)), abs=1e-3)
+    assert summary["psnr_registered"] >= summary["psnr"] and len(summary["shift"]) == 2
+    assert summary["truth"] == given
+    assert f"gain-matched PSNR {summary['psnr']:.2f} dB" in out and "comparison.png" in out
+    with Image.open(tmp_path / "out" / "comparison.png") as picture:
+        picture.load()
+        assert picture.width > picture.height
+
+
+def test_shift_against_the_truth_is_found(light, succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    np.save(tmp_path / "lower.npy", np.concatenate([np.zeros((1, 5, 3)), HIDDEN[:-1]]))
+    arguments = ("reconstruct", "y.npy", *TINY, *PLAIN, "--truth", "lower.npy", "--out", "out")
+    assert "(shift (1.0, 0.0) patches down, right)" in succeeds(*arguments)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["shift"] == [1, 0]
+    assert summary["psnr_registered"] > 40 > summary["psnr"]
+
+
+# -- photographs of every kind -------------------------------------------------------------------
+
+
+def save_png(path):
+    with path.open("wb") as stream:
+        writer = png.Writer(24, 24, greyscale=False, bitdepth=16)
+        writer.write(stream, COUNTS.reshape(24, -1).tolist())
+
+
+def save_matlab(path):
+    bayer = np.zeros((48, 48), np.uint16)
+    bayer[0::2, 0::2], bayer[1::2, 1::2] = COUNTS[..., 0], COUNTS[..., 2]
+    bayer[0::2, 1::2] = bayer[1::2, 0::2] = COUNTS[..., 1]
+    scipy.io.savemat(path, {"image": bayer, "shutter_speed": 0.5, "iterations": 2.0})
+
+
+WRITERS = {
+    "y.exr": lambda path: write_exr(path, COUNTS, {}),
+    "y.npz": lambda path: np.savez(path, photograph=COUNTS, hidden=np.zeros(3)),
+    "y.png": save_png,
+    "y.tif": lambda path: tifffile.imwrite(path, COUNTS, photometric="rgb"),
+    "float.tiff": lambda path: tifffile.imwrite(path, COUNTS / 1.0, photometric="rgb"),
+    "y.mat": save_matlab,
+}
+
+
+def test_every_format_gives_the_same_image(reconstruct, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS.astype(">f8"))
+    expected, _ = reconstruct("y.npy")
+    assert np.ptp(expected) > 0
+    for name, write in WRITERS.items():
+        write(tmp_path / name)
+        image, summary = reconstruct(name)
+        assert np.array_equal(image, expected), name
+        assert summary["warnings"] == []
+
+
+def test_one_channel_is_taken_as_grey(reconstruct, tmp_path):
+    np.save(tmp_path / "grey.npy", COUNTS[..., 1])
+    np.save(tmp_path / "thrice.npy", np.stack([COUNTS[..., 1]] * 3, axis=-1))
+    grey, _ = reconstruct("grey.npy")
+    thrice, _ = reconstruct("thrice.npy")
+    assert np.array_equal(grey, thrice)
+
+
+def test_8_bit_photograph_is_decoded_with_a_warning(reconstruct, periscopy, tmp_path):
+    codes = (COUNTS // 257).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "y.png")
+    shown = codes / 255
+    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    np.save(tmp_path / "y.npy", linear)
+    expected, _ = reconstruct("y.npy")
+    outcome = periscopy("reconstruct", "y.png", *TINY, "--out", "out")
+    assert outcome.code == 0
+    assert outcome.err.startswith("periscopy: warning: y.png: 8-bit PNG, which is normally gamma")
+    assert outcome.err.count("\n") == 1
+    image = np.load(tmp_path / "out" / "reconstruction.npy")
+    assert np.allclose(image, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert f"periscopy: warning: {summary['warnings'][0]}\n" == outcome.err
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+def with_values(*values):
+    broken = COUNTS.astype(np.float32)
+    for number, value in enumerate(values):
+        broken[3 + number, 4, 1] = value
+    return broken
+
+
+@pytest.mark.parametrize(
+    ("photograph", "message"),
+    [
+        (np.ones((48, 48, 3)), "48 x 48 pixels (rows x columns), but the scene's camera has 24 x"),
+        (np.ones((24, 25, 3)), "24 x 25 pixels (rows x columns), but the scene's camera has 24 x"),
+        (COUNTS[..., :2], "has shape (24, 24, 2)"),
+        (COUNTS[0, 0], "has shape (3,)"),
+        (with_values(np.nan), "1 values are NaN or infinite, the first at row 3, column 4, chan"),
+        (with_values(np.inf, -np.inf), "2 values are NaN or infinite, the first at row 3"),
+        (np.zeros((24, 24, 3)), "every value is zero"),
+        (COUNTS * 1j, "complex numbers"),
+        (COUNTS.astype(str), "text"),
+    ],
+)
+def test_array_that_is_no_photograph_is_refused(photograph, message, refused, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    line = refused("reconstruct", "y.npy", *TINY, "--out", "out")
+    assert line.startswith("y.npy: ") and message in line
+
+
+@pytest.mark.parametrize("name", ["y.npy", *WRITERS])
+def test_truncated_photograph_is_refused(name, refused, tmp_path):
+    WRITERS.get(name, lambda path: np.save(path, COUNTS))(tmp_path / name)
+    content = (tmp_path / name).read_bytes()
+    for length in (0, 3, len(content) // 2):
+        (tmp_path / name).write_bytes(content[:length])
+        assert refused("reconstruct", name, *TINY, "--out", "out").startswith(f"{name}: ")
+
+
+def test_what_is_no_photograph_file_is_refused(refused, tmp_path):
+    (tmp_path / "notes.exr").write_text("x, y, z\n" * 40)
+    assert "notes.exr: is no EXR" in refused("reconstruct", "notes.exr", *TINY, "--out", "out")
+    line = refused("reconstruct", "none.exr", *TINY, "--out", "out")
+    assert line == "none.exr: no such file; check the path"
+    assert "is a folder" in refused("reconstruct", ".", *TINY, "--out", "out")
+    np.savez(tmp_path / "y.npz", image=COUNTS)
+    line = refused("reconstruct", "y.npz", *TINY, "--out", "out")
+    assert "has no array 'photograph', only image" in line
+
+
+class Trap:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.folder),)
+
+
+def test_pickles_are_never_loaded(refused, tmp_path):
+    trap = np.array([Trap(tmp_path / "sprung")], dtype=object)
+    np.save(tmp_path / "trap.npy", trap)
+    np.savez(tmp_path / "trap.npz", photograph=trap, hidden=trap)
+    (tmp_path / "raw.npy").write_bytes(pickle.dumps(trap[0]))
+    np.save(tmp_path / "y.npy", COUNTS)
+    for name in ("trap.npy", "trap.npz", "raw.npy"):
+        assert name in refused("reconstruct", name, *TINY, "--out", "out")
+        assert name in refused("reconstruct", "y.npy", *TINY, "--truth", name, "--out", "out")
+        assert name in refused("reconstruct", "y.npy", *TINY, "--transport", name, "--out", "out")
+        tiny = ("-D", "resolution=24", "--hidden", "4x5", "--out", "y.exr")
+        assert name in refused("photograph", "chair", name, *tiny)
+        ambient = ("--ambient", name, "--sbr", "1")
+        assert name in refused("photograph", "chair", "bars", *tiny, *ambient)
+    assert not (tmp_path / "sprung").exists()
+    np.load(tmp_path / "trap.npy", allow_pickle=True)
+    assert (tmp_path / "sprung").exists()  # it would have
+
+
+def test_matlab_objects_are_refused(refused, tmp_path):
+    others = {"shutter_speed": 1.0, "iterations": 1.0}
+    for image, kind in ((np.array([1, "a"], dtype=object), "cell"), ({"a": 1.0}, "struct")):
+        scipy.io.savemat(tmp_path / "y.mat", {"image": image, **others})
+        line = refused("reconstruct", "y.mat", *TINY, "--out", "out")
+        assert f"'image' is {kind}" in line
+
+    def element(kind, body):
+        return struct.pack("<II", kind, len(body)) + body + bytes(-len(body) % 8)
+
+    # Class 17, as MATLAB stores objects of its classes.
+    parts = [element(6, struct.pack("<II", 17, 0)), element(1, b"image"), element(1, b"MCOS")]
+    header = b"MATLAB".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    (tmp_path / "y.mat").write_bytes(header + element(14, b"".join(parts)))
+    line = refused("reconstruct", "y.mat", *TINY, "--out", "out")
+    assert "'image' is opaque" in line
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--method", "magic"), "'magic' is not"),
+        (("--model", "guessed"), "'guessed' is not one of 'rendered', 'analytic'"),
+        (("--tv-weight", "-1"), "'--tv-weight'"),
+        (("--tv-weight", "inf"), "'--tv-weight'"),
+        (("--tv-weight", "heavy"), "'--tv-weight'"),
+        (("--repair-threshold", "-1"), "'--repair-threshold'"),
+        (("--repair-threshold", "inf"), "'--repair-threshold'"),
+        (("--rank-tolerance", "0"), "'--rank-tolerance'"),
+        (("--rank-tolerance", "1"), "'--rank-tolerance'"),
+        (("--hidden", "24x24"), "full column rank"),
+        (("--hidden", "24x25"), "24x25 hidden patches are more than the 24x24 pixels"),
+        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: chair"),
+        (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
+        (("--transport", "none.npy"), "none.npy: no such file"),
+    ],
+)
+def test_impossible_option_is_refused(options, message, refused, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    assert message in refused("reconstruct", "y.npy", *TINY, *options, "--out", "out")
+
+
+def test_place_that_cannot_be_written_is_refused_before_rendering(refused, monkeypatch, tmp_path):
+    monkeypatch.setattr(scenes, "load", None)
+    (tmp_path / "file").write_text("kept")
+    for out in ("file", "file/new", "file/new/deep"):
+        line = refused("reconstruct", "y.npy", *TINY, "--out", out)
+        assert f"cannot write {out}: " in line
+
+
+def test_folder_in_the_place_of_a_file_is_refused(refused, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    (tmp_path / "out" / "summary.json").mkdir(parents=True)
+    line = refused("reconstruct", "y.npy", *TINY, "--out", "out")
+    assert "summary.json: a folder of that name exists; remove it" in line
+
+
+def test_photograph_of_another_scene_than_its_matrix_is_refused(refused, edited_scene, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    scene = edited_scene(('id="monitor"', 'id="screen"'))
+    shutil.copy(scene, tmp_path / "mine.xml")
+    line = refused("reconstruct", "y.npy", *TINY, "--scene", "mine.xml", "--out", "out")
+    assert "'mine.xml' has no shape with id 'monitor'" in line
+
+
+# -- the real photograph -------------------------------------------------------------------------
+
+
+def best_psnr(estimate, truth):
+    """Gain-matched PSNR after the best shift of at most 2 patches, in half patches."""
+
+    def half_shifted(image, halves, axis):
+        whole, half = divmod(halves, 2)
+        padded = np.pad(image, [(3, 3) if axis == a else (0, 0) for a in range(3)])
+        moved = np.roll(padded, whole, axis)
+        moved = (moved + np.roll(moved, 1, axis)) / 2 if half else moved
+        return np.take(moved, range(3, 3 + image.shape[axis]), axis)
+
+    found = []
+    for down in range(-4, 5):
+        for right in range(-4, 5):
+            moved = np.maximum(half_shifted(half_shifted(estimate, down, 0), right, 1), 0)
+            gain = np.sum(moved * truth, axis=(0, 1)) / np.sum(moved**2, axis=(0, 1))
+            found.append(np.mean((np.clip(gain * moved, 0, 1) - truth) ** 2))
+    return -10 * np.log10(min(found))
+
+
+@pytest.mark.skipif(not SHARED.is_file(), reason="the real photograph is not at hand")
+def test_real_photograph_shows_the_mushroom_by_the_defaults(tmp_path):
+    arguments = ("reconstruct", SHARED, "--scene", "chair", "--hidden", "29x36", "--truth", SHARED)
+    ended = subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", *map(str, arguments), "--out", "out"],
+        cwd=tmp_path,
+        # Several threads of linear algebra wait for each other while other tests run.
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    image = np.load(tmp_path / "out" / "reconstruction.npy").astype(np.float64)
+    sent = np.load(SHARED)["hidden"] / 255
+    truth = np.where(sent <= 0.04045, sent / 12.92, ((sent + 0.055) / 1.055) ** 2.4)
+    psnr = best_psnr(image, truth)
+    assert psnr >= 12.0
+    assert psnr > best_psnr(image[:, ::-1], truth) + 0.5
+    assert psnr > best_psnr(image[::-1], truth) + 0.5
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["psnr_registered"] == pytest.approx(psnr, abs=0.01)

@@ -1,0 +1,209 @@
+"""Scenes and matrices as the commands are given them, mostly through `periscopy transport`."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from periscopy_sim.rendering.variant import examine_variants
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+HIDDEN = ("--hidden", "4x5", "--samples", "4")
+TINY = ("-D", "resolution=24", *HIDDEN)
+OUT = ("--out", "A.npy")
+
+
+@pytest.mark.parametrize("name", ["wall", "monitor"])
+def test_scene_without_a_shape_of_the_contract_is_refused(name, edited_scene, refused):
+    scene = edited_scene((f'id="{name}"', 'id="poster"'))
+    line = refused("transport", scene, *TINY, *OUT)
+    assert f"'{scene}' has no shape with id '{name}'" in line
+    assert "'poster'" in line and "'chair'" in line  # what it has instead
+
+
+def test_scene_without_the_camera_is_refused(edited_scene, refused):
+    scene = edited_scene(('id="camera"', 'id="eye"'))
+    line = refused("transport", scene, *TINY, *OUT)
+    assert f"'{scene}' has no sensor with id 'camera'" in line and "'eye'" in line
+
+
+def test_pixel_that_misses_the_wall_is_counted_and_located(edited_scene, refused):
+    # The wall reaches from x = -0.2565 to 1.7435; the camera now sees from -0.2865 to 2.1135.
+    scene = edited_scene(
+        ('<scale x="0.2005" y="0.2005"/>', '<scale x="1.2" y="0.2005"/>'),
+        ("0.7435, 0.98, 0.2645", "0.9135, 0.98, 0.2645"),
+        ("0.7435, 1.03, 0.2645", "0.9135, 1.03, 0.2645"),
+    )
+    x = 0.9135 + 1.2 * ((np.arange(24) + 0.5) / 12 - 1)
+    missing = np.flatnonzero((x < -0.2565) | (x > 1.7435))
+    line = refused("transport", scene, *TINY, *OUT)
+    assert f"{24 * len(missing)} of 576 camera pixels miss the wall" in line
+    assert f"the first at row 0, column {missing[0]}" in line
+
+
+def test_monitor_that_faces_away_is_refused(edited_scene, refused):
+    scene = edited_scene(('<rotate z="1" angle="180"/>', ""))
+    assert "the monitor faces away" in refused("transport", scene, *TINY, *OUT)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "missing file"), (b"", "empty file"), (b"solid metal\n", "solid"), (1500, "bytes")],
+)
+def test_unreadable_mesh_is_refused_by_name(content, message, edited_scene, refused, tmp_path):
+    scene = edited_scene()
+    mesh = tmp_path / "meshes" / "chair.ply"
+    sound = mesh.read_bytes()
+    mesh.unlink()
+    if content is not None:
+        mesh.write_bytes(sound[:content] if isinstance(content, int) else content)
+    line = refused("transport", scene, *TINY, *OUT)
+    assert scene in line and message in line and "chair.ply" in line
+
+
+def test_file_that_is_no_scene_is_refused(edited_scene, refused, tmp_path):
+    scene = edited_scene()
+    whole = (tmp_path / "edited.xml").read_text()
+    for content in (whole[: len(whole) // 2].encode(), bytes(range(256)), b""):
+        (tmp_path / "edited.xml").write_bytes(content)
+        line = refused("transport", scene, *TINY, *OUT)
+        assert f"'{scene}' is not well-formed XML" in line
+
+
+def test_plugin_that_does_not_exist_is_named_with_its_line(edited_scene, refused):
+    scene = edited_scene(('type="orthographic"', 'type="pinhole"'))
+    line = refused("transport", scene, *TINY, *OUT)
+    assert scene in line and "pinhole" in line and "line" in line
+
+
+def test_unknown_scene_is_answered_by_the_shipped_ones(refused):
+    line = refused("transport", "sofa", *TINY, *OUT)
+    assert "'sofa' does not exist" in line and "chair, plant, plate" in line
+    assert "is a folder" in refused("transport", ".", *TINY, *OUT)
+
+
+def test_undeclared_parameter_is_answered_by_the_declared_ones(refused):
+    line = refused("transport", "chair", "-D", "resolutio=24", *HIDDEN, *OUT)
+    assert "declares no parameter 'resolutio'" in line
+    for name in ("occluder_dx (default 0)", "monitor_dz (default 0)", "resolution (default 126)"):
+        assert name in line
+
+
+@pytest.mark.parametrize(
+    ("definition", "message"),
+    [
+        ("resolution", "-D 'resolution' is not of the form name=value"),
+        ("=24", "-D '=24' is not of the form name=value"),
+        ("resolution=", "-D 'resolution=' is not of the form name=value"),
+        ("resolution=fine", 'could not parse integer value "fine"'),
+        ("resolution=-24", "-24"),
+        ("resolution=0", "0x0 pixels"),
+        ("occluder_dx=left", 'could not parse floating point value "left"'),
+    ],
+)
+def test_malformed_parameter_is_refused(definition, message, refused):
+    assert message in refused("transport", "chair", "-D", definition, *HIDDEN, *OUT)
+
+
+def test_parameter_given_twice_is_refused(refused):
+    line = refused("transport", "chair", "-D", "resolution=9", *TINY, *OUT)
+    assert "-D resolution is given twice" in line
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ("0x5", "0x5 patches has none; give at least 1x1"),
+        ("4x0", "4x0 patches has none; give at least 1x1"),
+        ("20x29", "20x29 hidden patches are more than the 24x24 pixels"),
+        ("5", "'5' is not a size; write ROWSxCOLUMNS"),
+        ("4x5x3", "'4x5x3' is not a size"),
+        ("-4x5", "'-4x5' is not a size"),
+        ("4.5x5", "'4.5x5' is not a size"),
+    ],
+)
+@pytest.mark.parametrize("command", ["transport", "analyze"])
+def test_impossible_hidden_size_is_refused(command, size, message, refused):
+    out = "A.npy" if command == "transport" else "folder"
+    line = refused(command, "chair", "-D", "resolution=24", "--hidden", size, "--out", out)
+    assert message in line
+
+
+@pytest.mark.parametrize(
+    ("variant", "message"),
+    [
+        ("pixar_rgb", "unknown Mitsuba variant 'pixar_rgb'; installed here: scalar_rgb"),
+        ("scalar_spectral", "'scalar_spectral' is not an RGB variant"),
+    ],
+)
+def test_wrong_variant_is_refused(variant, message, monkeypatch, refused):
+    monkeypatch.setenv("PERISCOPY_VARIANT", variant)
+    assert message in refused("transport", "chair", *TINY, *OUT)
+
+
+def test_variant_that_does_not_work_here_is_refused_with_the_reason(monkeypatch, refused):
+    broken = [report for report in examine_variants() if not report.works]
+    if not broken:
+        pytest.skip("every variant works here")
+    monkeypatch.setenv("PERISCOPY_VARIANT", broken[0].name)
+    line = refused("transport", "chair", *TINY, *OUT)
+    assert broken[0].name in line and broken[0].reason in line
+
+
+def test_scalar_variant_serves_too(tmp_path, monkeypatch, succeeds):
+    monkeypatch.setenv("PERISCOPY_VARIANT", "scalar_rgb")
+    command = ("transport", "chair", "-D", "resolution=16", "--hidden", "2x3", "--samples", "64")
+    ended = subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", *command, "--out", "scalar.npy"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    monkeypatch.delenv("PERISCOPY_VARIANT")
+    succeeds(*command, "--out", "A.npy")
+    scalar, A = np.load(tmp_path / "scalar.npy"), np.load(tmp_path / "A.npy")
+    assert scalar.dtype == A.dtype == np.float32 and scalar.shape == (256, 6)
+    # Pixel centres against pixel areas: the sums differ little, the penumbrae more.
+    assert np.allclose(scalar.sum(axis=0), A.sum(axis=0), rtol=0.03)
+
+
+# -- matrices ------------------------------------------------------------------------------------
+
+MATRIX = np.random.default_rng(5).random((576, 20))
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (MATRIX[:, :19], "shape (576, 19); the scene's camera and hidden size need (576, 20)"),
+        (MATRIX.T, "shape (20, 576)"),
+        (MATRIX.ravel(), "shape (11520,)"),
+        (np.where(np.arange(20) == 7, np.nan, MATRIX), "NaN or infinities"),
+        (np.where(np.arange(20) == 7, np.inf, MATRIX), "NaN or infinities"),
+        (MATRIX.astype(complex), "complex numbers"),
+        (MATRIX > 0.5, "truth values"),
+        (np.ones((576, 20)), "full column rank"),
+        (np.zeros((576, 20)), "full column rank"),
+    ],
+)
+@pytest.mark.usefixtures("few_lights")
+def test_matrix_that_cannot_be_of_the_scene_is_refused(matrix, message, refused, tmp_path):
+    np.save(tmp_path / "A.npy", matrix)
+    np.save(tmp_path / "y.npy", np.ones((24, 24)))
+    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    line = refused(*arguments, "--out", "r")
+    assert line.startswith("A.npy: ") and message in line
+
+
+def test_matrix_file_that_cannot_be_read_is_refused(refused, tmp_path):
+    np.save(tmp_path / "y.npy", np.ones((24, 24)))
+    np.save(tmp_path / "A.npy", MATRIX)
+    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "r", "--transport")
+    assert refused(*arguments, "B.npy") == "B.npy: no such file; check the path"
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "A.npy").read_bytes()[:-1])
+    assert "cut.npy: cannot be read as NPY" in refused(*arguments, "cut.npy")
+    np.savez(tmp_path / "A.npz", A=MATRIX)
+    assert "is no NPY file; make one by `periscopy transport`" in refused(*arguments, "A.npz")

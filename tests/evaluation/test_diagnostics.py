@@ -1,0 +1,234 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.evaluation.diagnostics import (
+    condition_number,
+    diagnose,
+    neighbour_differences,
+    rank_row,
+    residual_background,
+    spectral_norm,
+)
+from periscopy_sim.reconstruction.preconditioner import form_preconditioner
+
+FILM = (12, 10)
+HIDDEN = (3, 4)
+M, N = 120, 12
+
+
+def transport(seed=0):
+    return np.random.default_rng(seed).random((M, N)) ** 4
+
+
+def backgrounds(count=25):
+    """Point lights about 1 to 3 m from a wall of 0.4 m."""
+    row, column = np.divmod(np.arange(M), FILM[1])
+    points = np.stack([0.04 * column, 0.035 * row, np.zeros(M)], axis=1)
+    lights = np.random.default_rng(1).uniform([-2, -2, 1], [2, 2, 3], (count, 3))
+    away = lights - points[:, None]
+    return away[..., 2] / np.sum(away**2, axis=2) ** 1.5
+
+
+def projected_pseudoinverse(A, B, tolerance):
+    """P and the rank kept of B, from NumPy's decompositions."""
+    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
+    Q = U[:, σ > tolerance * σ[0]]
+    return np.linalg.pinv(A - Q @ (Q.T @ A)), Q.shape[1]
+
+
+def residuals(P, B):
+    return np.linalg.norm(P @ B, axis=0) / (np.linalg.norm(P, 2) * np.linalg.norm(B, axis=0))
+
+
+@pytest.mark.parametrize("shape", [(40, 7), (7, 7), (7, 40), (5, 1)])
+def test_condition_number_is_the_ratio_of_singular_values(shape):
+    A = np.random.default_rng(2).normal(size=shape) * np.logspace(0, 3, shape[1])
+    assert condition_number(A) == pytest.approx(np.linalg.cond(A), rel=1e-9)
+    single = A.astype(np.float32)
+    expected = np.linalg.cond(single.astype(np.float64))
+    assert condition_number(single) == pytest.approx(expected, rel=1e-9)
+
+
+def test_condition_number_of_known_singular_values():
+    rng = np.random.default_rng(3)
+    U, V = (np.linalg.qr(rng.normal(size=(n, 4)))[0] for n in (30, 4))
+    assert condition_number(U * [8.0, 4.0, 2.0, 0.002] @ V.T) == pytest.approx(4000, rel=1e-9)
+
+
+def test_condition_number_of_a_dark_patch_is_infinite():
+    A = transport()
+    A[:, -1] = 0
+    assert condition_number(A) == np.inf
+
+
+def difference_matrix(rows, columns):
+    """D on a photograph vectorized by columns, and the permutation from row-major order."""
+    pixels = rows * columns
+    D = np.eye(pixels, k=1) - np.eye(pixels)
+    D[-1, -1] = 1
+    permutation = np.zeros((pixels, pixels))
+    for i in range(rows):
+        for j in range(columns):
+            permutation[j * rows + i, i * columns + j] = 1
+    return D @ permutation
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (4, 3), (1, 5), (5, 1), (1, 1)])
+def test_neighbour_differences_equal_the_matrix_d(shape):
+    D = difference_matrix(*shape)
+    A = np.random.default_rng(4).normal(size=(shape[0] * shape[1], 6))
+    kept = A.copy()
+    np.testing.assert_allclose(neighbour_differences(A, shape), D @ A, atol=1e-14)
+    np.testing.assert_allclose(neighbour_differences(A[:, 0], shape), D @ A[:, 0], atol=1e-14)
+    np.testing.assert_array_equal(A, kept)
+
+
+def test_neighbour_differences_run_down_the_columns_and_across_their_ends():
+    photograph = np.array([[1.0, 10.0], [3.0, 40.0], [6.0, 90.0]])
+    differences = neighbour_differences(photograph.ravel(), (3, 2))
+    np.testing.assert_array_equal(differences, [2, 3, 4, 30, 50, 90])
+
+
+@pytest.mark.parametrize("degrees", [(10.0, 70.0), (0.5, 89.9), (30.0, 30.0)])
+def test_angles_are_the_principal_ones_of_a_and_b(degrees):
+    rng = np.random.default_rng(5)
+    e = np.linalg.qr(rng.normal(size=(20, 5)))[0].T
+    first, second = np.deg2rad(degrees)
+    A = e[:2].T @ rng.normal(size=(2, 2))
+    B = np.stack(
+        [
+            np.cos(first) * e[0] + np.sin(first) * e[2],
+            np.cos(second) * e[1] + np.sin(second) * e[3],
+        ],
+        axis=1,
+    )
+    result = diagnose(A, B @ rng.normal(size=(2, 4)), (4, 5), (1, 2))
+    assert result.background_rank == 2
+    assert result.smallest_angle == pytest.approx(min(degrees), abs=1e-6)
+    assert result.largest_angle == pytest.approx(max(degrees), abs=1e-6)
+
+
+def test_background_across_a_costs_nothing():
+    e = np.linalg.qr(np.random.default_rng(6).normal(size=(20, 4)))[0]
+    result = diagnose(e[:, :2], e[:, 2:], (4, 5), (1, 2))
+    assert result.smallest_angle == pytest.approx(90) == result.largest_angle
+    assert result.bound_ratio == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [5.0, 45.0])
+def test_background_at_an_angle_costs_one_over_its_squared_sine(degrees):
+    angle = np.deg2rad(degrees)
+    e = np.eye(6)
+    A, B = 2 * e[:, :1], (np.cos(angle) * e[:, 0] + np.sin(angle) * e[:, 1])[:, None]
+    result = diagnose(A, B, (3, 2), (1, 1))
+    assert result.bound_ratio == pytest.approx(np.sin(angle) ** 2, rel=1e-9)
+    assert result.bounds.item() == pytest.approx(0.5 / np.sin(angle), rel=1e-9)
+    assert result.bounds_without_background.item() == pytest.approx(0.5, rel=1e-12)
+
+
+def test_bounds_are_the_deviations_of_the_pseudoinverse():
+    A, B = transport(), backgrounds()
+    result = diagnose(A, B, FILM, HIDDEN, tolerance=1e-6)
+    P, rank = projected_pseudoinverse(A, B, 1e-6)
+    alone = np.linalg.pinv(A)
+    assert result.background_rank == rank
+    np.testing.assert_allclose(result.bounds, np.linalg.norm(P, axis=1).reshape(HIDDEN), rtol=1e-9)
+    np.testing.assert_allclose(
+        result.bounds_without_background, np.linalg.norm(alone, axis=1).reshape(HIDDEN), rtol=1e-9
+    )
+    assert result.bound_ratio == pytest.approx(np.sum(alone**2) / np.sum(P**2), rel=1e-9)
+
+
+def test_condition_numbers_are_those_of_a_and_of_its_differences():
+    A = transport()
+    result = diagnose(A, backgrounds(), FILM, HIDDEN)
+    D = difference_matrix(*FILM)
+    assert result.condition_A == pytest.approx(np.linalg.cond(A), rel=1e-9)
+    assert result.condition_DA == pytest.approx(np.linalg.cond(D @ A), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_background_never_lowers_a_bound(seed):
+    result = diagnose(transport(seed), backgrounds(), FILM, HIDDEN)
+    assert 0 < result.bound_ratio <= 1
+    assert np.all(result.bounds >= result.bounds_without_background)
+    assert result.identity_error < 1e-10
+    assert result.residual_background < 1e-7
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4])
+def test_residual_background_is_that_of_the_explicit_matrix(tolerance):
+    A, B = transport(), backgrounds()
+    expected = residuals(projected_pseudoinverse(A, B, tolerance)[0], B)
+    assert expected.max() > 1e-7
+    P = form_preconditioner(A, B, tolerance=tolerance)
+    np.testing.assert_allclose(residual_background(P, B), expected, rtol=1e-6)
+    result = diagnose(A, B, FILM, HIDDEN, tolerance=tolerance)
+    assert result.residual_background == pytest.approx(100 * expected.mean(), rel=1e-6)
+
+
+def test_identity_error_is_what_p_leaves_of_a():
+    # All patches nearly alike and nearly background: rounding leaves about 1e-9.
+    rng = np.random.default_rng(7)
+    B = rng.random((M, 3))
+    A = np.outer(B[:, 0], np.ones(N)) + 1e-5 * rng.random((M, N))
+    P = form_preconditioner(A, B).matrix()
+    expected = max(abs(P[i] @ A[:, j] - (i == j)) for i in range(N) for j in range(N))
+    error = diagnose(A, B, FILM, HIDDEN).identity_error
+    assert error == pytest.approx(expected, abs=1e-10)
+
+
+def test_spectral_norm_is_that_of_the_matrix():
+    A, B = transport(), backgrounds()
+    for P in (form_preconditioner(A), form_preconditioner(A, B)):
+        assert spectral_norm(P) == pytest.approx(np.linalg.norm(P.matrix(), 2), rel=1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4])
+def test_rank_row_tells_rank_residual_and_noise(tolerance):
+    A, B = transport(), backgrounds()
+    P, rank = projected_pseudoinverse(A, B, tolerance)
+    row = rank_row(A, B, tolerance)
+    assert list(row) == ["tolerance", "rank", "residual_background", "noise_gain"]
+    assert row["tolerance"] == tolerance
+    assert row["rank"] == rank
+    assert row["residual_background"] == pytest.approx(residuals(P, B).max(), rel=1e-6)
+    assert row["noise_gain"] == pytest.approx(np.trace(P @ P.T), rel=1e-9)
+
+
+def test_keeping_more_of_the_background_leaves_less_of_it_and_costs_noise():
+    rows = [rank_row(transport(), backgrounds(), 10.0**-n) for n in range(1, 10)]
+    ranks = [row["rank"] for row in rows]
+    assert ranks == sorted(ranks) and ranks[0] < ranks[-1]
+    noise = [row["noise_gain"] for row in rows]
+    assert np.all(np.diff(noise) >= -1e-9 * noise[0]) and noise[-1] > noise[0]
+    assert rows[-1]["residual_background"] < 1e-6 * rows[0]["residual_background"]
+
+
+@pytest.mark.parametrize("B", [np.zeros((M, 0)), np.zeros((M, 2))])
+def test_no_background_leaves_nothing_and_costs_nothing(B):
+    result = diagnose(transport(), B, FILM, HIDDEN)
+    assert result.background_rank == 0
+    assert result.residual_background == 0
+    assert result.smallest_angle == result.largest_angle == 90
+    assert result.bound_ratio == 1
+    row = rank_row(transport(), B, 1e-6)
+    assert row["rank"] == row["residual_background"] == 0
+
+
+def test_dark_prototype_among_others_leaves_nothing():
+    A, B = transport(), backgrounds()
+    with_dark = np.insert(B, 3, 0.0, axis=1)
+    residual = residual_background(form_preconditioner(A, with_dark, tolerance=1e-2), with_dark)
+    assert residual[3] == 0
+    expected = residual_background(form_preconditioner(A, B, tolerance=1e-2), B)
+    np.testing.assert_allclose(np.delete(residual, 3), expected, rtol=1e-9)
+
+
+def test_a_that_the_background_hides_is_refused():
+    A, B = transport(), backgrounds()
+    A[:, 2] = B[:, 3]
+    with pytest.raises(ValueError, match="not full column rank"):
+        diagnose(A, B, FILM, HIDDEN)
+    with pytest.raises(ValueError, match="not full column rank"):
+        rank_row(A, B, 1e-10)

@@ -1,0 +1,214 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import optimize
+
+from periscopy_sim.evaluation.metrics import (
+    gain_matched,
+    mean_squared_error,
+    psnr,
+    registered,
+    shifted,
+)
+
+SHAPE = (6, 8, 3)
+
+
+def images(seed=0, shape=SHAPE):
+    """A truth in [0, 1] and a noisy estimate of it, some of it negative, in a unit of its own."""
+    rng = np.random.default_rng(seed)
+    truth = rng.random(shape)
+    return 40 * (truth - 0.2 + 0.2 * rng.normal(size=shape)), truth
+
+
+def loop_shift(image, down, right):
+    """Shift by linear interpolation with zeros outside, one patch after the other."""
+    rows, columns, _ = image.shape
+    moved = np.zeros_like(image)
+    for i, j in itertools.product(range(rows), range(columns)):
+        y, x = i - down, j - right
+        for k, m in itertools.product(range(rows), range(columns)):
+            moved[i, j] += max(0, 1 - abs(y - k)) * max(0, 1 - abs(x - m)) * image[k, m]
+    return moved
+
+
+def loop_psnr(estimate, truth):
+    """Gain per channel by search, then the peak signal-to-noise ratio for a peak of 1."""
+    squares = 0.0
+    for c in range(truth.shape[2]):
+        positive = [max(v, 0.0) for v in estimate[..., c].flat]
+        target = list(truth[..., c].flat)
+
+        def misfit(gain, positive=positive, target=target):
+            return sum((gain * p - t) ** 2 for p, t in zip(positive, target, strict=True))
+
+        gain = optimize.minimize_scalar(misfit, tol=1e-12).x if any(positive) else 0.0
+        squares += sum(
+            (min(max(gain * p, 0), 1) - t) ** 2 for p, t in zip(positive, target, strict=True)
+        )
+    return 10 * math.log10(truth.size / squares)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gain_of_each_channel_fits_the_truth_best(seed):
+    estimate, truth = images(seed)
+    matched = gain_matched(estimate, truth)
+    positive = np.where(estimate > 0, estimate, 0)
+    for c in range(3):
+        (gain,), *_ = np.linalg.lstsq(positive[..., c].reshape(-1, 1), truth[..., c].ravel())
+        expected = np.minimum(gain * positive[..., c], 1)
+        np.testing.assert_allclose(matched[..., c], expected, rtol=1e-12)
+    assert matched.max() == 1 and matched.min() == 0
+
+
+def test_gain_is_fitted_before_values_above_one_are_clipped():
+    truth = np.array([1.0, 0.5]).reshape(1, 2, 1)
+    estimate = np.array([10.0, 1.0]).reshape(1, 2, 1)
+    gain = 10.5 / 101
+    np.testing.assert_allclose(gain_matched(estimate, truth).ravel(), [1.0, gain], rtol=1e-14)
+
+
+@settings(deadline=None, max_examples=50)
+@given(exponents=st.tuples(*[st.floats(-9, 9)] * 3))
+def test_gains_of_the_estimates_channels_do_not_matter(exponents):
+    estimate, truth = images()
+    scaled = estimate * 10.0 ** np.array(exponents)
+    np.testing.assert_allclose(
+        gain_matched(scaled, truth), gain_matched(estimate, truth), rtol=1e-10
+    )
+
+
+def test_negatives_do_not_influence_the_gain():
+    estimate, truth = images()
+    deeper = np.where(estimate < 0, 100 * estimate, estimate)
+    np.testing.assert_array_equal(gain_matched(deeper, truth), gain_matched(estimate, truth))
+
+
+@pytest.mark.parametrize("level", [0.0, -1.0])
+def test_channel_without_light_stays_black(level):
+    estimate, truth = images()
+    whole = gain_matched(estimate, truth)
+    estimate[..., 1] = level
+    matched = gain_matched(estimate, truth)
+    np.testing.assert_array_equal(matched[..., 1], 0)
+    np.testing.assert_array_equal(matched[..., [0, 2]], whole[..., [0, 2]])
+
+
+def test_matching_takes_integers_and_leaves_its_inputs():
+    estimate = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    truth = estimate.astype(np.float32) / 23
+    kept = estimate.copy(), truth.copy()
+    np.testing.assert_allclose(gain_matched(estimate, truth), truth, atol=1e-6)
+    np.testing.assert_array_equal(estimate, kept[0])
+    np.testing.assert_array_equal(truth, kept[1])
+
+
+@pytest.mark.parametrize("metric", [gain_matched, mean_squared_error, psnr])
+def test_images_of_different_shapes_are_refused(metric):
+    estimate, truth = images()
+    with pytest.raises(ValueError, match=r"estimate \(6, 8, 3\) and truth \(6, 8, 2\)"):
+        metric(estimate, truth[..., :2])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_errors_equal_those_of_a_search_for_the_gain(seed):
+    estimate, truth = images(seed)
+    expected = loop_psnr(estimate, truth)
+    assert psnr(estimate, truth) == pytest.approx(expected, abs=1e-6)
+    assert mean_squared_error(estimate, truth) == pytest.approx(10 ** (-expected / 10), rel=1e-6)
+
+
+def test_known_error_gives_its_decibels():
+    truth = np.full((2, 2, 1), 0.5)
+    estimate = np.array([0.6, 0.4, 0.6, 0.4]).reshape(2, 2, 1)
+    # The best gain is 0.5 · 2 / (0.6² + 0.4²) / 2 = 0.5 / 0.52, and what is left is orthogonal.
+    error = 0.25 - 0.25 / (4 * 0.26)
+    assert mean_squared_error(estimate, truth) == pytest.approx(error, rel=1e-12)
+    assert psnr(estimate, truth) == pytest.approx(10 * math.log10(1 / error), rel=1e-12)
+
+
+def test_black_estimate_has_the_error_of_black():
+    truth = np.full(SHAPE, 0.1)
+    assert psnr(np.zeros(SHAPE), truth) == pytest.approx(20)
+
+
+def test_perfect_estimate_has_a_finite_psnr():
+    truth = images()[1]
+    assert mean_squared_error(7 * truth, truth) < 1e-30
+    assert 290 < psnr(7 * truth, truth) <= 300 + 1e-9
+
+
+@pytest.mark.parametrize("down", [-2.0, -0.5, 0.0, 0.25, 1.0, 9.0])
+@pytest.mark.parametrize("right", [-1.75, 0.0, 0.5, 3.0])
+def test_shift_interpolates_linearly_with_zeros_outside(down, right):
+    image = images()[0]
+    moved = shifted(image, down, right)
+    np.testing.assert_allclose(moved, loop_shift(image, down, right), atol=1e-12)
+
+
+def framed(seed=0):
+    """A random image within a dark frame that no shift by 2 patches leaves."""
+    truth = np.zeros((9, 11, 3))
+    truth[2:-2, 2:-2] = np.random.default_rng(seed).random((5, 7, 3))
+    return truth
+
+
+def moved_by_patches(image, down, right):
+    return np.roll(image, (down, right), axis=(0, 1))
+
+
+@pytest.mark.parametrize("down", [-2, 0, 1])
+@pytest.mark.parametrize("right", [-1, 0, 2])
+def test_registration_undoes_a_shift_by_whole_patches(down, right):
+    truth = framed()
+    result = registered(5 * moved_by_patches(truth, down, right), truth)
+    assert result.shift == (-down, -right)
+    assert result.psnr > 250
+    np.testing.assert_allclose(result.image, truth, atol=1e-13)
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.0), (-1.5, 1.0), (2.0, -0.5), (0.5, 1.5)])
+def test_registration_finds_a_shift_by_half_patches(shift):
+    estimate = framed()
+    truth = loop_shift(estimate, *shift)
+    result = registered(estimate, truth)
+    assert result.shift == shift
+    assert result.psnr > 250
+
+
+def test_registration_is_the_best_of_the_whole_grid():
+    estimate, truth = images()
+    steps = [n / 2 for n in range(-4, 5)]
+    scores = {
+        (down, right): loop_psnr(loop_shift(estimate, down, right), truth)
+        for down in steps
+        for right in steps
+    }
+    best = max(scores, key=scores.get)
+    result = registered(estimate, truth)
+    assert result.shift == best
+    assert result.psnr == pytest.approx(scores[best], abs=1e-6)
+    error = np.mean((result.image - truth) ** 2)
+    assert result.psnr == pytest.approx(-10 * math.log10(error), abs=1e-9)
+
+
+def test_registration_stays_within_its_reach():
+    truth = framed()
+    assert registered(moved_by_patches(truth, 2, 0), truth, reach=1.0).shift[0] >= -1
+    # Steps of 0.4 end at 1.2, not at 1.6.
+    result = registered(loop_shift(truth, 1.6, 0), truth, reach=1.5, step=0.4)
+    assert result.shift == pytest.approx((-1.2, 0))
+    # Though 0.3 / 0.1 is less than 3 in floating point, the last step counts.
+    estimate = framed(1)
+    result = registered(estimate, loop_shift(estimate, 0.3, 0), reach=0.3, step=0.1)
+    assert result.shift == pytest.approx((0.3, 0))
+
+
+def test_registration_of_a_black_image_stays_in_place():
+    result = registered(np.zeros(SHAPE), images()[1])
+    assert result.shift == (0, 0)
+    np.testing.assert_array_equal(result.image, 0)

@@ -1,0 +1,176 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.analytic.point_light import point_light_response
+from periscopy_sim.rendering import photograph
+from periscopy_sim.rendering.photograph import path_trace, render_photograph
+from periscopy_sim.rendering.scene_nodes import SceneNodes
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>'
+
+
+def point_light(x, y, z, intensity="1"):
+    return (
+        f'<emitter type="point"><point name="position" value="{x}, {y}, {z}"/>'
+        f'<rgb name="intensity" value="{intensity}"/></emitter>'
+    )
+
+
+def field_of_view(rows, columns):
+    """Centres of the room's pixels."""
+    side = 0.4 / columns
+    x = 0.7 + side * (np.arange(columns) - (columns - 1) / 2)
+    z = 0.3 - side * (np.arange(rows) - (rows - 1) / 2)
+    return np.array([[a, 1, c] for c in z for a in x])
+
+
+def trace(path, depth, samples):
+    nodes = SceneNodes(path, required={"wall": "Shape", "camera": "Sensor"})
+    nodes.average_pixels()
+    return path_trace(nodes.instantiate(), depth, samples=samples, seed=0)
+
+
+@pytest.mark.parametrize("light", [(0.1, -0.4, 1.2), (0.75, 0.0, 0.25), (-2.0, -4.0, 3.0)])
+def test_point_emitter_lights_the_wall_by_equation_4(room, light):
+    path = room.write(point_light(*light, intensity="2"), monitor="", camera=room.camera((48, 48)))
+    picture = trace(path, 2, 400)
+    response = point_light_response(
+        np.array([light]), field_of_view(48, 48), np.array([0, -1.0, 0])
+    )
+    # Albedo 0.5, intensity 2.
+    expected = (0.5 / np.pi * 2 * response).reshape(48, 48, 1)
+    np.testing.assert_allclose(picture, np.tile(expected, 3), rtol=2e-4)
+
+
+def test_same_seed_gives_the_same_bytes_and_another_seed_others(room):
+    seen, image = room.load(), np.ones((2, 3, 3))
+    first, again, other = (
+        render_photograph(seen, image, samples=16, seed=seed) for seed in (7, 7, 8)
+    )
+    assert first.shape == (5, 6, 3)
+    assert first.dtype == np.float64
+    assert first.tobytes() == again.tobytes()
+    assert np.all(first != other)
+
+
+def test_brightness_is_that_of_the_image(room):
+    seen = room.load()
+    image = np.random.default_rng(0).random((2, 3, 3))
+    first = render_photograph(seen, image, samples=64)
+    np.testing.assert_allclose(
+        render_photograph(seen, 1000 * image, samples=64), 1000 * first, rtol=1e-5
+    )
+    assert not render_photograph(seen, 0 * image, samples=4).any()
+
+
+@pytest.mark.parametrize(("bounces", "terms"), [(1, 1), (2, 2), (4, 4), (None, np.inf)])
+def test_light_in_an_integrating_sphere_grows_by_the_geometric_series(room, bounces, terms):
+    """A small patch on a sphere lights all of it alike, and so does the sphere itself."""
+    sphere = (
+        f'<shape type="sphere" id="wall">{GREY}<boolean name="flip_normals" value="true"/></shape>'
+    )
+    side = 0.06
+    depth = np.sqrt(1 - side**2 / 2)  # its corners touch the sphere
+    patch = (
+        '<shape type="rectangle" id="monitor"><transform name="to_world">'
+        f'<scale value="{side / 2}"/><translate z="{-depth}"/></transform>'
+        f"{room.area}{room.black}</shape>"
+    )
+    camera = (
+        '<sensor type="orthographic" id="camera"><transform name="to_world">'
+        '<scale x="0.3" y="0.3"/><lookat origin="0, 0, 0" target="0, 1, 0.2" up="0, 0, 1"/>'
+        '</transform><film type="hdrfilm"><integer name="width" value="4"/>'
+        '<integer name="height" value="4"/></film></sensor>'
+    )
+    seen = room.load(wall=sphere, monitor=patch, camera=camera, hidden=(1, 1))
+    picture = render_photograph(seen, np.ones((1, 1, 3)), samples=100**2, bounces=bounces)
+    share = side**2 / (4 * np.pi)  # of the sphere, by the black screen
+    kept = 0.6 * (1 - share)
+    direct = 0.6 * share
+    expected = direct * (1 - kept**terms) / (1 - kept)
+    assert picture.mean() == pytest.approx(expected, rel=3e-3)
+    np.testing.assert_allclose(picture, expected, rtol=0.03)
+
+
+def test_other_lights_add_up_unless_the_monitor_is_to_shine_alone(room):
+    """The lamp's own light is known in closed form; without it the bytes are the dark room's."""
+    lamp = point_light(0.9, -0.3, 0.5, "0.5, 1, 2")
+    sky_behind = room.monitor(room.area, y=-0.5).replace('id="monitor"', 'id="twin"')
+    image = np.random.default_rng(0).random((2, 3, 3))
+    dark = room.load(sky_behind.replace(room.area, ""))
+    lit = room.load(sky_behind, lamp)
+    options = {"samples": 4096, "bounces": 1}
+    alone = render_photograph(dark, image, **options)
+    same = render_photograph(lit, image, only_monitor=True, **options)
+    np.testing.assert_array_equal(same, alone)
+    # The twin stands behind the monitor, which hides it from the wall only in part.
+    lamp_only = room.load(lamp)
+    added = render_photograph(lamp_only, image, **options) - alone
+    response = point_light_response(
+        np.array([[0.9, -0.3, 0.5]]), field_of_view(5, 6), np.array([0, -1.0, 0])
+    ).reshape(5, 6, 1)
+    np.testing.assert_allclose(added, 0.5 / np.pi * response * [0.5, 1, 2], rtol=0.03)
+    assert (render_photograph(lit, image, **options) > alone + added).mean() > 0.9
+
+
+def test_image_may_have_another_resolution_than_the_patches(room, same_mean):
+    seen = room.load(hidden=(2, 3))
+    image = np.random.default_rng(0).random((2, 3, 3))
+    doubled = np.kron(image, np.ones((2, 4, 1)))
+    pictures = [
+        [
+            render_photograph(seen, shown, samples=64, bounces=1, seed=first + seed)
+            for seed in range(12)
+        ]
+        for shown, first in ((image, 0), (doubled, 50))
+    ]
+    same_mean(*pictures)
+
+
+@pytest.mark.parametrize(
+    ("image", "reason"),
+    [
+        (np.ones((2, 3)), r"\(rows, columns, 3\), not \(2, 3\)"),
+        (np.ones((2, 3, 4)), r"not \(2, 3, 4\)"),
+        (np.ones((1, 2, 3, 3)), r"not \(1, 2, 3, 3\)"),
+        (np.full((2, 3, 3), np.nan), "must be finite"),
+        (np.full((2, 3, 3), np.inf), "must be finite"),
+        (np.full((2, 3, 3), -1e-9), "not negative"),
+    ],
+)
+def test_image_that_cannot_be_shown_is_refused(room, image, reason):
+    with pytest.raises(ValueError, match=reason):
+        render_photograph(room.load(), image, samples=1)
+
+
+@pytest.mark.parametrize("wrong", [{"samples": 0}, {"bounces": 0}, {"bounces": -1}])
+def test_impossible_samples_and_bounces_are_refused(room, wrong):
+    with pytest.raises(ValueError, match="at least 1"):
+        render_photograph(room.load(), np.ones((1, 1, 3)), **{"samples": 1} | wrong)
+
+
+def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, monkeypatch):
+    seen, image = room.load(), np.ones((2, 3, 3))
+    whole = [render_photograph(seen, image, samples=64, seed=seed) for seed in range(12)]
+    monkeypatch.setattr(photograph, "WAVEFRONT", 30 * 20)
+    fractions = []
+    parts = [
+        render_photograph(seen, image, samples=64, seed=50 + seed, progress=fractions.append)
+        for seed in range(12)
+    ]
+    # At most 20 samples at once: 4 passes of 16.
+    assert fractions == [0.25, 0.5, 0.75, 1.0] * 12
+    same_mean(whole, parts)
+    # Passes have seeds of their own: their noise averages out.
+    one = [render_photograph(seen, image, samples=16, seed=100 + seed) for seed in range(24)]
+    ratio = np.var(one, axis=0).mean() / np.var(parts, axis=0).mean()
+    assert 2.5 < ratio < 6.5
+
+
+def test_samples_are_rounded_up_to_a_square(room):
+    seen, image = room.load(), np.ones((1, 1, 3))
+    np.testing.assert_array_equal(
+        render_photograph(seen, image, samples=10), render_photograph(seen, image, samples=16)
+    )

@@ -1,0 +1,187 @@
+import sys
+import warnings
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from periscopy_sim.errors import VariantError
+from periscopy_sim.rendering.variant import (
+    OVERRIDE,
+    PREFERENCE,
+    examine_variants,
+    is_vectorized,
+    use_variant,
+)
+
+INSTALLED = ["scalar_rgb", "scalar_spectral", "llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb"]
+
+
+class Backends:
+    """Stands in for Mitsuba and Dr.Jit with any backends."""
+
+    def __init__(self, cuda=False, llvm=None, current=None):
+        self.current = current
+        self.events = []
+        self.mitsuba = ModuleType("mitsuba")
+        self.mitsuba.variant = lambda: self.current
+        self.mitsuba.variants = lambda: list(INSTALLED)
+        self.mitsuba.set_variant = self.set_variant
+        self.drjit = ModuleType("drjit")
+        self.drjit.JitBackend = SimpleNamespace(CUDA="cuda", LLVM="llvm")
+        works = {"cuda": int(cuda), "llvm": int(llvm is not None)}
+        self.drjit.has_backend = works.__getitem__
+        self.drjit.detail = SimpleNamespace(llvm_version=lambda: (llvm, 1, 0))
+
+    def set_variant(self, name):
+        self.events.append(name)
+        self.current = name
+
+
+@pytest.fixture
+def backends(monkeypatch):
+    monkeypatch.delenv(OVERRIDE, raising=False)
+
+    def install(**facts):
+        fake = Backends(**facts)
+        monkeypatch.setitem(sys.modules, "mitsuba", fake.mitsuba)
+        monkeypatch.setitem(sys.modules, "drjit", fake.drjit)
+        register = "periscopy_sim.rendering.emission.register_lcd"
+        monkeypatch.setattr(register, lambda: fake.events.append("plugins"))
+        return fake
+
+    return install
+
+
+def refusal(name=None):
+    with pytest.raises(VariantError) as caught:
+        use_variant(name)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("facts", "best"),
+    [
+        ({"cuda": True, "llvm": 19}, "cuda_ad_rgb"),
+        ({"cuda": True}, "cuda_ad_rgb"),
+        ({"llvm": 17}, "llvm_ad_rgb"),
+    ],
+)
+def test_fastest_variant_that_works_is_chosen(backends, facts, best):
+    fake = backends(**facts)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert use_variant() == best
+    assert fake.current == best
+
+
+@pytest.mark.parametrize("llvm", [None, 14, 15, 16])
+def test_scalar_is_the_last_resort_and_says_what_would_be_faster(backends, llvm):
+    fake = backends(llvm=llvm)
+    with pytest.warns(RuntimeWarning, match="install LLVM 17 or newer"):
+        assert use_variant() == "scalar_rgb"
+    assert fake.current == "scalar_rgb"
+
+
+def test_scalar_by_choice_does_not_warn(backends, monkeypatch):
+    backends()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        use_variant("scalar_rgb")
+        monkeypatch.setenv(OVERRIDE, "scalar_rgb")
+        use_variant()
+
+
+def test_argument_then_environment_then_the_users_own_then_the_fastest(backends, monkeypatch):
+    backends(cuda=True, llvm=19, current="scalar_rgb")
+    assert use_variant() == "scalar_rgb"
+    monkeypatch.setenv(OVERRIDE, "llvm_ad_rgb")
+    assert use_variant() == "llvm_ad_rgb"
+    assert use_variant("cuda_ad_rgb") == "cuda_ad_rgb"
+    monkeypatch.setenv(OVERRIDE, "")
+    assert use_variant() == "cuda_ad_rgb"
+
+
+def test_plugins_are_registered_after_the_variant_is_set(backends):
+    fake = backends(llvm=19)
+    use_variant()
+    assert fake.events == ["llvm_ad_rgb", "plugins"]
+    use_variant("scalar_rgb")
+    assert fake.events[2:] == ["scalar_rgb", "plugins"]
+
+
+def test_a_variant_already_set_is_not_set_again(backends):
+    fake = backends(llvm=19, current="llvm_ad_rgb")
+    use_variant()
+    assert fake.events == ["plugins"]
+
+
+@pytest.mark.parametrize("way", ["argument", "environment"])
+def test_unknown_variant_is_refused_with_those_installed(backends, monkeypatch, way):
+    fake = backends(llvm=19)
+    if way == "environment":
+        monkeypatch.setenv(OVERRIDE, "llvm_rgb")
+    message = refusal("llvm_rgb" if way == "argument" else None)
+    assert "'llvm_rgb'" in message
+    assert ", ".join(INSTALLED) in message
+    assert fake.events == []
+
+
+@pytest.mark.parametrize("name", ["scalar_spectral", "llvm_ad_mono"])
+def test_a_variant_without_rgb_is_refused(backends, name):
+    fake = backends(llvm=19)
+    assert "is not an RGB variant" in refusal(name)
+    fake.current = name
+    assert f"'{name}' is not an RGB variant" in refusal()
+    assert fake.events == []
+
+
+def test_a_variant_that_does_not_work_here_is_refused_with_the_reason(backends):
+    fake = backends()
+    assert "no NVIDIA device" in refusal("cuda_ad_rgb")
+    assert "no libLLVM was found" in refusal("llvm_ad_rgb")
+    assert fake.events == []
+
+
+@pytest.mark.parametrize("version", [15, 16])
+def test_an_llvm_that_would_abort_the_path_tracer_is_called_too_old(backends, version):
+    backends(llvm=version)
+    reports = {report.name: report for report in examine_variants()}
+    assert not reports["llvm_ad_rgb"].works
+    assert f"libLLVM {version} is too old" in reports["llvm_ad_rgb"].reason
+    assert "install LLVM 17 or newer" in refusal("llvm_ad_rgb")
+
+
+def test_report_names_every_preferred_variant_best_first(backends):
+    backends(llvm=19)
+    reports = examine_variants()
+    assert tuple(report.name for report in reports) == PREFERENCE
+    assert [report.works for report in reports] == [False, True, True]
+    assert reports[1].reason == "libLLVM 19 was found"
+
+
+def test_the_real_variant_is_one_that_was_reported_to_work(variant):
+    import mitsuba as mi
+
+    assert mi.variant() == variant
+    assert {report.name: report.works for report in examine_variants()}.get(variant, True)
+    assert is_vectorized() == (not variant.startswith("scalar"))
+
+
+CHANGE_VARIANTS = """
+import mitsuba as mi
+mi.set_variant("scalar_rgb")
+from periscopy_sim.rendering.variant import examine_variants, is_vectorized, use_variant
+for name in [None] + [report.name for report in examine_variants() if report.works]:
+    used = use_variant(name)
+    assert used == mi.variant() == (name or "scalar_rgb"), used
+    assert is_vectorized() != used.startswith("scalar")
+    shape = mi.load_dict({"type": "rectangle", "emitter": {"type": "lcd"}})
+    assert "Lcd" in str(shape.emitter()), shape.emitter()
+    print(used)
+"""
+
+
+def test_screen_plugin_loads_in_every_variant_one_after_the_other(scalar):
+    working = [report.name for report in examine_variants() if report.works]
+    assert scalar(CHANGE_VARIANTS).split() == ["scalar_rgb", *working]

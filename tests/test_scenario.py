@@ -1,0 +1,149 @@
+import warnings
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from periscopy_sim.scenario import EmissionProfile, Scenario, wall_frame
+
+
+def hemisphere(count, seed=0):
+    directions = np.random.default_rng(seed).normal(size=(3, count))
+    directions[2] = np.abs(directions[2])
+    return directions
+
+
+def make_scenario(rows=2, columns=3, **changes):
+    patches = rows * columns
+    values = {
+        "path": Path("room.xml"),
+        "parameters": {},
+        "photograph_shape": (4, 5),
+        "hidden_shape": (rows, columns),
+        "wall_points": np.zeros((20, 3)),
+        "wall_normals": np.zeros((20, 3)),
+        "view_directions": np.zeros((20, 3)),
+        "wall_reflectance": None,
+        "channel_gain": np.ones(3),
+        "patch_centers": np.zeros((patches, 3)),
+        "patch_normals": np.zeros((patches, 3)),
+        "patch_across": np.tile([2.0, 0, 0], (patches, 1)),
+        "patch_up": np.tile([0, 0, 3.0], (patches, 1)),
+        "mirrored": False,
+        "emission": None,
+        "occluders": (),
+    }
+    return Scenario(**(values | changes))
+
+
+def field(rows=3, columns=4):
+    """Points of a wall at y = 2 as seen by a viewer who looks along y with z up."""
+    x, z = np.meshgrid(np.linspace(1.0, 2.2, columns), np.linspace(1.5, 0.7, rows))
+    points = np.stack([x, np.full_like(x, 2.0), z], axis=-1).reshape(-1, 3)
+    return points, np.tile([0.0, -1.0, 0.0], (len(points), 1))
+
+
+@pytest.mark.parametrize("exponents", [(18, 1), (20, 0), (0, 2.5), (0, 0)])
+def test_profile_is_a_power_of_the_cosine_of_each_angle(exponents):
+    across, up, normal = hemisphere(500)
+    vertical, horizontal = np.arctan2(up, normal), np.arctan2(across, normal)
+    expected = np.cos(vertical) ** exponents[0] * np.cos(horizontal) ** exponents[1]
+    np.testing.assert_allclose(EmissionProfile(*exponents)(across, up, normal), expected, 1e-9)
+
+
+def test_profile_is_one_along_the_normal_whatever_its_scale():
+    across, up, normal = np.zeros(3), np.zeros(3), np.array([1e-3, 1.0, 70.0])
+    np.testing.assert_array_equal(EmissionProfile(18, 1)(across, up, normal), 1)
+    directions = hemisphere(50)
+    np.testing.assert_allclose(
+        EmissionProfile(18, 1)(*directions), EmissionProfile(18, 1)(*(7 * directions)), 1e-12
+    )
+
+
+@pytest.mark.parametrize("exponents", [(18, 1), (0, 0)])
+def test_nothing_is_emitted_backwards_or_within_the_screens_plane(exponents):
+    across, up, normal = hemisphere(100)
+    profile = EmissionProfile(*exponents)
+    np.testing.assert_array_equal(profile(across, up, -normal), 0)
+    in_plane = np.array([[1.0, 0, 0], [0, 1, 0], [1, 1, 0]]).T
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(profile(*in_plane), 0)
+
+
+def test_profile_broadcasts_and_tells_across_from_up():
+    across, up = np.zeros((3, 1)), np.linspace(-1, 1, 5)
+    value = EmissionProfile(4, 0)(across, up, np.array(1.0))
+    assert value.shape == (3, 5)
+    np.testing.assert_allclose(value, np.tile((1 + up**2) ** -2.0, (3, 1)))
+    np.testing.assert_allclose(EmissionProfile(0, 4)(across, up, np.array(1.0)), 1)
+
+
+def test_default_profile_is_lambertian():
+    assert EmissionProfile() == EmissionProfile(0, 0)
+
+
+def test_transport_has_a_row_for_each_pixel_and_a_column_for_each_patch():
+    assert make_scenario(7, 11).transport_shape == (20, 77)
+
+
+def test_patch_areas_are_those_of_parallelograms():
+    np.testing.assert_allclose(make_scenario().patch_areas, 6)
+    sheared = make_scenario(patch_up=np.tile([5.0, 0, 3.0], (6, 1)))
+    np.testing.assert_allclose(sheared.patch_areas, 6)
+
+
+def test_a_scenario_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        make_scenario().hidden_shape = (1, 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_frame_follows_the_photograph_however_the_wall_stands(seed):
+    points, normals = field()
+    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    shift = np.array([3.0, -5.0, 0.5])
+    frame = wall_frame(points @ turn.T + shift, normals @ turn.T, (3, 4))
+    np.testing.assert_allclose(frame.center, turn @ [1.6, 2.0, 1.1] + shift, atol=1e-12)
+    np.testing.assert_allclose(frame.across, turn @ [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(frame.normal, turn @ [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(frame.up, turn @ [0, 0, 1], atol=1e-12)
+
+
+def test_rolled_cameras_columns_say_what_is_across():
+    points, normals = field()
+    rolled = points.reshape(3, 4, 3).transpose(1, 0, 2)[:, ::-1].reshape(-1, 3)
+    frame = wall_frame(rolled, normals, (4, 3))
+    np.testing.assert_allclose(frame.across, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(frame.up, [-1, 0, 0], atol=1e-12)
+
+
+def test_frame_of_a_curved_wall_is_orthonormal_with_across_in_its_plane():
+    points, normals = field()
+    points[:, 1] += 0.3 * (points[:, 0] - 1.0)
+    bent = normals + np.random.default_rng(0).normal(scale=0.1, size=normals.shape)
+    bent /= np.linalg.norm(bent, axis=1, keepdims=True)
+    frame = wall_frame(points, bent, (3, 4))
+    axes = np.stack([frame.across, -frame.normal, frame.up])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    mean = bent.mean(axis=0)
+    np.testing.assert_allclose(frame.normal, mean / np.linalg.norm(mean), atol=1e-12)
+    assert frame.across @ [1, 0.3, 0] > 0.95
+
+
+@pytest.mark.parametrize("shape", [None, (12, 1)])
+def test_without_columns_across_is_the_walls_horizontal(shape):
+    points, normals = field()
+    frame = wall_frame(points, normals, shape)
+    np.testing.assert_allclose(frame.across, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(frame.up, [0, 0, 1], atol=1e-12)
+
+
+def test_without_columns_a_floor_takes_the_x_axis():
+    points, _ = field()
+    frame = wall_frame(points[:, [0, 2, 1]], np.tile([0.0, 0, 1], (12, 1)))
+    np.testing.assert_allclose(frame.across, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(frame.normal, [0, 0, 1], atol=1e-12)

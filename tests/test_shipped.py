@@ -1,0 +1,107 @@
+from pathlib import Path
+
+import pytest
+
+from periscopy_sim import shipped
+from periscopy_sim.errors import SceneError
+from periscopy_sim.shipped import find_image, find_scene, scenes_folder
+
+CHAIR = scenes_folder() / "chair.xml"
+
+
+def refusal(find, name):
+    with pytest.raises(SceneError) as caught:
+        find(name)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """A working folder without a `scenes` of its own."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["chair", "chair.xml", "scenes/chair.xml", Path("scenes/chair")])
+def test_shipped_scene_goes_by_name_or_by_its_path_in_a_checkout(name):
+    assert find_scene(name) == CHAIR
+    assert CHAIR.is_file()
+
+
+@pytest.mark.parametrize("name", ["ambient/ceiling_panels", "scenes/ambient/ceiling_panels.xml"])
+def test_shipped_scene_in_a_subfolder_goes_by_its_path(name):
+    assert find_scene(name) == scenes_folder() / "ambient" / "ceiling_panels.xml"
+
+
+@pytest.mark.parametrize("name", ["mushroom", "images/mushroom.png", "scenes/images/mushroom.png"])
+def test_shipped_image_goes_by_name_or_by_its_path_in_a_checkout(name):
+    assert find_image(name) == scenes_folder() / "images" / "mushroom.png"
+
+
+def test_a_file_of_ones_own_comes_before_a_shipped_one(tmp_path):
+    own = tmp_path / "chair.xml"
+    own.write_text("<scene/>")
+    assert find_scene("chair.xml") == Path("chair.xml")
+    assert find_scene(own) == own
+    assert find_scene("chair") == CHAIR
+    picture = tmp_path / "photo.jpg"
+    picture.write_bytes(b"")
+    assert find_image(picture) == picture
+
+
+def test_unknown_name_is_refused_with_the_names_there_are():
+    message = refusal(find_scene, "sofa")
+    assert message.startswith("scene 'sofa' does not exist; ")
+    assert message.endswith(": chair, plant, plate")
+    message = refusal(find_image, "sofa")
+    assert message.startswith("image 'sofa' does not exist; ")
+    assert "letters, mushroom" in message
+
+
+@pytest.mark.parametrize("name", ["chair.obj", "chair.v2", "chair.xml.bak"])
+def test_a_missing_file_of_another_type_is_not_taken_for_a_shipped_scene(name):
+    assert f"'{name}' does not exist" in refusal(find_scene, name)
+
+
+def test_a_missing_picture_of_another_type_is_not_taken_for_a_shipped_image():
+    assert "'mushroom.exr' does not exist" in refusal(find_image, "mushroom.exr")
+
+
+def test_a_missing_path_is_not_taken_for_a_shipped_scene_of_its_name(tmp_path):
+    refusal(find_scene, tmp_path / "chair.xml")
+    (tmp_path / "own.xml").write_text("<scene/>")
+    refusal(find_scene, tmp_path / "scenes" / "own.xml")
+    refusal(find_scene, "mine/chair.xml")
+    refusal(find_scene, "../chair.xml")
+    refusal(find_scene, "ambient/../chair")
+
+
+def test_a_folder_is_called_one(tmp_path):
+    (tmp_path / "mine").mkdir()
+    assert "'mine' is a folder" in refusal(find_scene, "mine")
+
+
+@pytest.mark.parametrize("name", ["", ".", "scenes", "images"])
+def test_a_name_of_no_file_is_refused(name):
+    refusal(find_scene, name)
+    refusal(find_image, name)
+
+
+def place(folder):
+    (folder / "scenes").mkdir(parents=True)
+    (folder / "scenes" / "chair.xml").write_text("<scene/>")
+
+
+def test_scenes_inside_the_package_come_before_those_beside_it(tmp_path, monkeypatch):
+    package = tmp_path / "site" / "periscopy_sim"
+    monkeypatch.setattr(shipped, "__file__", str(package / "shipped.py"))
+    place(tmp_path / "site")
+    assert scenes_folder() == tmp_path / "site" / "scenes"
+    place(package)
+    assert scenes_folder() == package / "scenes"
+
+
+def test_an_installation_without_scenes_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "periscopy_sim" / "shipped.py"))
+    assert "install" in refusal(find_scene, "chair")
