@@ -1,8 +1,8 @@
 """Prove the rendering against closed forms and the path tracer, the solver against oracles.
 
 `python -m experiments.validation --out DIR [--only photograph,columns,...]` prints one block for
-each check and writes `validation.json`. Each block states what it compares and how far apart the
-two sides may be.
+each check and writes `validation.json`. Where two sides must agree the block says how closely, and
+the command exits with 1 if any does not.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments import solver
+from experiments.solver import within
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.scenario import Scenario
 
@@ -32,10 +33,10 @@ def excess(first: Array, second: Array) -> dict[str, float]:
     Returns
     -------
     dict
-        ``mean_ratio``; ``deviation``, the root mean square difference of the two means over the
-        root mean square picture; ``expected``, the same from the scatter of the seeds on both
-        sides; ``excess``, the ratio of the two squares, 1 up to ``excess_error`` (its standard
-        error over the pixels) where nothing but Monte Carlo error tells them apart.
+        ``mean_ratio`` of the two means; ``deviation``, the root mean square difference of the two
+        means over the root mean square picture; ``expected``, the same from the scatter of the
+        seeds on both sides; ``excess``, the ratio of the two squares, 1 up to ``excess_error``
+        (its standard error over the pixels) where only Monte Carlo error tells them apart.
     """
     a, b = first.mean(axis=0), second.mean(axis=0)
     variance = first.var(axis=0, ddof=1) / len(first) + second.var(axis=0, ddof=1) / len(second)
@@ -70,7 +71,13 @@ def check_photograph() -> dict[str, Any]:
         traced = np.stack(
             [ps.render_photograph(scene, f, bounces=1, seed=seed) for seed in range(100, 108)]
         )
-        result[name] = excess(through_A, traced)
+        found = excess(through_A, traced)
+        # Mitsuba's path tracer lifts its shadow rays 0.2 mm off the wall, A's start on it: that
+        # moves the edges of shadows by 0.03 % of the picture.
+        allowed = float(np.hypot(1.05 * found["expected"], 5e-4))
+        found["deviation"] = within(found["deviation"], allowed)
+        found["off scale"] = within(abs(found.pop("mean_ratio") - 1), 1e-4)
+        result[name] = found
     return result
 
 
@@ -83,7 +90,7 @@ def check_columns(count: int = 20) -> dict[str, Any]:
         chosen = rng.choice(scene.transport_shape[1], count, replace=False)
         matrices = [
             ps.render_transport(scene, samples=4, pixel_samples=16, seed=seed)[:, chosen]
-            for seed in range(4)
+            for seed in range(3)
         ]
         columns = []
         for k, patch in enumerate(chosen):
@@ -93,7 +100,7 @@ def check_columns(count: int = 20) -> dict[str, Any]:
             traced = np.stack(
                 [
                     ps.render_photograph(scene, lit, samples=1024, bounces=1, seed=seed)
-                    for seed in range(200, 204)
+                    for seed in range(200, 203)
                 ]
             )
             through_A = np.stack([_picture(A[:, [k]], np.ones((1, 1, 3)), scene) for A in matrices])
@@ -102,10 +109,9 @@ def check_columns(count: int = 20) -> dict[str, Any]:
         excesses = [column["excess"] for column in columns]
         result[name] = {
             "columns": count,
-            "mean_ratio_min": min(ratios),
-            "mean_ratio_max": max(ratios),
-            "excess_median": float(np.median(excesses)),
-            "excess_max": max(excesses),
+            "largest off scale": within(max(abs(ratio - 1) for ratio in ratios), 2e-3),
+            "excess, median": within(float(np.median(excesses)), 1.5),
+            "excess, largest": max(excesses),
         }
     return result
 
@@ -154,7 +160,7 @@ def check_point_light() -> dict[str, Any]:
         rendered = path_trace(lit, 2, samples=256, seed=0).mean(axis=2).ravel()
         ψ = ps.point_light_response(light[None], scene.wall_points, scene.wall_normals)[:, 0]
         worst = max(worst, float(np.abs(rendered / ψ - 1).max()))
-    return {"lights": len(lights), "largest relative difference": worst, "allowed": 2e-4}
+    return {"lights": len(lights), "largest relative difference": within(worst, 2e-4)}
 
 
 def check_analytic() -> dict[str, Any]:
@@ -168,13 +174,10 @@ def check_analytic() -> dict[str, Any]:
         open_rendered = ps.render_transport(far, samples=100, strata="midpoint")
         open_analytic = ps.analytic_transport(far, samples=100)
         difference = np.linalg.norm(rendered - analytic) / np.linalg.norm(analytic)
+        away = float(np.abs(open_rendered / open_analytic - 1).max())
         result[name] = {
-            "Frobenius, with occluder": float(difference),
-            "allowed": 1e-2,
-            "largest relative, occluder away": float(
-                np.abs(open_rendered / open_analytic - 1).max()
-            ),
-            "allowed there": 1e-4,
+            "Frobenius, with occluder": within(float(difference), 1e-2),
+            "largest relative, occluder away": within(away, 1e-4),
         }
     return result
 
@@ -208,22 +211,31 @@ def main(
     if unknown:
         raise typer.BadParameter(f"no check {unknown}; there are {', '.join(CHECKS)}")
     with staged_file(out / "validation.json") as file:
-        found = {}
+        found, failed = {}, 0
         for name in chosen:
             found[name] = CHECKS[name]()
             print(f"{name}: {(CHECKS[name].__doc__ or '').strip().splitlines()[0]}")
-            _show(found[name], 1)
+            failed += _show(found[name], 1)
         file.write_text(json.dumps(found, indent=2) + "\n")
+    if failed:
+        raise SystemExit(f"{failed} checks failed")
 
 
-def _show(values: dict[str, Any], depth: int) -> None:
+def _show(values: dict[str, Any], depth: int) -> int:
+    """Print values, and count those beyond their limits."""
+    failed = 0
     for key, value in values.items():
-        if isinstance(value, dict):
+        start = "  " * depth + f"{key:48} "
+        if isinstance(value, dict) and "ok" in value:
+            verdict = "ok" if value["ok"] else "FAIL"
+            print(f"{start}{value['value']:.6g}  (at most {value['limit']:.3g}: {verdict})")
+            failed += not value["ok"]
+        elif isinstance(value, dict):
             print("  " * depth + key)
-            _show(value, depth + 1)
+            failed += _show(value, depth + 1)
         else:
-            text = f"{value:.6g}" if isinstance(value, float) else value
-            print("  " * depth + f"{key:40} {text}")
+            print(start + (f"{value:.6g}" if isinstance(value, float) else str(value)))
+    return failed
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ class EmissionProfile:
         return np.where(lit, cos_vertical**self.vertical * cos_horizontal**self.horizontal, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Occluder:
     """A shape that may block light.
 
@@ -64,7 +64,7 @@ class Occluder:
     faces: NDArray[np.int64] | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scenario:
     """One camera, one relay wall, one hidden monitor and what stands between them.
 
@@ -136,7 +136,7 @@ class Scenario:
         return areas
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WallFrame:
     """Axes of the camera's field of view on the wall.
 

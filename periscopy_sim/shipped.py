@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError
 
 
 def scenes_folder() -> Path:
@@ -41,7 +41,7 @@ def find_scene(name: str | Path) -> Path:
     SceneError
         If there is no such file and no such shipped scene.
     """
-    return _find(Path(name), "", ".xml", "scene")
+    return _find(Path(name), "", ".xml", "scene", SceneError)
 
 
 def find_image(name: str | Path) -> Path:
@@ -49,13 +49,13 @@ def find_image(name: str | Path) -> Path:
 
     Raises
     ------
-    SceneError
+    PhotographError
         If there is no such file and no such shipped image.
     """
-    return _find(Path(name), "images", ".png", "image")
+    return _find(Path(name), "images", ".png", "image", PhotographError)
 
 
-def _find(path: Path, subfolder: str, suffix: str, what: str) -> Path:
+def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:
     if path.is_file():
         return path
     folder = scenes_folder() / subfolder
@@ -65,6 +65,10 @@ def _find(path: Path, subfolder: str, suffix: str, what: str) -> Path:
     named = path.suffix in ("", suffix) and ".." not in inside and not path.is_absolute()
     if named and shipped.is_file():
         return shipped
-    names = ", ".join(sorted(file.stem for file in folder.glob(f"*{suffix}")))
+    shipped_files = [*folder.glob(f"*{suffix}"), *folder.glob(f"ambient/*{suffix}")]
+    names = ", ".join(
+        str(file.relative_to(folder).with_suffix(""))
+        for file in sorted(shipped_files, key=lambda file: (len(file.parts), file))
+    )
     problem = "is a folder" if path.is_dir() else "does not exist"
-    raise SceneError(f"{what} '{path}' {problem}; name a file or a shipped {what}: {names}")
+    raise error(f"{what} '{path}' {problem}; name a file or a shipped {what}: {names}")

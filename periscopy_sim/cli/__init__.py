@@ -6,9 +6,10 @@ Exit codes: 0; 2 with one clear line for what a user can mend; 130 after Ctrl-C.
 from __future__ import annotations
 
 import io
+import signal
 import sys
 import warnings
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -23,8 +24,22 @@ app = typer.Typer(
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
     add_completion=False,
     rich_markup_mode=None,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def _periscopy(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"periscopy_sim {version_of('periscopy-sim')}")
+        raise typer.Exit
+
+
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
 app.command("transport")(transport.transport)
@@ -38,6 +53,7 @@ def main() -> None:
     warnings.showwarning = _one_line_warning
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
+    signal.signal(signal.SIGTERM, _interrupt)  # as batch queues send it
     try:
         arguments = sys.argv[1:] or ["--help"]
         code = app(arguments, prog_name="periscopy", standalone_mode=False)
@@ -58,6 +74,10 @@ def main() -> None:
     if code == INTERRUPTED:
         _fail("interrupted; nothing was written", INTERRUPTED)
     raise SystemExit(code if isinstance(code, int) else 0)
+
+
+def _interrupt(*_: Any) -> NoReturn:
+    raise KeyboardInterrupt
 
 
 def _fail(message: str, code: int) -> NoReturn:

@@ -99,16 +99,17 @@ def reconstruct(
             else:
                 A = scenes.transport(scenario, samples, seed, model)
         with timed("form the preconditioner"), mendable(str(matrix or f"scene '{scenario.path}'")):
-            periscope = Periscope(
+            periscope = Periscope.for_scene(
+                scenario,
                 A,
                 point_light_backgrounds(scenario),
-                hidden_shape=scenario.hidden_shape,
-                channel_gain=scenario.channel_gain,
                 tolerance=rank_tolerance,
                 tv_weight=tv_weight,
                 repair_threshold=repair_threshold,
                 explicit=False,
             )
+        if matrix is not None and not matrix.with_suffix(".json").is_file():
+            warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
         with timed("reconstruct"), mendable(str(photo)):
             solution = periscope.solve(given.values)
         provenance = scenes.provenance_of(scenario, seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -63,10 +64,13 @@ def transport(
 def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
     """Read a matrix that `periscopy transport` wrote, and check that it fits the scene.
 
+    Without the JSON file that was written beside it, only the shapes can be compared.
+
     Raises
     ------
     PhotographError
-        If the file cannot be read or the shapes differ.
+        If the file cannot be read, the shapes differ, or it was made from another scene or other
+        parameters.
     """
     from periscopy_sim.storage.arrays import check_real
     from periscopy_sim.storage.decoding import decoding, file_format
@@ -84,7 +88,33 @@ def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
         )
     if not np.isfinite(A).all():
         raise PhotographError(f"{path}: holds NaN or infinities; render the matrix again")
+    _check_record(path, scenario)
     return A
+
+
+def _check_record(path: Path, scenario: Scenario) -> None:
+    """Compare the JSON beside a matrix with the scene it shall serve."""
+    record_file = path.with_suffix(".json")
+    if not record_file.is_file():
+        return
+    try:
+        record = json.loads(record_file.read_text())
+        held = {name: record[name] for name in ("scene_sha256", "parameters", "hidden_shape")}
+    except (ValueError, KeyError, TypeError, OSError):
+        raise PhotographError(f"{record_file}: is damaged; render the matrix again") from None
+    from periscopy_sim.storage.provenance import scene_sha256
+
+    wanted = {
+        "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
+        "parameters": dict(scenario.parameters),
+        "hidden_shape": list(scenario.hidden_shape),
+    }
+    for name, value in wanted.items():
+        if held[name] != value:
+            raise PhotographError(
+                f"{path}: was made from another scene ({name.replace('_', ' ')} {held[name]}, here "
+                f"{value}); render it again"
+            )
 
 
 def read_photograph(path: Path, scenario: Scenario) -> Photograph:
@@ -114,5 +144,5 @@ def provenance_of(scenario: Scenario, seed: int | None) -> dict[str, Any]:
     from periscopy_sim.storage.provenance import provenance
 
     command = ["periscopy", *sys.argv[1:]]
-    record = provenance(scenario.path, mi.variant(), seed, command)
+    record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
     return {**record, "parameters": dict(scenario.parameters)}

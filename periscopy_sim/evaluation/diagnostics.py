@@ -18,7 +18,7 @@ from periscopy_sim.reconstruction.preconditioner import (
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Diagnostics:
     """The paper's figures of a scene (Sec. 2 and 3.3).
 

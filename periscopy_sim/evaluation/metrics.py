@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Registration:
     """The best agreement over small shifts.
 

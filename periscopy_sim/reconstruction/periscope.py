@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,26 @@ class Method(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+class Seen(Protocol):
+    """The sizes and the wall's colour of a scene, as a `Scenario` has them."""
+
+    @property
+    def photograph_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the photograph."""
+        ...
+
+    @property
+    def hidden_shape(self) -> tuple[int, int]:
+        """(R, C) of the hidden image."""
+        ...
+
+    @property
+    def channel_gain(self) -> Array:
+        """(3,) colour of the wall."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
     """A hidden image and the stages that led to it (Fig. 2).
 
@@ -82,6 +101,8 @@ class Periscope:
         Relative weights as above; 0 and infinity switch a stage off.
     explicit
         Form P in float32 once, for speed; otherwise apply it in factored float64.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
 
     Raises
     ------
@@ -101,13 +122,44 @@ class Periscope:
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         explicit: bool = True,
+        photograph_shape: tuple[int, int] | None = None,
     ) -> None:
+        self.photograph_shape = photograph_shape
         self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
+
+    @classmethod
+    def for_scene(
+        cls,
+        scene: Seen,
+        A: NDArray[np.floating[Any]],
+        B: NDArray[np.floating[Any]] | None = None,
+        **settings: Any,
+    ) -> Self:
+        """Fit to a scenario: its sizes and the colour of its wall are taken from it.
+
+        Parameters
+        ----------
+        scene
+            A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
+            ``channel_gain``.
+        A, B
+            As in the class.
+        **settings
+            The class's other parameters.
+        """
+        return cls(
+            A,
+            B,
+            hidden_shape=scene.hidden_shape,
+            photograph_shape=scene.photograph_shape,
+            channel_gain=scene.channel_gain,
+            **settings,
+        )
 
     def reconstruct(self, photograph: Image) -> Array:
         """Recover the hidden image from one photograph.
@@ -131,6 +183,12 @@ class Periscope:
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
+        size, expected = np.shape(photograph)[:-1], self.photograph_shape
+        if expected is not None and len(size) == 2 and size != tuple(expected):
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
+                f"{expected[0]}x{expected[1]}"
+            )
         y = self._vectorization.vectorized(photograph)
         rejected = self.preconditioner.reject_background(y)
         if self._matrix is None:

@@ -71,7 +71,7 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     return np.asarray(Q)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Preconditioner:
     """P in factored form: A, the background basis Q and a Cholesky factor of A⊥ᵀ A⊥.
 

@@ -58,7 +58,7 @@ class TotalVariationResult:
     image
         The minimizer f̂, the shape of the input.
     iterations
-        The iterations taken; with channels, by the slowest. None where the answer is known: the
+        The iterations taken; with channels, by the slowest. 0 where the answer is known: the
         image itself for a weight of zero, its mean for a large one.
     gap
         The duality gap as a fraction of the objective ‖f̂ − g‖₂² + λ‖f̂‖_TV; with channels, the

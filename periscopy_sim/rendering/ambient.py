@@ -17,6 +17,7 @@ from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene_nodes import SceneNodes
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array
+from periscopy_sim.shipped import find_scene
 
 COARSE = 24
 """Pixels along each side of the film for indirect light."""
@@ -26,7 +27,7 @@ DEGREE = 5
 
 
 def render_background(
-    path: Path,
+    path: str | Path,
     parameters: Mapping[str, str] | None = None,
     *,
     samples: int = 1024,
@@ -39,7 +40,8 @@ def render_background(
     Parameters
     ----------
     path
-        A scene file with shape ``wall`` and sensor ``camera``, without a monitor.
+        A scene file, or the name of a shipped one, with shape ``wall`` and sensor ``camera``,
+        without a monitor.
     parameters
         Values for its ``<default>``s.
     samples
@@ -62,6 +64,7 @@ def render_background(
         If the wall or the camera is missing, or Mitsuba refuses the scene.
     """
     use_variant()
+    path = find_scene(path)
     report = progress or (lambda _: None)
     direct = path_trace(
         _scene(path, parameters), 2, samples=samples, seed=seed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene_nodes import SceneNodes
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario
+from periscopy_sim.shipped import find_scene
 
 
 def load_scenario(
@@ -29,7 +31,7 @@ def load_scenario(
     Parameters
     ----------
     path
-        A Mitsuba XML file.
+        A Mitsuba XML file, or the name of a shipped scene.
     hidden
         (R, C), rows and columns of the hidden image.
     parameters
@@ -47,11 +49,17 @@ def load_scenario(
         to the camera, the monitor faces away, or the hidden size is not possible.
     """
     use_variant()
-    rows, columns = hidden
+    path = find_scene(path)
+    try:
+        rows, columns = (operator.index(number) for number in hidden)
+    except (TypeError, ValueError):
+        raise SceneError(
+            f"the hidden size must be two whole numbers, (rows, columns), not {hidden!r}"
+        ) from None
     if rows < 1 or columns < 1:
         raise SceneError(f"a hidden image of {rows}x{columns} patches has none; give at least 1x1")
     values = {name: str(value) for name, value in (parameters or {}).items()}
-    nodes = SceneNodes(Path(path), values)
+    nodes = SceneNodes(path, values)
     nodes.show(None)
     nodes.average_pixels()
     # Instantiating consumes the nodes.
@@ -59,6 +67,8 @@ def load_scenario(
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
     film_columns, film_rows = (int(n) for n in camera_of(scene).film().crop_size())
+    if film_rows * film_columns < 1:
+        raise SceneError(f"scene '{path}': the camera's film has {film_rows}x{film_columns} pixels")
     if rows * columns > film_rows * film_columns:
         raise SceneError(
             f"{rows}x{columns} hidden patches are more than the {film_rows}x{film_columns} "
@@ -258,18 +268,21 @@ def _patches(
 def _check_facing(
     points: Array, normals: Array, centers: Array, patch_normals: Array, path: Path
 ) -> None:
-    # A patch sees a point and the point sees the patch: signs of two dot products.
-    ahead = patch_normals @ points.T > np.sum(patch_normals * centers, axis=1)[:, None]
-    if not ahead.any():
+    faces = False
+    for center, patch_normal in zip(centers, patch_normals, strict=True):
+        ahead = (points - center) @ patch_normal > 0
+        lit = np.sum(normals * (center - points), axis=1) > 0
+        if (ahead & lit).any():
+            return
+        faces |= bool(ahead.any())
+    if not faces:
         raise SceneError(
             f"scene '{path}': the monitor faces away from the wall; turn it round or flip its "
             "normals (flip_normals)"
         )
-    lit = normals @ centers.T > np.sum(normals * points, axis=1)[:, None]
-    if not (ahead & lit.T).any():
-        raise SceneError(
-            f"scene '{path}': the monitor is behind the wall; move it to the camera's side"
-        )
+    raise SceneError(
+        f"scene '{path}': the monitor is behind the wall; move it to the camera's side"
+    )
 
 
 def _is_diffuse(wall: Any) -> bool:

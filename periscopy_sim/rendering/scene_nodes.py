@@ -325,10 +325,14 @@ class SceneNodes:
         )
 
     def _resolve_files(self) -> None:
+        # Mitsuba looks beside the scene and in the folders of its <path> tags.
+        tags = ET.parse(self.path).getroot().iter("path")
+        folders = [self.path.parent, *(self.path.parent / tag.get("value", "") for tag in tags)]
         for node in self._state.nodes:
             if "filename" not in node.props:
                 continue
-            file = self.path.parent / node.props["filename"]
+            name = node.props["filename"]
+            file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
             what = f"{node.props.plugin_name()} '{node.props.id()}'"
             if not file.is_file():
                 raise SceneError(f"scene '{self.path}': {what} names a missing file '{file}'")

@@ -33,8 +33,14 @@ class Photograph:
     values: NDArray[np.float64]
     warnings: tuple[str, ...] = ()
 
+    def __array__(
+        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Serve as `values` wherever an array is taken."""
+        return np.array(self.values, dtype=dtype, copy=copy)
 
-def read_photograph(path: Path, shape: tuple[int, int]) -> Photograph:
+
+def read_photograph(path: str | Path, shape: tuple[int, int]) -> Photograph:
     """Read a photograph of a known size; its format is told by its contents.
 
     EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; 16-bit
@@ -54,6 +60,7 @@ def read_photograph(path: Path, shape: tuple[int, int]) -> Photograph:
     PhotographError
         If the file is missing, damaged, of another format, or fails `check_photograph`.
     """
+    path = Path(path)
     kind = file_format(path)
     warnings: tuple[str, ...] = ()
     values: NDArray[Any]

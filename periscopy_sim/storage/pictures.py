@@ -20,7 +20,7 @@ from periscopy_sim.storage.srgb import srgb_decode, srgb_encode
 __all__ = ["area_average", "read_hidden_image", "srgb_decode", "srgb_encode", "write_png"]
 
 
-def read_hidden_image(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]:
+def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Read a picture as the radiance of the hidden scene's patches.
 
     PNG, JPEG and TIFF of 8 or 16 bits are decoded by the sRGB curve, and what is transparent in
@@ -45,6 +45,7 @@ def read_hidden_image(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]
     PhotographError
         If the file is missing, damaged, of another format, or has negative or non-finite values.
     """
+    path = Path(path)
     kind = file_format(path)
     if kind == "EXR":
         light: NDArray[Any] = decode_exr(path).colour

@@ -17,7 +17,11 @@ _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
 
 
 def provenance(
-    scene: Path | None, variant: str | None, seed: int | None, command: Sequence[str]
+    scene: Path | None,
+    variant: str | None,
+    seed: int | None,
+    command: Sequence[str],
+    parameters: Mapping[str, str] | None = None,
 ) -> dict[str, object]:
     """Record what a result was made from, ready for JSON.
 
@@ -31,6 +35,8 @@ def provenance(
         The seed of the random draws, if there were any.
     command : sequence of str
         The command line, program first.
+    parameters : mapping or None
+        Values given for the scene's defaults.
 
     Returns
     -------
@@ -48,7 +54,7 @@ def provenance(
         **{package: _version(package) for package in _PACKAGES},
         "python": platform.python_version(),
         "scene": None if scene is None else _printable(str(scene)),
-        "scene_sha256": None if scene is None else scene_sha256(scene),
+        "scene_sha256": None if scene is None else scene_sha256(scene, parameters),
         "variant": variant,
         "seed": seed,
         "command": _printable(shlex.join(command)),
@@ -60,12 +66,12 @@ def as_text(record: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in record.items() if value is not None}
 
 
-def scene_sha256(scene: Path) -> str:
+def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> str:
     """Digest of a scene file and of every file it refers to.
 
     These are its `filename` strings and includes, theirs in turn, in the order of the document
-    and relative to its folder or the scene's, with the defaults of the document filled in. Files
-    that do not exist are skipped. The folder that the scene lies in does not matter.
+    and relative to its folder or the scene's, with its defaults, or the parameters given instead,
+    filled in. Files that do not exist are skipped. The scene's own folder does not matter.
 
     Raises
     ------
@@ -73,13 +79,15 @@ def scene_sha256(scene: Path) -> str:
         If a scene file cannot be read or is not well-formed XML.
     """
     digest = hashlib.sha256()
-    for path in _scene_files(scene, scene.parent, set()):
+    for path in _scene_files(scene, scene.parent, set(), parameters or {}):
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
 
 
-def _scene_files(document: Path, folder: Path, seen: set[Path]) -> Iterator[Path]:
+def _scene_files(
+    document: Path, folder: Path, seen: set[Path], parameters: Mapping[str, str]
+) -> Iterator[Path]:
     """Yield a scene document, then each existing file it refers to, each file once."""
     seen.add(document.resolve())
     try:
@@ -87,20 +95,23 @@ def _scene_files(document: Path, folder: Path, seen: set[Path]) -> Iterator[Path
     except (OSError, ElementTree.ParseError) as error:
         raise SceneError(f"{document}: cannot be read as a scene: {error}; mend the XML") from error
     yield document
-    for name, included in _references(root):
+    for name, included in _references(root, parameters):
         found = next((p for p in (document.parent / name, folder / name) if p.is_file()), None)
         if found is None or found.resolve() in seen:
             continue
         if included:
-            yield from _scene_files(found, folder, seen)
+            yield from _scene_files(found, folder, seen, parameters)
         else:
             seen.add(found.resolve())
             yield found
 
 
-def _references(root: ElementTree.Element) -> Iterator[tuple[str, bool]]:
+def _references(
+    root: ElementTree.Element, parameters: Mapping[str, str]
+) -> Iterator[tuple[str, bool]]:
     """File names in a scene document, and whether each is an included document."""
     defaults = {e.get("name", ""): e.get("value", "") for e in root.iter("default")}
+    defaults |= parameters
     for element in root.iter():
         if element.tag == "include":
             name = element.get("filename")

@@ -200,3 +200,23 @@ def test_name_that_the_terminal_cannot_encode_is_printed_all_the_same(tmp_path):
     assert (ended.returncode, ended.stderr) == (0, b"")
     assert ended.stdout == b"wrote \\xe9.npy 576x20 and \\xe9.json\n"
     assert {path.name for path in tmp_path.iterdir()} == {"é.npy", "é.json"}
+
+
+def test_version_is_shown(succeeds):
+    assert succeeds("--version").startswith("periscopy_sim ")
+
+
+def test_termination_leaves_nothing_half_written(tmp_path):
+    run = (
+        "import os, signal, sys\n"
+        "from periscopy_sim import cli\n"
+        "from periscopy_sim.cli import scene\n"
+        "scene.load = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "sys.argv = ['periscopy', 'analyze', 'chair', '--hidden', '4x5', '--out', 'out']\n"
+        "cli.main()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", run], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 130
+    assert list(tmp_path.iterdir()) == []

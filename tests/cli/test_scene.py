@@ -207,3 +207,21 @@ def test_matrix_file_that_cannot_be_read_is_refused(refused, tmp_path):
     assert "cut.npy: cannot be read as NPY" in refused(*arguments, "cut.npy")
     np.savez(tmp_path / "A.npz", A=MATRIX)
     assert "is no NPY file; make one by `periscopy transport`" in refused(*arguments, "A.npz")
+
+
+@pytest.mark.parametrize("other", [("-D", "occluder_dx=0.01"), ("-D", "monitor_dz=0.01")])
+def test_matrix_of_another_pose_is_refused(other, refused, succeeds, tmp_path):
+    succeeds("transport", "chair", *TINY, *other, "--out", "A.npy")
+    np.save(tmp_path / "y.npy", np.ones((24, 24)))
+    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    line = refused(*arguments, "--out", "r")
+    assert line.startswith("A.npy: was made from another scene (parameters ")
+    assert other[1].split("=")[0] in line
+
+
+def test_damaged_record_of_a_matrix_is_refused(refused, succeeds, tmp_path):
+    succeeds("transport", "chair", *TINY, "--out", "A.npy")
+    (tmp_path / "A.json").write_text("{")
+    np.save(tmp_path / "y.npy", np.ones((24, 24)))
+    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    assert refused(*arguments, "--out", "r").startswith("A.json: is damaged")

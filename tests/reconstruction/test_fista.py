@@ -222,3 +222,30 @@ def test_published_steps_give_up_at_their_cap_where_the_problem_is_hard():
     excess = cost(published.f, K, b, 1e-3) - cost(best.f, K, b, 1e-3)
     energy = np.sum((K @ np.linalg.lstsq(K, b)[0]) ** 2)
     assert 1e-8 * energy < excess <= published.gap * energy * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("weight", [1e-4, 1e-2, 1e-1])
+def test_gap_of_the_published_steps_bounds_what_they_leave(weight):
+    K = ill_conditioned(condition=5.0)
+    _, b = measured(K)
+    published = descend_as_published(problem_of(K), K.T @ b, weight, unit=1e3, white=1.0)
+    best = solved(K, b, weight, tolerance=1e-12)
+    energy = np.sum((K @ np.linalg.lstsq(K, b)[0]) ** 2)
+    excess = (cost(published.f, K, b, weight) - cost(best.f, K, b, weight)) / energy
+    assert excess <= published.gap * (1 + 1e-6)
+    assert published.gap < 100 * excess
+
+
+def test_lipschitz_constant_is_the_largest_squared_gain_beside_the_uniform_image():
+    K = ill_conditioned()
+    uniform = K.sum(axis=1)
+    beside = K - np.outer(uniform, uniform @ K) / (uniform @ uniform)
+    largest = np.linalg.norm(beside, 2) ** 2
+    assert largest < 0.9 * np.linalg.norm(K, 2) ** 2
+    assert problem_of(K).lipschitz == pytest.approx(largest, rel=1e-9)
+
+
+def test_restarted_momentum_spares_iterations():
+    K = ill_conditioned()
+    _, b = measured(K)
+    assert solved(K, b, 0.003, tolerance=1e-10).iterations < 500  # 1000 without

@@ -1,5 +1,6 @@
 import inspect
 from dataclasses import fields
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -335,3 +336,19 @@ def test_any_object_with_reconstruct_stands_in_for_the_method():
     y = photograph_of(two_halves())
     methods: list[Method] = [Periscope(A, B, hidden_shape=HIDDEN), Transpose()]
     assert [method.reconstruct(y).shape for method in methods] == [(*HIDDEN, 3)] * 2
+
+
+def test_fitting_to_a_scene_takes_its_sizes_and_its_colour():
+    seen = SimpleNamespace(
+        photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, channel_gain=np.array([1.2, 1.0, 0.8])
+    )
+    y = photograph_of(two_halves()) * seen.channel_gain
+    fitted = Periscope.for_scene(seen, A, B, **LINEAR, explicit=False)
+    np.testing.assert_allclose(fitted.reconstruct(y), two_halves(), atol=1e-6)
+
+
+def test_photograph_of_as_many_pixels_in_another_shape_is_refused():
+    fitted = Periscope(A, B, hidden_shape=HIDDEN, photograph_shape=PHOTOGRAPH)
+    with pytest.raises(ValueError, match="10x40 pixels, the scene's camera 20x20"):
+        fitted.reconstruct(np.ones((10, 40, 3)))
+    fitted.reconstruct(np.ones((M, 3)))

@@ -350,3 +350,14 @@ def test_files_are_found_beside_the_scene_whatever_the_working_folder(room, tmp_
     np.testing.assert_allclose(sofa.vertices[1], [0.5, 0.5, 0.2], atol=1e-7)
     monkeypatch.chdir(tmp_path)
     assert len(load_scenario(path.relative_to(tmp_path), (1, 1)).occluders) == 1
+
+
+def test_files_are_found_in_the_folders_that_the_scene_names(room, tmp_path):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "sofa.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0.4 0.5 0.2\n0.5 0.5 0.2\n0.4 0.5 0.3\n3 0 1 2\n"
+    )
+    path = room.write('<path value="m"/>' + mesh("sofa.ply"))
+    assert [shape.name for shape in load_scenario(path, (1, 1)).occluders] == ["sofa"]

@@ -328,3 +328,10 @@ def test_import_brings_in_no_decoder():
     )
     run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert run.stdout.strip() == ""
+
+
+def test_a_photograph_serves_as_an_array_and_its_path_as_text(tmp_path):
+    values = np.random.default_rng(0).random((4, 5, 3))
+    np.save(tmp_path / "y.npy", values)
+    photograph = read_photograph(str(tmp_path / "y.npy"), (4, 5))
+    np.testing.assert_array_equal(np.asarray(photograph), values)

@@ -107,3 +107,14 @@ def test_versions_are_found_without_importing_the_packages():
     )
     run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert run.stdout.strip() == ""
+
+
+def test_files_named_by_a_parameter_are_those_digested(scene):
+    other = scene.with_name("other.png")
+    other.write_text("other contents")
+    chosen = {"texture": "other.png"}
+    digest = scene_sha256(scene, chosen)
+    assert digest != scene_sha256(scene)
+    other.write_text("changed contents")
+    assert scene_sha256(scene, chosen) != digest
+    assert provenance(scene, None, None, [], chosen)["scene_sha256"] == scene_sha256(scene, chosen)
