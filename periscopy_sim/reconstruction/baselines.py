@@ -89,8 +89,8 @@ class Differencing:
     channel_gain
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
     wrap
-        D as in the published code; or only differences within the photograph's columns, see
-        `neighbour_differences`.
+        D as in the published code; or only differences within the photograph's columns, which
+        rejects far more of the background, see `neighbour_differences`.
     tv_weight
         Relative weight as above.
     stop
@@ -122,8 +122,8 @@ class Differencing:
     ) -> None:
         if stop not in ("converged", "published"):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
-        if not tv_weight >= 0:
-            raise ValueError(f"tv_weight is {tv_weight}: give a number that is not negative")
+        if not 0 <= tv_weight < np.inf:
+            raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
         if not 0 < tolerance < 1:
             raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
         self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
