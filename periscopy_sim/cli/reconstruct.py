@@ -20,6 +20,7 @@ from periscopy_sim.cli.arguments import (
     Stopwatch,
     mendable,
     say,
+    warn,
     write_json,
 )
 

@@ -225,3 +225,17 @@ def test_damaged_record_of_a_matrix_is_refused(refused, succeeds, tmp_path):
     np.save(tmp_path / "y.npy", np.ones((24, 24)))
     arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
     assert refused(*arguments, "--out", "r").startswith("A.json: is damaged")
+
+
+def test_matrix_without_a_record_is_taken_with_a_warning(periscopy, succeeds, tmp_path):
+    succeeds("transport", "chair", *TINY, "--out", "A.npy")
+    (tmp_path / "A.json").unlink()
+    y = np.load(tmp_path / "A.npy") @ np.ones((20, 3))
+    np.save(tmp_path / "y.npy", y.reshape(24, 24, 3))
+    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    outcome = periscopy(*arguments, "--out", "r")
+    assert outcome.code == 0
+    assert outcome.err == (
+        "periscopy: warning: A.npy has no JSON file beside it: it may be of another scene of this "
+        "size\n"
+    )
