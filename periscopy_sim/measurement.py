@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -70,3 +72,157 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     σ = 10 ** (-snr / 20) * np.sqrt(np.mean(np.square(photograph, dtype=np.float64)))
     noisy: Array = photograph + np.random.default_rng(seed).normal(0, σ, photograph.shape)
     return noisy
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """What a sensor read.
+
+    Attributes
+    ----------
+    values
+        (rows, columns, 3) float64, linear, in units of the photograph exposed: black level and gain
+        are undone.
+    saturated
+        (3,) number of values in each channel that met the full well or the top code in any frame.
+    """
+
+    values: Array
+    saturated: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A camera's sensor: photon and read noise, a full well, quantization, averaged frames.
+
+    A frame collects Poisson(μ) electrons in each value, μ proportional to the light, and at most
+    the full well; adds Gaussian read noise; and rounds to a code. The top code is the full well.
+    As in cameras, a black level of at least 6 standard deviations of the read noise is added before
+    the rounding and subtracted after it, so that noise about 0 is not cut off and stays unbiased.
+
+    The model of noise is that of EMVA standard 1288 (4.0, Sec. 2), without dark current and fixed
+    patterns; colour filters are ideal, so that one gain holds for all channels.
+
+    Attributes
+    ----------
+    electrons
+        Mean electrons that a value collects in a frame, over all pixels and channels.
+    read_noise
+        Standard deviation in electrons.
+    full_well
+        Electrons at which a value saturates.
+    bit_depth
+        Bits of the analog-to-digital converter, 4 to 32.
+    frames
+        Exposures averaged, each with noise of its own; binning k sensor pixels to one value of the
+        photograph does the same as k frames.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, the mean would saturate, or the read noise leaves no range.
+    """
+
+    electrons: float
+    read_noise: float = 2.5
+    full_well: float = 10_000.0
+    bit_depth: int = 12
+    frames: int = 1
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.full_well) and self.full_well > 0):
+            raise ValueError(f"the full well must be positive, not {self.full_well} electrons")
+        if not 0 < self.electrons <= self.full_well:
+            raise ValueError(
+                f"a mean of {self.electrons:g} electrons a frame is not above 0 and within the "
+                f"full well of {self.full_well:g}: expose less and average more frames"
+            )
+        if not 0 <= self.read_noise <= self.full_well / 12:
+            raise ValueError(
+                f"a read noise of {self.read_noise:g} electrons is not within 0 and a twelfth of "
+                f"the full well of {self.full_well:g}"
+            )
+        if self.bit_depth not in range(4, 33):
+            raise ValueError(f"the bit depth must be a whole number 4 to 32, not {self.bit_depth}")
+        if not (self.frames >= 1 and float(self.frames).is_integer()):
+            raise ValueError(f"the frames must be a whole number above 0, not {self.frames}")
+
+    @property
+    def top_code(self) -> int:
+        """Largest code of the converter."""
+        return int(2**self.bit_depth - 1)
+
+    @property
+    def black_level(self) -> int:
+        """Code that stands for no light."""
+        margin = 6 * self.read_noise
+        return math.ceil(self.top_code * margin / (self.full_well + margin))
+
+    @property
+    def step(self) -> float:
+        """Electrons from one code to the next."""
+        return self.full_well / (self.top_code - self.black_level)
+
+    @property
+    def snr(self) -> float:
+        """Signal-to-noise ratio in dB of a flat photograph, which `add_noise` would be given.
+
+        20 log₁₀(μ / σ) with σ² = (μ + σ_read² + step²/12) / frames: photon noise, read noise and
+        rounding. It holds while the photograph stays below the full well and a frame's noise is no
+        less than about half a step, so that the rounding's error is uniform.
+        """
+        variance = (self.electrons + self.read_noise**2 + self.step**2 / 12) / self.frames
+        return 10 * math.log10(self.electrons**2 / variance)
+
+    def expose(self, photograph: Image, seed: int, reference: float | None = None) -> Exposure:
+        """Take a photograph.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) noise-free light, in any linear unit.
+        seed
+            Seed of all the noise.
+        reference
+            Light, in units of the photograph, that collects `electrons`: one for several
+            photographs keeps their exposure the same. None for this photograph's mean.
+
+        Returns
+        -------
+        Exposure
+
+        Raises
+        ------
+        ValueError
+            If the photograph has not 3 channels, is negative anywhere or not finite, or the
+            reference (or the mean) is not positive.
+        """
+        light = np.asarray(photograph, np.float64)
+        if light.ndim != 3 or light.shape[2] != 3:
+            raise ValueError(f"a photograph is (rows, columns, 3), not of shape {light.shape}")
+        if not (np.isfinite(light).all() and (light >= 0).all()):
+            raise ValueError(
+                "light to expose must be finite and not negative: give it without noise, black "
+                "level undone"
+            )
+        level = float(light.mean()) if reference is None else reference
+        if not (np.isfinite(level) and level > 0):
+            raise ValueError(
+                f"the light that collects {self.electrons:g} electrons must be positive, not "
+                f"{level:g}: is the photograph black?"
+            )
+        gain = self.electrons / level
+        # Twice the full well and more always saturates; beyond that Poisson variates may overflow.
+        mean_electrons = np.minimum(gain * light, 2 * self.full_well + 100)
+        rng = np.random.default_rng(seed)
+        codes, saturated = np.zeros(light.shape), np.zeros(light.shape, bool)
+        for _ in range(int(self.frames)):
+            electrons = rng.poisson(mean_electrons)
+            voltage = np.minimum(electrons, self.full_well) + rng.normal(
+                0, self.read_noise, light.shape
+            )
+            code = np.clip(np.rint(voltage / self.step) + self.black_level, 0, self.top_code)
+            saturated |= (electrons >= self.full_well) | (code == self.top_code)
+            codes += code
+        values = (codes / self.frames - self.black_level) * (self.step / gain)
+        return Exposure(values, saturated.sum(axis=(0, 1)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +20,9 @@ from periscopy_sim.cli.arguments import (
     say,
 )
 from periscopy_sim.errors import OutputError, PeriscopyError
+
+if TYPE_CHECKING:
+    from periscopy_sim.measurement import Sensor
 
 
 def photograph(
@@ -46,6 +51,29 @@ def photograph(
             min=-100, max=300, help="Add Gaussian noise at this signal-to-noise ratio, dB."
         ),
     ] = None,
+    electrons: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-3,
+            max=1e12,
+            help="Expose a sensor, instead of --snr: mean electrons a value collects in a frame.",
+        ),
+    ] = None,
+    read_noise: Annotated[
+        float | None,
+        typer.Option(min=0, max=1e12, help="The sensor's read noise, electrons. [default: 2.5]"),
+    ] = None,
+    full_well: Annotated[
+        float | None,
+        typer.Option(min=1, max=1e12, help="The sensor's full well, electrons. [default: 10000]"),
+    ] = None,
+    bits: Annotated[
+        int | None, typer.Option(min=4, max=32, help="The sensor's bit depth. [default: 12]")
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, max=10**5, help="Frames of the sensor to average. [default: 1]"),
+    ] = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -61,6 +89,12 @@ def photograph(
         raise OutputError(f"--out {out}: the photograph is written as .exr; name a file so")
     if (ambient is None) != (sbr is None):
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
+    if snr is not None and electrons is not None:
+        raise PeriscopyError("--snr and --electrons both set the noise; give one of them")
+    chosen = {
+        "read_noise": read_noise, "full_well": full_well, "bit_depth": bits, "frames": frames
+    }  # fmt: skip
+    sensor = _sensor(electrons, {name: x for name, x in chosen.items() if x is not None})
     with staged_file(out) as file:
         scenario = scenes.load(scene, hidden, define)
         shown = read_hidden_image(find_image(image), parse_size(hidden))
@@ -73,7 +107,10 @@ def photograph(
                 y = measurement.composite(y, background, sbr)
             if snr is not None:
                 y = measurement.add_noise(y, snr, seed)
-        settings = {
+            if sensor is not None:
+                exposure = sensor.expose(y, seed)
+                y, saturated = exposure.values, int(exposure.saturated.sum())
+        settings: dict[str, Any] = {
             "image": image,
             "hidden": hidden,
             "samples": samples,
@@ -81,5 +118,30 @@ def photograph(
             "sbr": sbr,
             "snr": snr,
         }
+        if sensor is not None:
+            settings |= {**asdict(sensor), "saturated": saturated}
         write_exr(file, y, as_text({**settings, **scenes.provenance_of(scenario, seed)}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
+    if sensor is not None:
+        say(f"saturated {saturated} of {y.size} values; SNR {sensor.snr:.1f} dB at mean light")
+
+
+def _sensor(electrons: float | None, chosen: Mapping[str, Any]) -> Sensor | None:
+    """Make the sensor that was asked for; None if none was.
+
+    Raises
+    ------
+    PeriscopyError
+        If its parameters do not fit each other, or are given without the exposure.
+    """
+    from periscopy_sim.measurement import Sensor
+
+    if electrons is None:
+        if chosen:
+            raise PeriscopyError(
+                "--read-noise, --full-well, --bits and --frames describe a sensor; expose it by "
+                "--electrons MEAN"
+            )
+        return None
+    with mendable("sensor"):
+        return Sensor(electrons, **chosen)

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from periscopy_sim.cli import scene as scenes
+from periscopy_sim.measurement import Sensor
 from periscopy_sim.storage.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -85,6 +86,89 @@ def test_noise_has_the_level_asked_for(shoot):
     assert abs(noise.mean()) < 5 * expected / np.sqrt(noise.size)
     other = (shoot("--snr", "20", "--seed", "1") - shoot("--seed", "1")).ravel()
     assert abs(np.corrcoef(noise, other)[0, 1]) < 5 / np.sqrt(noise.size)
+
+
+EXPOSE = ("--electrons", "2000", "--frames", "4")
+
+
+def test_sensor_exposes_the_photograph_and_is_recorded(succeeds, shoot, tmp_path):
+    clean = shoot()
+    said = succeeds("photograph", "chair", "hidden.npy", *TINY, *EXPOSE, "--out", "y.exr")
+    pixels, metadata = read_exr(tmp_path / "y.exr")
+    variance = (2000 + 2.5**2 + 0.5) / 4 / 2000**2  # the rounding's 0.5 is nearly nothing
+    assert said == (
+        "wrote y.exr 24x24\nsaturated 0 of 1728 values; "
+        f"SNR {-10 * np.log10(variance):.1f} dB at mean light\n"
+    )
+    expected = Sensor(electrons=2000, frames=4).expose(clean, 0).values
+    # The photograph was written in single precision: a rare photon falls otherwise.
+    assert np.median(np.abs(pixels - expected)) < 1e-5 * clean.mean()
+    assert metadata["electrons"] == "2000.0" and metadata["frames"] == "4"
+    assert (metadata["read_noise"], metadata["full_well"]) == ("2.5", "10000.0")
+    assert (metadata["bit_depth"], metadata["saturated"]) == ("12", "0")
+    assert "snr" not in metadata
+
+
+def test_noise_of_the_sensor_is_that_of_the_light(shoot):
+    clean, noisy = shoot(), shoot("--electrons", "500", "--read-noise", "20", "--bits", "16")
+    variance = clean.mean() ** 2 * (500 * clean / clean.mean() + 20**2) / 500**2
+    z = (noisy - clean) / np.sqrt(variance)
+    # Five standard errors of 1728 values.
+    assert abs(z.std() - 1) < 5 / np.sqrt(2 * z.size)
+    assert abs(z.mean()) < 5 / np.sqrt(z.size)
+
+
+def test_saturated_values_are_clipped_counted_and_recorded(succeeds, shoot, tmp_path):
+    signal = shoot()
+    shot = ("--electrons", "900", "--full-well", "1000", "--read-noise", "0")
+    said = succeeds("photograph", "chair", "hidden.npy", *TINY, *shot, "--out", "y.exr")
+    pixels, metadata = read_exr(tmp_path / "y.exr")
+    clipped = np.count_nonzero(np.isclose(pixels, signal.mean() * 1000 / 900, rtol=1e-4))
+    assert clipped == np.count_nonzero(pixels >= pixels.max() * (1 - 1e-6)) > 20
+    assert f"\nsaturated {clipped} of 1728 values;" in said
+    assert metadata["saturated"] == str(clipped)
+
+
+def test_sensor_sees_the_composite_with_ambient_light(shoot):
+    ambient = ("--ambient", "ambient.npy", "--sbr", "0.5")
+    y = shoot(*ambient, "--electrons", "3000", "--frames", "50")
+    assert y.mean() == pytest.approx(1, rel=1e-3)
+    assert np.abs(y / shoot(*ambient) - 1).max() < 0.03
+
+
+def test_help_tells_the_sensor_s_own_defaults(succeeds):
+    shown = " ".join(succeeds("photograph", "--help").split())
+    for name, field in [
+        ("read noise, electrons.", "read_noise"),
+        ("full well, electrons.", "full_well"),
+        ("bit depth.", "bit_depth"),
+        ("to average.", "frames"),
+    ]:
+        assert f"{name} [default: {getattr(Sensor(1), field):g}]" in shown
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--electrons", "100", "--snr", "60"), "--snr and --electrons both set the noise"),
+        (("--read-noise", "1"), "expose it by --electrons MEAN"),
+        (("--full-well", "1e4"), "expose it by --electrons MEAN"),
+        (("--bits", "8"), "expose it by --electrons MEAN"),
+        (("--frames", "2", "--snr", "60"), "expose it by --electrons MEAN"),
+        (("--electrons", "0"), "'--electrons'"),
+        (("--electrons", "inf"), "'--electrons'"),
+        (("--electrons", "nan"), "--electrons"),
+        (("--electrons", "20000"), "sensor: a mean of 20000 electrons a frame"),
+        (("--electrons", "100", "--bits", "3"), "'--bits'"),
+        (("--electrons", "100", "--frames", "0"), "'--frames'"),
+        (("--electrons", "100", "--full-well", "0"), "'--full-well'"),
+        (("--electrons", "100", "--read-noise", "-1"), "'--read-noise'"),
+        (("--electrons", "100", "--read-noise", "2000"), "twelfth of the full well"),
+    ],
+)
+def test_impossible_sensor_is_refused_before_rendering(options, message, refused, monkeypatch):
+    monkeypatch.setattr(scenes, "load", None)
+    assert message in refused("photograph", "chair", "bars", *TINY, *options, "--out", "y.exr")
 
 
 def test_8_bit_ambient_light_gives_a_warning(shoot, periscopy, tmp_path):
