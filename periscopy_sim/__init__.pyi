@@ -8,8 +8,11 @@ from .analytic.point_light import (
 from .analytic.transport import analytic_transport
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
+from .evaluation.methods import find_method
 from .evaluation.metrics import gain_matched, mean_squared_error, psnr, registered
-from .measurement import add_noise, composite
+from .evaluation.sweep import Sweep, flips, run_sweep
+from .measurement import Sensor, add_noise, composite
+from .reconstruction.baselines import Differencing, TruncatedSVD
 from .reconstruction.periscope import Periscope, Reconstruction
 from .reconstruction.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.repair import repair
@@ -25,17 +28,23 @@ from .storage.photographs import read_photograph
 from .storage.pictures import read_hidden_image
 
 __all__ = [
+    "Differencing",
     "Periscope",
     "PeriscopyError",
     "Preconditioner",
     "Reconstruction",
     "Scenario",
+    "Sensor",
+    "Sweep",
+    "TruncatedSVD",
     "add_noise",
     "analytic_transport",
     "composite",
     "diagnose",
     "find_image",
+    "find_method",
     "find_scene",
+    "flips",
     "form_preconditioner",
     "gain_matched",
     "load_scenario",
@@ -52,5 +61,6 @@ __all__ = [
     "render_photograph",
     "render_transport",
     "repair",
+    "run_sweep",
     "use_variant",
 ]

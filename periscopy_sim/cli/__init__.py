@@ -13,7 +13,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from periscopy_sim.cli import analyze, demo, doctor, photograph, reconstruct, transport
+from periscopy_sim.cli import analyze, demo, doctor, photograph, reconstruct, sweep, transport
 from periscopy_sim.cli.arguments import warn
 from periscopy_sim.errors import PeriscopyError
 
@@ -46,6 +46,7 @@ app.command("transport")(transport.transport)
 app.command("photograph")(photograph.photograph)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
+app.command("sweep")(sweep.sweep)
 
 
 def main() -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli.arguments import (
@@ -23,12 +23,14 @@ from periscopy_sim.cli.arguments import (
     warn,
     write_json,
 )
+from periscopy_sim.errors import PeriscopyError
+
+if TYPE_CHECKING:
+    from periscopy_sim.reconstruction.periscope import Periscope, Reconstruction
+    from periscopy_sim.scenario import Array, Scenario
 
 
-class MethodName(StrEnum):
-    """The reconstruction methods."""
-
-    preconditioned = "preconditioned"
+PRECONDITIONED = "preconditioned"
 
 
 def reconstruct(
@@ -42,8 +44,13 @@ def reconstruct(
     hidden: Hidden,
     out: Out,
     method: Annotated[
-        MethodName, typer.Option(help="How the image is reconstructed.")
-    ] = MethodName.preconditioned,
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="preconditioned, differencing, differencing-published, truncated-svd, "
+            "pseudoinverse; yours as module:callable or file.py:callable.",
+        ),
+    ] = PRECONDITIONED,
     samples: Samples = 16,
     model: scenes.ModelOption = scenes.Model.rendered,
     matrix: Annotated[
@@ -51,23 +58,30 @@ def reconstruct(
         typer.Option("--transport", help="Take A from this NPY file rather than render it."),
     ] = None,
     tv_weight: Annotated[
-        float,
+        float | None,
         typer.Option(
-            min=0, max=1e9, help="TV weight, in standard errors of the estimate; 0: none."
+            min=0,
+            max=1e9,
+            help="TV weight, in standard errors of the estimate; 0: none; 1 if not given.",
         ),
-    ] = 1.0,
+    ] = None,
     repair_threshold: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=0,
             max=1e9,
             help="Repair patches that differ from their neighbours by more than this part of the "
-            "image's 99th percentile.",
+            "image's 99th percentile; 0.1 if not given.",
         ),
-    ] = 0.1,
+    ] = None,
     rank_tolerance: Annotated[
-        float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
-    ] = 1e-10,
+        float | None,
+        typer.Option(
+            min=1e-15,
+            max=0.5,
+            help="Relative tolerance on B's singular values; 1e-10 if not given.",
+        ),
+    ] = None,
     truth: Annotated[
         str | None,
         typer.Option(
@@ -80,12 +94,21 @@ def reconstruct(
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import figures
-    from periscopy_sim.reconstruction.periscope import Periscope
+    from periscopy_sim.evaluation.methods import find_method, fit_methods, image_by, source_sha256
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.output import staged_folder
     from periscopy_sim.storage.pictures import read_hidden_image, write_png
     from periscopy_sim.storage.provenance import as_text
 
+    find_method(method)
+    settings = _settings(
+        method,
+        {
+            "tv_weight": (tv_weight, 1.0),
+            "repair_threshold": (repair_threshold, 0.1),
+            "rank_tolerance": (rank_tolerance, 1e-10),
+        },
+    )
     timed = Stopwatch()
     with staged_folder(out) as folder:
         with timed("load the scene"):
@@ -99,57 +122,49 @@ def reconstruct(
                 A = scenes.read_transport(matrix, scenario)
             else:
                 A = scenes.transport(scenario, samples, seed, model)
-        with timed("form the preconditioner"), mendable(str(matrix or f"scene '{scenario.path}'")):
-            periscope = Periscope.for_scene(
-                scenario,
-                A,
-                point_light_backgrounds(scenario),
-                tolerance=rank_tolerance,
-                tv_weight=tv_weight,
-                repair_threshold=repair_threshold,
-                explicit=False,
-            )
-        if matrix is not None and not matrix.with_suffix(".json").is_file():
-            warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
-        with timed("reconstruct"), mendable(str(photo)):
-            solution = periscope.solve(given.values)
         provenance = scenes.provenance_of(scenario, seed)
         text = as_text(provenance)
-        np.save(folder / "reconstruction.npy", solution.image.astype(np.float32))
-        shown = figures.displayable(solution.image)
-        write_png(folder / "reconstruction.png", figures.enlarged(shown), text)
-        panels = [
-            ("photograph", figures.displayable(given.values)),
-            ("preconditioned, P y", figures.displayable(solution.preconditioned)),
-            ("denoised", figures.displayable(solution.denoised)),
-            ("repaired", shown),
-        ]
-        figures.draw_panels(folder / "stages.png", panels, metadata=text)
+        fitting = mendable(str(matrix or f"scene '{scenario.path}'"))
+        if method == PRECONDITIONED:
+            with timed("form the preconditioner"), fitting:
+                B = point_light_backgrounds(scenario)
+                periscope = _periscope(scenario, A, B, settings)
+            with timed("reconstruct"), mendable(str(photo)):
+                solution = periscope.solve(given.values)
+            image = solution.image
+            settings |= {"background_rank": periscope.preconditioner.Q.shape[1]}
+            settings |= _draw_stages(folder / "stages.png", given.values, solution, text)
+        else:
+            settings |= {"method_sha256": source_sha256(method)}
+            with timed("fit the method"), fitting:
+                B = point_light_backgrounds(scenario)
+                fitted = fit_methods([method], scenario, A, B)[method]
+            with timed("reconstruct"), mendable(f"{photo} by {method}"):
+                image = image_by(fitted, given.values, scenario.hidden_shape).astype(np.float64)
+        if matrix is not None and not matrix.with_suffix(".json").is_file():
+            warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
+        np.save(folder / "reconstruction.npy", image.astype(np.float32))
+        shown = figures.enlarged(figures.displayable(image))
+        write_png(folder / "reconstruction.png", shown, text)
         summary: dict[str, Any] = {
-            "method": method.value,
+            "method": method,
             "photograph": str(photo),
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
             "model": "file" if matrix else model.value,
             "transport": matrix,
             "samples": None if matrix else samples,
-            "tv_weight": tv_weight,
-            "repair_threshold": repair_threshold,
-            "rank_tolerance": rank_tolerance,
-            "background_rank": periscope.preconditioner.Q.shape[1],
-            "noise": solution.noise,
-            "lambda": solution.weight,
-            "kappa": solution.threshold,
+            **settings,
             "warnings": given.warnings,
             "truth": truth,
         }
         if known is not None:
-            summary |= _compare(folder, solution.image, known, given.values, text)
+            summary |= _compare(folder, image, known, given.values, text)
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )
-    pictures = "stages.png" if known is None else "stages.png, comparison.png"
-    say(f"wrote {out}/reconstruction.npy, reconstruction.png, {pictures}, summary.json")
+        written = sorted(file.name for file in folder.iterdir())
+    say(f"wrote {', '.join(str(out / name) for name in written)}")
     if known is not None:
         say(
             f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
@@ -157,11 +172,60 @@ def reconstruct(
         )
 
 
+def _settings(method: str, given: dict[str, tuple[float | None, float]]) -> dict[str, Any]:
+    """Fill in the defaults of the weights, which belong to the preconditioned method alone."""
+    if method == PRECONDITIONED:
+        return {
+            name: default if value is None else value for name, (value, default) in given.items()
+        }
+    for name, (value, _) in given.items():
+        if value is not None:
+            raise PeriscopyError(
+                f"--{name.replace('_', '-')} belongs to --method {PRECONDITIONED}, not to "
+                f"{method}; leave it out"
+            )
+    return {}
+
+
+def _periscope(
+    scenario: Scenario, A: NDArray[np.float32], B: Array, settings: dict[str, Any]
+) -> Periscope:
+    from periscopy_sim.reconstruction.periscope import Periscope
+
+    return Periscope.for_scene(
+        scenario,
+        A,
+        B,
+        tolerance=settings["rank_tolerance"],
+        tv_weight=settings["tv_weight"],
+        repair_threshold=settings["repair_threshold"],
+        explicit=False,
+    )
+
+
+def _draw_stages(
+    path: Path, photograph: Array, solution: Reconstruction, text: dict[str, str]
+) -> dict[str, Any]:
+    """Draw what led to the image (Fig. 2), and return the weights that did."""
+    from periscopy_sim.evaluation import figures
+
+    panels = [
+        ("photograph", photograph),
+        ("preconditioned, P y", solution.preconditioned),
+        ("denoised", solution.denoised),
+        ("repaired", solution.image),
+    ]
+    figures.draw_panels(
+        path, [(title, figures.displayable(image)) for title, image in panels], metadata=text
+    )
+    return {"noise": solution.noise, "lambda": solution.weight, "kappa": solution.threshold}
+
+
 def _compare(
     folder: Path,
-    image: np.ndarray[Any, np.dtype[np.float64]],
-    truth: np.ndarray[Any, np.dtype[np.float64]],
-    photograph: np.ndarray[Any, np.dtype[np.float64]],
+    image: Array,
+    truth: Array,
+    photograph: Array,
     text: dict[str, str],
 ) -> dict[str, Any]:
     """Metrics against the truth, and the picture of both beside the photograph."""

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.storage.srgb import srgb_encode
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 Image = NDArray[np.floating[Any]]
+
+COLUMN_WIDTH = 3.5
+"""Width of a journal's column, in inches."""
+
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Colours that the colour-blind tell apart, after Okabe and Ito, the darker first."""
 
 
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
@@ -121,3 +131,62 @@ def draw_maps(
     if caption:
         figure.supxlabel(caption, fontsize=9)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
+def draw_sweep(
+    path: Path, results: xr.Dataset, *, metadata: Mapping[str, str] | None = None
+) -> None:
+    """Draw each method's error against the signal-to-background ratio, as in Fig. 4.
+
+    Lines are means over backgrounds and seeds, bands reach from their 10th to their 90th
+    percentile. Where a method failed it is left out.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    results
+        ``mean_squared_error`` over (method, background, sbr, seed), from `run_sweep`.
+    metadata
+        Text chunks of a PNG.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    labels = ("method", "sbr", "background", "seed")
+    errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
+    figure = Figure(figsize=(COLUMN_WIDTH, 2.7), layout="constrained")
+    ax = figure.subplots()
+    looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
+    for method, (colour, dashes) in zip(errors, looks, strict=False):
+        finite = {float(e["sbr"]): e.values[np.isfinite(e.values)] for e in method}
+        seen = {sbr: e for sbr, e in finite.items() if e.size}
+        if not seen:
+            continue
+        sbrs = list(seen)
+        low, high = np.transpose([np.percentile(e, (10, 90)) for e in seen.values()])
+        # The edge keeps the band of a single SBR in sight.
+        ax.fill_between(sbrs, low, high, color=colour, alpha=0.18, linewidth=0.8)
+        ax.plot(
+            sbrs, [e.mean() for e in seen.values()], label=method["method"].item(),
+            color=colour, linestyle=dashes, linewidth=1.3, marker="o", markersize=2.6,
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    bottom, top = ax.get_ylim()
+    if top < 4 * bottom:  # room for two labelled ticks
+        middle = np.sqrt(bottom * top)
+        ax.set_ylim(middle / 2, middle * 2)
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(plain)
+        axis.set_minor_formatter(NullFormatter())
+    ax.set_xlabel("signal-to-background ratio", fontsize=8)
+    ax.set_ylabel("mean squared error", fontsize=8)
+    ax.tick_params(labelsize=7, which="both")
+    ax.grid(True, which="major", linewidth=0.4, color="0.85")
+    ax.set_axisbelow(True)
+    if ax.lines:
+        ax.legend(fontsize=7, frameon=False, handlelength=2.8)
+    figure.savefig(path, dpi=300, metadata=dict(metadata or {}))

@@ -19,6 +19,7 @@ OPTIONS = {
     "photograph": {
         *("SCENE", "IMAGE", "--out", "--hidden", "--samples"),
         *("--ambient", "--sbr", "--snr", "--seed", "-D"),
+        *("--electrons", "--read-noise", "--full-well", "--bits", "--frames"),
     },
     "reconstruct": {
         *("PHOTO", "--scene", "--hidden", "--out", "--method", "--samples", "--model"),
@@ -28,6 +29,11 @@ OPTIONS = {
     "analyze": {
         *("SCENE", "--hidden", "--out", "--samples", "--model"),
         *("--rank-tolerance", "--seed", "-D"),
+    },
+    "sweep": {
+        *("SCENE", "--hidden", "--out", "--photograph", "--truth", "--hidden-image", "--sbr"),
+        *("--ambient", "--flips", "--methods", "--snr", "--seeds", "--scheduler", "--samples"),
+        *("--seed", "-D"),
     },
 }
 
@@ -131,6 +137,7 @@ def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy,
         ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "new/r"),
         ("analyze", "chair", *TINY, "--out", "r"),
         ("demo", "--out", "new/r"),
+        ("sweep", "chair", *TINY, "--hidden-image", "bars", "--out", "new/r"),
     ],
 )
 @pytest.mark.usefixtures("jit")

@@ -1,9 +1,16 @@
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib import colormaps
 from PIL import Image
 
-from periscopy_sim.evaluation.figures import displayable, draw_maps, draw_panels, enlarged
+from periscopy_sim.evaluation.figures import (
+    displayable,
+    draw_maps,
+    draw_panels,
+    draw_sweep,
+    enlarged,
+)
 
 METADATA = {"Source": "chair.xml, seed 3", "Comment": "λ = 1"}
 
@@ -170,3 +177,82 @@ def test_figures_can_be_pdf(tmp_path):
     draw_maps(tmp_path / "maps.pdf", [("t", 1 + gradient_image()[..., 0])], "unit")
     for name in ("panels.pdf", "maps.pdf"):
         assert (tmp_path / name).read_bytes().startswith(b"%PDF")
+
+
+BLUE, ORANGE = np.array([0, 0x72, 0xB2]), np.array([0xD5, 0x5E, 0])
+
+
+def sweep_results(errors, sbrs=(0.1, 1, 10)):
+    """Errors over (method, background, sbr, seed) as a sweep gives them."""
+    errors = np.asarray(errors, float)
+    labels = {
+        "method": ["first", "second"][: len(errors)],
+        "background": [f"b{i}" for i in range(errors.shape[1])],
+        "sbr": list(sbrs),
+        "seed": list(range(errors.shape[3])),
+    }
+    return xr.Dataset({"mean_squared_error": (tuple(labels), errors)}, labels)
+
+
+def rows_of(pixels, colour, part):
+    """Mean row at which a colour is seen, in one of three parts of the picture's width."""
+    width = pixels.shape[1]
+    seen = covers(pixels, colour)
+    seen[:, : width // 6] = seen[: pixels.shape[0] // 4, width // 2 :] = False  # labels, legend
+    rows, columns = np.nonzero(seen)
+    third = np.digitize(columns, np.quantile(columns, [0.33, 0.67]))
+    return rows[third == part].mean()
+
+
+def test_sweep_shows_each_method_in_its_colour_the_greater_error_higher(tmp_path):
+    errors = np.full((2, 4, 3, 1), 0.01)
+    errors[1] = np.array([0.2, 0.1, 0.05])[:, None]
+    draw_sweep(tmp_path / "sweep.png", sweep_results(errors), metadata=METADATA)
+    text, pixels = read(tmp_path / "sweep.png")
+    assert METADATA.items() <= text.items()
+    assert pixels.shape[1] == 1050  # 3.5 inches at 300 dots
+    blue, orange = (
+        [rows_of(pixels, colour, part) for part in range(3)] for colour in (BLUE, ORANGE)
+    )
+    assert np.ptp(blue) < 5 and max(orange) < min(blue) and orange[0] < orange[1] < orange[2]
+
+
+def test_sweep_does_not_depend_on_the_order_of_its_ratios(tmp_path):
+    errors = np.random.default_rng(3).uniform(0.01, 0.1, (2, 5, 3, 2))
+    draw_sweep(tmp_path / "a.png", sweep_results(errors))
+    draw_sweep(tmp_path / "b.png", sweep_results(errors[:, :, ::-1], (10, 1, 0.1)))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_band_of_a_sweep_spans_its_backgrounds(tmp_path):
+    heights = []
+    for spread in (1.0, 3.0):
+        errors = 0.05 * np.geomspace(1 / spread, spread, 21)[None, :, None, None]
+        draw_sweep(tmp_path / "sweep.png", sweep_results(np.tile(errors, (1, 1, 3, 1))))
+        pixels = read(tmp_path / "sweep.png")[1]
+        tinted = (pixels[..., 2] - pixels[..., 0] > 20) & (pixels[..., 0] > 150)
+        heights.append(tinted.sum())
+    assert heights[1] > 20 * max(heights[0], 500)
+
+
+@pytest.mark.parametrize(
+    ("failed", "left"),
+    [
+        (np.s_[0], [False, True]),
+        (np.s_[:], [False, False]),
+        (np.s_[:, 0, 1], [True, True]),
+        (np.s_[1, :, 0], [True, True]),
+    ],
+)
+def test_sweep_leaves_out_what_failed(failed, left, tmp_path):
+    errors = np.random.default_rng(3).uniform(0.01, 0.1, (2, 5, 3, 2))
+    errors[failed] = np.nan
+    draw_sweep(tmp_path / "sweep.png", sweep_results(errors))
+    pixels = read(tmp_path / "sweep.png")[1]
+    drawn = [bool(covers(pixels, colour).sum() > 500) for colour in (BLUE, ORANGE)]
+    assert drawn == left
+
+
+def test_sweep_over_one_ratio_is_drawn(tmp_path):
+    draw_sweep(tmp_path / "sweep.png", sweep_results(np.full((1, 3, 1, 1), 0.02), (0.5,)))
+    assert covers(read(tmp_path / "sweep.png")[1], BLUE).sum() > 50

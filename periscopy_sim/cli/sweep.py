@@ -1,0 +1,256 @@
+"""`periscopy sweep`: methods over ambient light, signal-to-background ratios and noise draws."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from periscopy_sim.cli import photograph as photographs
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import transport as matrices
+from periscopy_sim.cli.arguments import (
+    Define,
+    Hidden,
+    Samples,
+    SceneArgument,
+    Seed,
+    mendable,
+    progress,
+    say,
+    write_json,
+)
+from periscopy_sim.cli.sweep_lists import parse_ambient, parse_list, parse_ratios
+from periscopy_sim.errors import OutputError, PeriscopyError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from periscopy_sim.scenario import Array, Scenario
+
+SETTINGS = "settings.json"
+RENDERED = ("A.npy", "photograph.exr", "ambient")
+RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png", "seconds.csv")
+
+
+def sweep(
+    scene: SceneArgument,
+    hidden: Hidden,
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder of results; a sweep that stopped goes on there.")
+    ],
+    photograph: Annotated[
+        Path | None, typer.Option(help="A photograph without ambient light; needs --truth.")
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option(help="What the monitor showed in --photograph.")
+    ] = None,
+    hidden_image: Annotated[
+        str | None, typer.Option(help="What the monitor shows; the photograph is path traced.")
+    ] = None,
+    sbr: Annotated[
+        str,
+        typer.Option(
+            metavar="RATIOS", help="Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
+        ),
+    ] = "0.1:10:log:9",
+    ambient: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST",
+            help="Ambient light, by comma: all (the realistic shipped conditions), adversarial, "
+            "names of shipped conditions, EXR files, folders of EXR files.",
+        ),
+    ] = "all",
+    flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
+    methods: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST", help="Methods by comma; yours as module:callable or file.py:callable."
+        ),
+    ] = "preconditioned,differencing",
+    snr: Annotated[float, typer.Option(help="Signal-to-noise ratio of a photograph, dB.")] = 60.0,
+    seeds: Annotated[int, typer.Option(min=1, help="Noise draws for each background and SBR.")] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine's cores."),
+    ] = None,
+    samples: Samples = 16,
+    seed: Seed = 0,
+    define: Define = None,
+) -> None:
+    """Reconstruct under every background and SBR by every method; go on where it stopped."""
+    from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.evaluation import figures, workers
+    from periscopy_sim.evaluation import sweep as sweeps
+    from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
+    from periscopy_sim.shipped import find_image
+    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.pictures import read_hidden_image
+    from periscopy_sim.storage.provenance import as_text
+
+    # Whatever can be refused is refused here, before hours of rendering.
+    if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
+        raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
+    if not np.isfinite(snr):
+        raise PeriscopyError(f"--snr {snr} is no number of dB; give one, such as 60")
+    ratios, lights = parse_ratios(sbr), parse_ambient(ambient)
+    names = parse_list("--methods", methods)
+    for name in names:
+        find_method(name)
+    scenario = scenes.load(scene, hidden, define)
+    shown = read_hidden_image(find_image(truth or hidden_image or ""), scenario.hidden_shape)
+    signal = None if photograph is None else scenes.read_photograph(photograph, scenario).values
+    backgrounds = {
+        name: scenes.read_photograph(path, scenario).values if path else None
+        for name, path in lights.items()
+    }
+    settings = {
+        **_versions_and_scene(scenario),
+        "hidden_shape": scenario.hidden_shape,
+        "samples": samples,
+        "base_seed": seed,
+        "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
+        "truth": sweeps.array_sha256(shown),
+        "ambient": [
+            [name, "rendered" if image is None else sweeps.array_sha256(image)]
+            for name, image in backgrounds.items()
+        ],
+        "flips": flips,
+        "methods": [[name, source_sha256(name) or "built in"] for name in names],
+        "sbr": ratios,
+        "snr": snr,
+        "seeds": seeds,
+    }
+    _check_folder(out, settings)
+    if scheduler is not None:
+        with workers.connect(scheduler):  # does it answer?
+            pass
+    try:
+        _claim_folder(out, settings)
+        if not (out / "A.npy").is_file():
+            matrices.transport(
+                scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
+            )
+        A = scenes.read_transport(out / "A.npy", scenario)
+        B = point_light_backgrounds(scenario)
+        with mendable(f"scene '{scenario.path}'"):
+            fitted = fit_methods(names, scenario, A, B)
+        if signal is None:
+            file = out / "photograph.exr"
+            if not file.is_file():
+                photographs.photograph(
+                    scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
+                )
+            signal = scenes.read_photograph(file, scenario).values
+        lit = _rendered(backgrounds, scenario, out / "ambient", seed)
+        whole = sweeps.Sweep(
+            signal=signal,
+            truth=shown,
+            backgrounds=sweeps.flips(lit) if flips else lit,
+            methods=fitted,
+            sbrs=ratios,
+            snr=snr,
+            seeds=range(seeds),
+            seed=seed,
+            conditions={
+                "settings": settings,
+                "A_sha256": sweeps.array_sha256(A),
+                "B_sha256": sweeps.array_sha256(B),
+            },
+        )
+        with progress("sweeping") as report:
+            results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
+        with staged_file(out / "sweep.png") as file:
+            text = as_text(scenes.provenance_of(scenario, seed))
+            figures.draw_sweep(file, results, metadata=text)
+    except KeyboardInterrupt:
+        message = "interrupted; the same command goes on where it stopped"
+        print(f"periscopy: error: {message}", file=sys.stderr)
+        raise SystemExit(130) from None
+    _tell(results)
+    say(f"wrote {', '.join(str(out / name) for name in RESULTS)}")
+
+
+def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
+    """Provenance without what differs from run to run."""
+    record = scenes.provenance_of(scenario, None)
+    left_out = ("command", "scene", "seed")
+    return {name: value for name, value in record.items() if name not in left_out}
+
+
+def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
+    """Refuse a folder of other settings, or with files that are not known to be of these.
+
+    Raises
+    ------
+    OutputError
+        Naming what differs.
+    """
+    from periscopy_sim.evaluation.sweep_store import check_configuration
+
+    file = out / SETTINGS
+    if file.is_file():
+        try:
+            held = json.loads(file.read_text("utf-8"))
+        except (ValueError, OSError):
+            raise OutputError(f"{file}: is damaged; name another folder") from None
+        check_configuration(held, settings, str(out))
+        return
+    for name in (*RENDERED, *RESULTS):
+        if (out / name).exists():
+            raise OutputError(
+                f"{out} holds {name} but no {SETTINGS} that tells of what; name another folder"
+            )
+
+
+def _claim_folder(out: Path, settings: Mapping[str, Any]) -> None:
+    """Write down what all that follows in the folder belongs to."""
+    from periscopy_sim.storage.output import staged_file
+
+    if not (out / SETTINGS).is_file():
+        with staged_file(out / SETTINGS) as staged:
+            write_json(staged, settings)
+
+
+def _rendered(
+    backgrounds: Mapping[str, Array | None], scenario: Scenario, folder: Path, seed: int
+) -> dict[str, Array]:
+    """Fill in the shipped conditions, rendering those that are not in the folder yet."""
+    names = [name for name, image in backgrounds.items() if image is None]
+    rendered: Mapping[str, Array] = {}
+    if names:
+        from periscopy_sim.cli.ambient import ambient_photographs
+
+        rendered = ambient_photographs(names, scenario, folder, seed)
+    return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
+
+
+def _tell(results: xr.Dataset) -> None:
+    """Print the mean error of each method at each SBR, and what failed."""
+    errors = results["mean_squared_error"].transpose("method", "sbr", "background", "seed")
+    names = [str(name) for name in results["method"].values]
+    width = max(18, *map(len, names))
+    say(f"{'mean squared error':{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values]))
+    for name, method in zip(names, errors.values, strict=True):
+        say(f"{name:{width}}" + _row([_mean(values) for values in method]))
+    failures = results["failure"].transpose("method", ...).values.reshape(len(names), -1)
+    for name, messages in zip(names, failures, strict=True):
+        failed = messages[messages != ""]
+        if failed.size:
+            say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "".join(f"{cell:>9}" for cell in cells)
+
+
+def _mean(errors: NDArray[np.float64]) -> str:
+    seen = errors[np.isfinite(errors)]
+    return f"{seen.mean():.5f}" if seen.size else "failed"

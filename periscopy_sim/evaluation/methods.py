@@ -1,0 +1,253 @@
+"""Reconstruction methods by name, a user's own among them."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import reduce
+from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
+from periscopy_sim.reconstruction.periscope import Method, Periscope
+from periscopy_sim.scenario import Scenario
+
+Matrix = NDArray[np.floating[Any]]
+Factory = Callable[[Scenario, Matrix, Matrix], Method]
+"""Fits a method to a scene: takes the scenario, A of shape (M, N) and B of shape (M, L)."""
+
+
+def _preconditioned(scenario: Scenario, A: Matrix, B: Matrix) -> Method:
+    return Periscope.for_scene(scenario, A, B)
+
+
+def _pseudoinverse(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
+    return Periscope.for_scene(scenario, A)
+
+
+def _differencing(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
+    return Differencing(
+        A,
+        photograph_shape=scenario.photograph_shape,
+        hidden_shape=scenario.hidden_shape,
+        channel_gain=scenario.channel_gain,
+    )
+
+
+def _published_differencing(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
+    return Differencing(
+        A,
+        photograph_shape=scenario.photograph_shape,
+        hidden_shape=scenario.hidden_shape,
+        channel_gain=scenario.channel_gain,
+        stop="published",
+    )
+
+
+def _truncated_svd(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
+    return TruncatedSVD(A, hidden_shape=scenario.hidden_shape, channel_gain=scenario.channel_gain)
+
+
+METHODS: dict[str, Factory] = {
+    "preconditioned": _preconditioned,
+    "differencing": _differencing,
+    "differencing-published": _published_differencing,
+    "truncated-svd": _truncated_svd,
+    "pseudoinverse": _pseudoinverse,
+}
+"""The paper's method and those it compares with, each with its defaults."""
+
+
+def find_method(name: str) -> Factory:
+    """Look up a method: one of `METHODS`, or a user's own.
+
+    Parameters
+    ----------
+    name
+        A name; or ``module:callable`` or ``path/to/file.py:callable``, where the callable (a class,
+        say) takes (scenario, A, B) and returns an object with ``reconstruct(photograph) -> image``.
+        Modules of the working folder are found too.
+
+    Returns
+    -------
+    callable
+        Fits the method to a scene: takes the scenario, A of shape (M, N), B of shape (M, L).
+
+    Raises
+    ------
+    PeriscopyError
+        If there is no such method, module, file or callable.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    attribute = name.rpartition(":")[2]
+    try:
+        factory = reduce(getattr, attribute.split("."), _module(name))
+        inspect.signature(factory).bind(None, None, None)  # type: ignore[arg-type]
+    except AttributeError as error:
+        raise PeriscopyError(f"method '{name}': {error}; check the name") from error
+    except TypeError as error:
+        raise PeriscopyError(
+            f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
+        ) from error
+    found: Factory = factory  # type: ignore[assignment]
+    return found
+
+
+def source_sha256(name: str) -> str | None:
+    """Digest of the file that a user's own method comes from; None for one of `METHODS`.
+
+    Raises
+    ------
+    PeriscopyError
+        As `find_method`.
+    """
+    if name in METHODS:
+        return None
+    place = _place(name)
+    file = place if place.endswith(".py") else _module(name).__file__
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
+
+
+def fit_methods(
+    names: Sequence[str], scenario: Scenario, A: Matrix, B: Matrix
+) -> dict[str, Method]:
+    """Fit methods to a scene, on one thread, so that the bits do not depend on the machine's cores.
+
+    Parameters
+    ----------
+    names
+        As `find_method` takes them.
+    scenario
+        The scene.
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds.
+
+    Returns
+    -------
+    dict
+        Name to method, in the order given.
+
+    Raises
+    ------
+    PeriscopyError
+        As `find_method`, or if what a user's own callable returns cannot reconstruct.
+    ValueError
+        If a method cannot be fitted to A and B.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        methods = {name: find_method(name)(scenario, A, B) for name in names}
+    for name, method in methods.items():
+        if not callable(getattr(method, "reconstruct", None)):
+            raise PeriscopyError(
+                f"method '{name}' makes an object of type {type(method).__name__}, which has no "
+                "reconstruct(photograph); add one"
+            )
+    return methods
+
+
+def image_by(
+    method: Method, photograph: NDArray[np.float64], hidden_shape: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Reconstruct, and hold the method to what it promises.
+
+    Parameters
+    ----------
+    method
+        A fitted method.
+    photograph
+        (rows, columns, 3).
+    hidden_shape
+        (R, C) of the hidden image.
+
+    Returns
+    -------
+    ndarray
+        (R, C, 3) float32, finite.
+
+    Raises
+    ------
+    ValueError
+        If the method returns another shape, or values that are not real or not finite.
+    """
+    image = np.asarray(method.reconstruct(photograph))
+    if image.shape != (*hidden_shape, 3):
+        raise ValueError(f"returned shape {image.shape} instead of {(*hidden_shape, 3)}")
+    if image.dtype.kind not in "iuf":
+        raise ValueError(f"returned values of type {image.dtype} instead of real numbers")
+    with np.errstate(over="ignore"):  # infinities are counted
+        single = image.astype(np.float32)
+    if not np.isfinite(single).all():
+        wrong = np.count_nonzero(~np.isfinite(single))
+        raise ValueError(f"returned {wrong} values that are NaN or infinite")
+    return single
+
+
+def _place(name: str) -> str:
+    """Take what stands before the colon: a module, or a file that exists."""
+    place, _, attribute = name.rpartition(":")
+    if not (place and attribute):
+        raise PeriscopyError(
+            f"no method '{name}'; use {', '.join(METHODS)}, or your own as module:callable or "
+            "path/to/file.py:callable"
+        )
+    if place.endswith(".py") and not Path(place).is_file():
+        raise PeriscopyError(f"method '{name}': there is no file {place}; check the path")
+    return place
+
+
+def _module(name: str) -> ModuleType:
+    """Import what stands before the colon."""
+    place = _place(name)
+    try:
+        if place.endswith(".py"):
+            return _module_of_file(Path(place))
+        with _importable(Path.cwd()):
+            return import_module(place)
+    except Exception as error:  # whatever the user's own code raises
+        raise PeriscopyError(
+            f"method '{name}' cannot be imported: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _module_of_file(path: Path) -> ModuleType:
+    """Run a Python file as a module that no other code can import.
+
+    Pickle then sends what it defines along with its objects, to workers that have no such file.
+    """
+    name = f"{path.stem} of {path.resolve()}"
+    spec = spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no Python file")
+    module = module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look there while it runs
+    try:
+        with _importable(path.resolve().parent):
+            spec.loader.exec_module(module)
+    finally:
+        del sys.modules[name]
+    return module
+
+
+@contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Let modules of a folder be imported for a while."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))

@@ -1,0 +1,278 @@
+"""Sweeps: methods over ambient backgrounds, signal-to-background ratios and noise draws (Fig. 4).
+
+Results are labelled by method, background, SBR and seed. A sweep that was stopped, in whatever way,
+goes on where it was, and ends in the same bytes as one that was not.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.methods import image_by
+from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registered
+from periscopy_sim.evaluation.sweep_store import (
+    LABELS,
+    METRICS,
+    Outcome,
+    SweepStore,
+    Trial,
+    write_table,
+)
+from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.reconstruction.periscope import Method
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What a sweep varies, and what stays.
+
+    Attributes
+    ----------
+    signal
+        (rows, columns, 3) photograph without ambient light, in any unit.
+    truth
+        (R, C, 3) hidden image in [0, 1].
+    backgrounds
+        Name to (rows, columns, 3) photograph of ambient light, in any unit.
+    methods
+        Name to method; anything with ``reconstruct(photograph) -> (R, C, 3)`` that pickle takes.
+    sbrs
+        Signal-to-background ratios.
+    snr
+        Signal-to-noise ratio in dB.
+    seeds
+        Labels of the noise draws for each background and SBR.
+    seed
+        Changes every noise draw.
+    conditions
+        What else the results depend on, of JSON's types: what the methods were fitted to and how.
+        A store whose conditions differ is not taken up, so name all that may change.
+
+    Raises
+    ------
+    PeriscopyError
+        If something to vary is missing or doubled, shapes differ, or a number is out of range.
+    """
+
+    signal: Image
+    truth: Image
+    backgrounds: Mapping[str, Image]
+    methods: Mapping[str, Method]
+    sbrs: Sequence[float]
+    snr: float = 60.0
+    seeds: Sequence[int] = (0,)
+    seed: int = 0
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, values in self.labels().items():
+            if not values:
+                raise PeriscopyError(f"the sweep has no {name}; give at least one")
+            if len(set(values)) < len(values):
+                raise PeriscopyError(f"the sweep has a {name} twice: {', '.join(map(str, values))}")
+        for name, image in {"signal": self.signal, **self.backgrounds}.items():
+            if image.shape != self.signal.shape:
+                raise PeriscopyError(
+                    f"'{name}' has shape {image.shape}, the signal {self.signal.shape}"
+                )
+            if not (np.isfinite(image).all() and image.mean() > 0):
+                raise PeriscopyError(f"'{name}' must be finite, with a positive mean")
+        if self.truth.ndim != 3 or self.truth.shape[2] != 3:
+            raise PeriscopyError(f"the truth has shape {self.truth.shape}; give (R, C, 3)")
+        if not all(np.isfinite(sbr) and sbr > 0 for sbr in self.sbrs):
+            raise PeriscopyError(f"not every SBR is a positive number: {list(self.sbrs)}")
+        if not np.isfinite(self.snr):
+            raise PeriscopyError(f"the SNR must be a finite number of dB, not {self.snr}")
+
+    def labels(self) -> dict[str, list[Any]]:
+        """List the methods, backgrounds, SBRs and seeds, under those names in the singular."""
+        return {
+            "method": list(self.methods),
+            "background": list(self.backgrounds),
+            "sbr": [float(sbr) for sbr in self.sbrs],
+            "seed": [int(seed) for seed in self.seeds],
+        }
+
+    def photograph(self, background: str, sbr: float, seed: int) -> Array:
+        """Make one measurement (Sec. 4.1).
+
+        Its noise follows from its own labels and the sweep's seed, so that it stays the same
+        whatever else is swept.
+
+        Parameters
+        ----------
+        background, sbr, seed
+            Labels.
+
+        Returns
+        -------
+        ndarray
+            (rows, columns, 3) of mean 1, plus noise.
+        """
+        # In one memory order, which sums follow, whether the arrays have travelled or not.
+        signal, ambient = map(np.ascontiguousarray, (self.signal, self.backgrounds[background]))
+        exposed = composite(signal, ambient, sbr)
+        identity = json.dumps([self.seed, background, float(sbr), int(seed)]).encode()
+        entropy = int.from_bytes(hashlib.sha256(identity).digest()[:16])  # 128 bits
+        return add_noise(exposed, self.snr, entropy)
+
+    def configuration(self) -> dict[str, Any]:
+        """Tell all that the results depend on; arrays by their digests."""
+        return {
+            **self.conditions,
+            **{f"{name}s": values for name, values in self.labels().items()},
+            "snr": float(self.snr),
+            "base_seed": int(self.seed),
+            "signal_sha256": array_sha256(self.signal),
+            "truth_sha256": array_sha256(self.truth),
+            "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
+        }
+
+
+def array_sha256(array: NDArray[Any]) -> str:
+    """Digest of an array's shape, type and values."""
+    state = hashlib.sha256(f"{array.shape} {array.dtype.str}".encode())
+    state.update(np.ascontiguousarray(array).data)
+    return state.hexdigest()
+
+
+def flips(backgrounds: Mapping[str, Image]) -> dict[str, Image]:
+    """Flip each background about each axis and about both: four times as many (Sec. 4.1).
+
+    Parameters
+    ----------
+    backgrounds
+        Name to (rows, columns, 3).
+
+    Returns
+    -------
+    dict
+        Each background under its own name, then with `` up-down``, `` left-right`` and `` both``
+        added to it.
+    """
+    flipped = {}
+    for name, image in backgrounds.items():
+        flipped[name] = image
+        flipped[f"{name} up-down"] = image[::-1]
+        flipped[f"{name} left-right"] = image[:, ::-1]
+        flipped[f"{name} both"] = image[::-1, ::-1]
+    return flipped
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: Path,
+    *,
+    scheduler: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Reconstruct every measurement by every method; go on where an earlier run stopped.
+
+    A method that raises, or returns another shape or values that are not finite, fails alone.
+
+    Parameters
+    ----------
+    sweep
+        What to do.
+    folder
+        Where ``sweep.zarr``, ``sweep.csv`` (a row for each method and measurement) and
+        ``seconds.csv`` are written. The last is no part of the results: times are measured, and
+        differ from run to run.
+    scheduler
+        Address of a Dask scheduler; None uses this machine's cores.
+    progress
+        Called with the fraction done.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over (method, background, sbr, seed): ``mean_squared_error``, ``psnr``,
+        ``psnr_registered``, gain-matched and thus using the truth, NaN where the method failed;
+        ``failure``, why it did; ``reconstruction``, float32, with (row, column, channel) besides.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds a sweep of another configuration, or cannot be written.
+    PeriscopyError
+        If the scheduler does not answer or its workers keep dying.
+    """
+    from periscopy_sim.evaluation.workers import compute, connect
+
+    store = SweepStore(
+        folder / "sweep.zarr", sweep.labels(), sweep.truth.shape[:2], sweep.configuration()
+    )
+    missing = store.missing()
+    total = len(sweep.backgrounds) * len(sweep.sbrs) * len(sweep.seeds)
+    if missing:
+        with connect(scheduler) as client:
+            evaluated = compute(client, _evaluate, sweep, missing)
+            for finished, (trial, (outcomes, seconds)) in enumerate(evaluated, 1):
+                store.write(trial, outcomes)
+                _append_seconds(folder / "seconds.csv", sweep, trial, seconds)
+                if progress is not None:
+                    progress((total - len(missing) + finished) / total)
+    results = store.load()
+    write_table(folder / "sweep.csv", results)
+    return results
+
+
+def _evaluate(sweep: Sweep, trial: Trial) -> tuple[list[Outcome], list[float]]:
+    """Reconstruct one photograph by every method; also the seconds that each took."""
+    y, truth = sweep.photograph(*trial), np.ascontiguousarray(sweep.truth)
+    outcomes, seconds = [], []
+    for method in sweep.methods.values():
+        start = time.perf_counter()
+        image, failure = _reconstructed(method, y, truth.shape[:2])
+        seconds.append(time.perf_counter() - start)
+        metrics = (np.nan,) * len(METRICS) if failure else _metrics(image, truth)
+        outcomes.append(Outcome(image, metrics, failure))
+    return outcomes, seconds
+
+
+def _reconstructed(
+    method: Method, y: Array, hidden_shape: tuple[int, int]
+) -> tuple[NDArray[np.float32], str]:
+    """Image of a method and no message, or a blank and why it failed."""
+    try:
+        return image_by(method, y.copy(), hidden_shape), ""
+    except MemoryError:  # says more about the worker than about the method
+        raise
+    except Exception as error:  # whatever a user's own method raises
+        # Without addresses of objects, which differ from run to run.
+        message = re.sub(r"0x[0-9a-f]{6,}", "0x...", f"{type(error).__name__}: {error}")
+        return np.full((*hidden_shape, 3), np.nan, np.float32), " ".join(message.split())
+
+
+def _metrics(image: Image, truth: Image) -> tuple[float, ...]:
+    """Values of `METRICS`."""
+    return mean_squared_error(image, truth), psnr(image, truth), registered(image, truth).psnr
+
+
+def _append_seconds(path: Path, sweep: Sweep, trial: Trial, seconds: Sequence[float]) -> None:
+    is_new = not path.exists()
+    with path.open("a", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        if is_new:
+            stream.write("# measured run times: they differ from run to run\n")
+            table.writerow((*LABELS, "seconds"))
+        for name, elapsed in zip(sweep.methods, seconds, strict=True):
+            table.writerow((name, *trial, f"{elapsed:.6f}"))

@@ -1,0 +1,223 @@
+import hashlib
+import pickle
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import cloudpickle
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.methods import (
+    METHODS,
+    find_method,
+    fit_methods,
+    image_by,
+    source_sha256,
+)
+from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
+from periscopy_sim.reconstruction.periscope import Periscope
+
+RNG = np.random.default_rng(8)
+A = RNG.uniform(0.1, 1, (48, 6))
+B = RNG.uniform(0.1, 1, (48, 2))
+TRUTH = RNG.uniform(0.1, 1, (2, 3, 3))
+MINE = """
+import numpy as np
+
+class Mine:
+    def __init__(self, scenario, A, B):
+        self.scenario, self.A, self.B = scenario, A, B
+
+    def reconstruct(self, photograph):
+        return np.full((*self.scenario.hidden_shape, 3), photograph.mean())
+
+class Outer:
+    Inner = Mine
+
+def pair(scenario, A):
+    return Mine(scenario, A, None)
+
+def deaf(scenario, A, B):
+    return 3
+
+constant = 4
+"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    photograph_shape: tuple = (8, 6)
+    hidden_shape: tuple = (2, 3)
+    channel_gain: tuple = (1.2, 1.0, 0.8)
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(MINE)
+    return tmp_path / "mine.py"
+
+
+def photograph(background=0.0):
+    gain = np.array(Scene.channel_gain)
+    y = A @ TRUTH.reshape(6, 3) * gain + background * B.sum(axis=1, keepdims=True)
+    return y.reshape(8, 6, 3)
+
+
+def test_the_methods_of_the_paper_and_its_comparisons_are_there():
+    fitted = fit_methods(list(METHODS), Scene(), A, B)
+    kinds = {name: type(method) for name, method in fitted.items()}
+    assert kinds == {
+        "preconditioned": Periscope,
+        "differencing": Differencing,
+        "differencing-published": Differencing,
+        "truncated-svd": TruncatedSVD,
+        "pseudoinverse": Periscope,
+    }
+    assert list(fitted) == list(METHODS)
+    converged, published = fitted["differencing"], fitted["differencing-published"]
+    assert (converged.stop, published.stop) == ("converged", "published")
+    assert converged.wrap and published.wrap
+    for name, method in fitted.items():
+        image = image_by(method, photograph(), (2, 3))
+        assert image.shape == (2, 3, 3) and image.dtype == np.float32, name
+
+
+def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
+    fitted = fit_methods(["preconditioned", "pseudoinverse"], Scene(), A, B)
+    for method in fitted.values():
+        method.tv_weight, method.repair_threshold = 0, np.inf
+    for name, background, recovered in [
+        ("preconditioned", 0, True),
+        ("preconditioned", 5, True),
+        ("pseudoinverse", 0, True),
+        ("pseudoinverse", 5, False),
+    ]:
+        image = image_by(fitted[name], photograph(background), (2, 3))
+        assert np.allclose(image, TRUTH, rtol=1e-3) == recovered, (name, background)
+
+
+def test_unknown_name_is_refused_with_the_known_ones():
+    with pytest.raises(PeriscopyError) as error:
+        find_method("magic")
+    for name in METHODS:
+        assert name in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "name", ["mine.py:Mine", "./mine.py:Mine", "mine:Mine", "mine.py:Outer.Inner", "{0}:Mine"]
+)
+def test_own_method_is_found_in_a_file_or_a_module(name, mine, monkeypatch):
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    name = name.format(mine)
+    path = list(sys.path)
+    method = fit_methods([name], Scene(), A, B)[name]
+    assert sys.path == path
+    assert method.scenario == Scene() and method.A is A and method.B is B
+    assert np.allclose(image_by(method, np.full((8, 6, 3), 2.0), (2, 3)), 2)
+    assert source_sha256(name) == hashlib.sha256(mine.read_bytes()).hexdigest()
+
+
+def test_source_of_a_built_in_method_is_the_package():
+    assert source_sha256("preconditioned") is None
+    with pytest.raises(PeriscopyError, match="no method 'magic'"):
+        source_sha256("magic")
+
+
+def test_file_that_has_changed_is_read_again(mine):
+    before = find_method("mine.py:Mine"), source_sha256("mine.py:Mine")
+    mine.write_text(MINE + "\nMine.changed = True\n")
+    assert find_method("mine.py:Mine").changed
+    assert not hasattr(before[0], "changed") and source_sha256("mine.py:Mine") != before[1]
+
+
+def test_file_finds_the_modules_beside_it(tmp_path, monkeypatch):
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "beside_mine.py").write_text(MINE)
+    (tmp_path / "deep" / "mine.py").write_text("from beside_mine import Mine\n")
+    monkeypatch.chdir(tmp_path)
+    assert find_method("deep/mine.py:Mine").__name__ == "Mine"
+
+
+def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
+    method = fit_methods(["mine.py:Mine"], Scene(hidden_shape=(2, 3)), A, B)["mine.py:Mine"]
+    method.scenario = None  # a class of this test, which the other process does not know
+    content = cloudpickle.dumps(method)
+    mine.unlink()
+    code = "import pickle, sys; print(pickle.load(sys.stdin.buffer).A.shape)"
+    ended = subprocess.run(
+        [sys.executable, "-c", code], input=content, capture_output=True, cwd=mine.parent
+    )
+    assert ended.stdout == b"(48, 6)\n", ended.stderr
+    assert pickle.loads(content).B.shape == B.shape
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("", "no method ''; use preconditioned, "),
+        ("mine", "no method 'mine'; use preconditioned, "),
+        ("mine.py", "path/to/file.py:callable"),
+        (":Mine", "no method ':Mine'"),
+        ("mine.py:", "no method 'mine.py:'"),
+        ("none.py:Mine", "there is no file none.py"),
+        ("no_such_module:Mine", "No module named 'no_such_module'"),
+        ("mine.py:Other", "has no attribute 'Other'"),
+        ("mine.py:pair", "three arguments (scenario, A, B)"),
+        ("mine.py:constant", "three arguments (scenario, A, B)"),
+        ("mine.py:deaf", "makes an object of type int, which has no"),
+        ("broken.py:Mine", "cannot be imported: SyntaxError"),
+        ("raising.py:Mine", "cannot be imported: KeyError: 'no'"),
+    ],
+)
+def test_what_is_no_method_is_refused_by_one_line(name, message, mine):
+    (mine.parent / "broken.py").write_text("class Mine(\n")
+    (mine.parent / "raising.py").write_text("raise KeyError('no')\n")
+    with pytest.raises(PeriscopyError) as error:
+        fit_methods([name], Scene(), A, B)
+    assert message in str(error.value)
+    # What failed half way leaves nothing that a second try would take for it.
+    with pytest.raises(PeriscopyError):
+        fit_methods([name], Scene(), A, B)
+
+
+class Returning:
+    def __init__(self, image):
+        self.image = image
+
+    def reconstruct(self, _):
+        return self.image
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (np.ones((3, 2, 3)), r"returned shape \(3, 2, 3\) instead of \(2, 3, 3\)"),
+        (np.ones((2, 3)), r"returned shape \(2, 3\)"),
+        (None, r"returned shape \(\)"),
+        (np.array([*[np.nan] * 3, *range(15)]).reshape(2, 3, 3), "returned 3 values that are NaN"),
+        (np.full((2, 3, 3), np.inf), "returned 18 values"),
+        (TRUTH * 1j, "returned values of type complex128"),
+        (TRUTH.astype(str), "returned values of type <U"),
+        (np.full((2, 3, 3), 1e300), "returned 18 values"),
+    ],
+)
+def test_image_that_breaks_the_promise_is_refused(image, message):
+    with pytest.raises(ValueError, match=message):
+        image_by(Returning(image), photograph(), (2, 3))
+
+
+def test_looking_up_a_method_loads_no_renderer():
+    code = (
+        "import sys; from periscopy_sim.evaluation import methods, sweep; "
+        "methods.find_method('differencing'); "
+        "print(*{'mitsuba', 'distributed', 'xarray', 'zarr', 'matplotlib'} & set(sys.modules))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+    )
+    assert (ended.stdout, ended.stderr) == ("\n", "")

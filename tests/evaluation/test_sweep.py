@@ -1,0 +1,386 @@
+import csv
+import itertools
+import json
+import pickle
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import ndimage
+
+from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.evaluation.sweep import Sweep, flips, run_sweep
+
+RNG = np.random.default_rng(5)
+SIGNAL = RNG.uniform(0.5, 1, (6, 7, 3))
+TRUTH = RNG.uniform(0, 1, (3, 4, 3))
+LIGHTS = {"lamp": RNG.uniform(1, 3, (6, 7, 3)), "sun": RNG.uniform(5, 9, (6, 7, 3))}
+
+
+class Linear:
+    """The mean of a random part of the photograph for each patch."""
+
+    def __init__(self, seed):
+        self.matrix = np.random.default_rng(seed).uniform(-0.2, 1, (12, 42))
+
+    def reconstruct(self, photograph):
+        return (self.matrix @ photograph.reshape(42, 3)).reshape(3, 4, 3)
+
+
+class Moody:
+    """Fails in one way or another, as the photograph is; spoils what it was given."""
+
+    def reconstruct(self, photograph):
+        bright = photograph[0, 0, 0] > photograph[-1, -1, 0]
+        photograph[:] = np.nan
+        if bright:
+            raise RuntimeError(f"too bright\nfor {self}")
+        return np.zeros((4, 3, 3))
+
+
+def sweep_of(**changes):
+    methods = {"first": Linear(1), "second": Linear(2)}
+    base = Sweep(SIGNAL, TRUTH, LIGHTS, methods, [0.1, 1, 10], snr=40, seeds=range(2), seed=7)
+    return replace(base, **changes)
+
+
+def contents(folder):
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "seconds.csv"
+    }
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A complete sweep: its folder and results."""
+    folder = tmp_path_factory.mktemp("done")
+    return folder, run_sweep(sweep_of(), folder)
+
+
+# -- what is measured ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sbr", [0.1, 1, 10])
+def test_photograph_has_its_sbr_and_its_noise(sbr):
+    clean = replace(sweep_of(), snr=300).photograph("sun", sbr, 0)
+    # The least-squares parts of signal and background in it.
+    columns = np.stack([SIGNAL.ravel(), LIGHTS["sun"].ravel()], axis=1)
+    parts = np.linalg.lstsq(columns, clean.ravel())[0] * columns.mean(axis=0)
+    assert parts[0] / parts[1] == pytest.approx(sbr)
+    assert clean.mean() == pytest.approx(1)
+    noise = [sweep_of(seeds=[s]).photograph("sun", sbr, s) - clean for s in range(100)]
+    expected = 10 ** (-40 / 20) * np.sqrt(np.mean(clean**2))
+    # 12,600 normal values: the standard error of their deviation is 0.63 %.
+    assert np.std(noise) == pytest.approx(expected, rel=0.03)
+    assert np.mean(noise) == pytest.approx(0, abs=5 * expected / np.sqrt(12600))
+
+
+def test_noise_follows_from_the_labels_alone():
+    y = sweep_of().photograph("sun", 1, 1)
+    other = sweep_of(
+        backgrounds={"more": LIGHTS["lamp"], "sun": LIGHTS["sun"]},
+        sbrs=[20, 1.0, 0.1],
+        seeds=[1, 5],
+        methods={"second": Linear(2)},
+    )
+    assert np.array_equal(other.photograph("sun", 1.0, 1), y)
+
+
+def test_photograph_is_the_same_bytes_after_a_journey():
+    # Of many magnitudes, so that sums in another order are rounded otherwise.
+    large = np.exp(np.random.default_rng(2).normal(0, 4, (60, 50, 3)))
+    lights = flips({"lamp": np.asfortranarray(large)})
+    sweep = sweep_of(signal=large[::-1], backgrounds=lights)
+    copy = pickle.loads(pickle.dumps(sweep))
+    for name in lights:
+        assert np.array_equal(copy.photograph(name, 0.1, 1), sweep.photograph(name, 0.1, 1))
+
+
+def test_every_label_and_the_seed_change_the_noise():
+    base, again = sweep_of(), sweep_of(seed=8)
+    same = dict.fromkeys(("lamp", "sun"), LIGHTS["sun"])
+    one_light = sweep_of(backgrounds=same)
+    clean = replace(one_light, snr=300)
+    noises = [
+        sweep.photograph(*labels) - clean.photograph(*labels)
+        for sweep, labels in [
+            (one_light, ("sun", 1, 0)),
+            (one_light, ("lamp", 1, 0)),
+            (base, ("sun", 0.1, 0)),
+            (base, ("sun", 1, 1)),
+            (again, ("sun", 1, 0)),
+        ]
+    ]
+    for one, other in itertools.combinations(noises, 2):
+        # The correlation of 126 pairs of independent values has a standard error of 0.089.
+        assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.45
+
+
+def test_flips_are_the_four_pictures_of_each_background():
+    image = np.arange(12.0).reshape(2, 2, 3)
+    flipped = flips({"a": image, "b": 2 * image})
+    assert list(flipped) == [
+        *("a", "a up-down", "a left-right", "a both"),
+        *("b", "b up-down", "b left-right", "b both"),
+    ]
+    corners = {name: picture[:, :, 0].ravel().tolist() for name, picture in flipped.items()}
+    assert corners["a up-down"] == [6, 9, 0, 3]
+    assert corners["a left-right"] == [3, 0, 9, 6]
+    assert corners["b both"] == [18, 12, 6, 0]
+
+
+# -- what is kept --------------------------------------------------------------------------------
+
+
+def test_results_are_labelled_and_are_what_the_methods_give(done):
+    _, results = done
+    assert dict(results.sizes) == {
+        "method": 2, "background": 2, "sbr": 3, "seed": 2, "row": 3, "column": 4, "channel": 3
+    }  # fmt: skip
+    assert results["channel"].values.tolist() == ["red", "green", "blue"]
+    assert results["reconstruction"].dtype == np.float32
+    sweep = sweep_of()
+    for name, light, sbr, seed in itertools.product(sweep.methods, LIGHTS, [0.1, 1, 10], [0, 1]):
+        cell = results.sel({"method": name, "background": light, "sbr": sbr, "seed": seed})
+        image = sweep.methods[name].reconstruct(sweep.photograph(light, sbr, seed))
+        assert np.allclose(cell["reconstruction"], image, rtol=1e-6)
+        error, best = error_of(image), min(
+            error_of(ndimage.shift(image, (d / 2, r / 2, 0), order=1, mode="grid-constant"))
+            for d in range(-4, 5)
+            for r in range(-4, 5)
+        )  # fmt: skip
+        assert float(cell["mean_squared_error"]) == pytest.approx(error, rel=1e-5)
+        assert float(cell["psnr"]) == pytest.approx(-10 * np.log10(error), abs=1e-4)
+        assert float(cell["psnr_registered"]) == pytest.approx(-10 * np.log10(best), abs=1e-4)
+        assert cell["failure"] == ""
+
+
+def error_of(image):
+    positive = np.maximum(image, 0)
+    matched = [
+        np.clip(np.linalg.lstsq(p.reshape(-1, 1), t.ravel())[0] * p, 0, 1) - t
+        for p, t in zip(positive.transpose(2, 0, 1), TRUTH.transpose(2, 0, 1), strict=True)
+    ]
+    return np.mean(np.square(matched))
+
+
+def test_metrics_say_that_they_use_the_truth_and_have_units(done):
+    _, results = done
+    for name, unit in [("mean_squared_error", "1"), ("psnr", "dB"), ("psnr_registered", "dB")]:
+        assert results[name].attrs["units"] == unit
+        assert results[name].attrs["long_name"]
+        assert "gain-matched: uses the truth" in results[name].attrs["note"]
+    assert results.attrs["snr"] == 40 and results.attrs["base_seed"] == 7
+
+
+def test_store_opens_in_xarray_and_its_table_in_any_program(done):
+    folder, results = done
+    with xr.open_dataset(folder / "sweep.zarr", engine="zarr", consolidated=False) as stored:
+        assert np.array_equal(stored["psnr"], results["psnr"])
+    metadata = json.loads((folder / "sweep.zarr" / "zarr.json").read_text())
+    assert metadata["zarr_format"] == 3
+    with (folder / "sweep.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 2 * 2 * 3 * 2
+    for row in rows:
+        place = {"method": row["method"], "background": row["background"]}
+        place |= {"sbr": float(row["sbr"]), "seed": int(row["seed"])}
+        assert float(row["psnr"]) == float(results["psnr"].sel(place))
+        assert row["failure"] == ""
+    comment, *lines = (folder / "seconds.csv").read_text().splitlines()
+    assert comment.startswith("# measured")
+    timed = list(csv.DictReader(lines))
+    assert len(timed) == 24 and all(0 <= float(row["seconds"]) < 60 for row in timed)
+
+
+def test_method_that_fails_fails_alone(tmp_path):
+    methods = {"moody": Moody(), "first": Linear(1)}
+    lights = {"left": np.ones((6, 7, 3)), "right": np.ones((6, 7, 3))}
+    lights["left"][0, 0] = lights["right"][-1, -1] = 2
+    sweep = sweep_of(methods=methods, backgrounds=lights, sbrs=[1e-3])
+    results = run_sweep(sweep, tmp_path)
+    moody, first = (results.sel({"method": name}) for name in methods)
+    for metric in ("mean_squared_error", "psnr", "psnr_registered", "reconstruction"):
+        assert np.isnan(moody[metric]).all()
+        assert np.isfinite(first[metric]).all()
+    messages = {name: set(moody["failure"].sel(background=name).values.flat) for name in lights}
+    (raised,) = messages["left"]
+    assert raised.startswith("RuntimeError: too bright for <") and raised.endswith(" at 0x...>")
+    assert messages["right"] == {"ValueError: returned shape (4, 3, 3) instead of (3, 4, 3)"}
+    assert set(first["failure"].values.flat) == {""}
+    table = (tmp_path / "sweep.csv").read_text()
+    assert f"moody,left,0.001,0,nan,nan,nan,{raised}" in table
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"methods": {}}, "no method"),
+        ({"backgrounds": {}}, "no background"),
+        ({"sbrs": []}, "no sbr"),
+        ({"seeds": []}, "no seed"),
+        ({"sbrs": [1, 2, 1.0]}, "sbr twice"),
+        ({"seeds": [1, 1]}, "seed twice"),
+        ({"sbrs": [1, 0]}, "positive"),
+        ({"sbrs": [np.nan]}, "positive"),
+        ({"snr": np.nan}, "SNR"),
+        ({"snr": np.inf}, "SNR"),
+        ({"truth": TRUTH[..., 0]}, "truth"),
+        ({"backgrounds": {"lamp": SIGNAL[1:]}}, "'lamp' has shape"),
+        ({"backgrounds": {"lamp": -SIGNAL}}, "'lamp' must be finite, with a positive mean"),
+        ({"signal": SIGNAL * np.nan}, "'signal' must be finite"),
+    ],
+)
+def test_impossible_sweep_is_refused(changes, message):
+    with pytest.raises(PeriscopyError, match=message):
+        sweep_of(**changes)
+
+
+# -- going on ------------------------------------------------------------------------------------
+
+
+def test_complete_sweep_is_not_done_again(done):
+    folder, results = done
+    before = contents(folder)
+    again = run_sweep(sweep_of(methods={"first": Moody(), "second": Moody()}), folder)
+    assert again.identical(results)
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"methods": {"first": Linear(1)}}, "methods"),
+        ({"backgrounds": {"lamp": LIGHTS["lamp"]}}, "backgrounds"),
+        ({"backgrounds": {**LIGHTS, "sun": LIGHTS["lamp"]}}, "background_sha256.sun"),
+        ({"signal": SIGNAL + 1e-9}, "signal_sha256"),
+        ({"truth": TRUTH[:, ::-1]}, "truth_sha256"),
+        ({"sbrs": [0.1, 1]}, r"sbrs \[0.1, 1.0, 10.0\], here \[0.1, 1.0\]"),
+        ({"snr": 41}, "snr 40.0, here 41.0"),
+        ({"seeds": [0, 2]}, "seeds"),
+        ({"seed": 8}, "base_seed 7, here 8"),
+        ({"conditions": {"A": 1}}, "A unset, here 1"),
+    ],
+)
+def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
+    folder, _ = done
+    before = contents(folder)
+    with pytest.raises(OutputError, match=f"holds another sweep \\({key}"):
+        run_sweep(sweep_of(**changes), folder)
+    assert contents(folder) == before
+
+
+def test_what_is_no_store_is_refused(tmp_path):
+    (tmp_path / "sweep.zarr").mkdir()
+    (tmp_path / "sweep.zarr" / "notes").write_text("kept")
+    with pytest.raises(OutputError, match="is no sweep's store"):
+        run_sweep(sweep_of(), tmp_path)
+    assert contents(tmp_path) == {"sweep.zarr/notes": b"kept"}
+
+
+def test_same_sweep_gives_the_same_bytes(done, tmp_path):
+    run_sweep(sweep_of(), tmp_path)
+    assert contents(tmp_path) == contents(done[0])
+
+
+KILLED = """
+import os, pathlib, pickle, signal, sys
+sys.path.insert(0, {folder!r})
+from importlib.util import module_from_spec, spec_from_file_location
+spec = spec_from_file_location("tests_of_sweep", {tests!r})
+tests = module_from_spec(spec)
+sys.modules["tests_of_sweep"] = tests
+spec.loader.exec_module(tests)
+replace, left = pathlib.Path.replace, {writes}
+
+def dies(path, target):
+    global left
+    left -= 1
+    if left == 0:
+        if {torn}:
+            os.truncate(path, path.stat().st_size // 2)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return replace(path, target)
+
+pathlib.Path.replace = dies
+tests.run_sweep(tests.sweep_of(), pathlib.Path({folder!r}))
+"""
+
+
+def test_sweep_killed_again_and_again_ends_in_the_same_bytes(done, tmp_path):
+    complete = []
+    # Each time a write is cut off, half way or just before its rename.
+    for writes, torn in ((38, True), (17, False), (19, True)):
+        code = KILLED.format(folder=str(tmp_path), tests=__file__, writes=writes, torn=torn)
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert ended.returncode == -signal.SIGKILL, ended.stderr
+        assert list(tmp_path.rglob("*.partial"))
+        complete.append(len(list((tmp_path / "sweep.zarr" / "complete").rglob("[0-9]"))))
+    assert complete == sorted(set(complete)) and not (tmp_path / "sweep.csv").exists()
+    run_sweep(sweep_of(), tmp_path)
+    assert contents(tmp_path) == contents(done[0])
+
+
+def test_sweep_killed_while_it_is_laid_out_starts_anew(done, tmp_path):
+    code = KILLED.format(folder=str(tmp_path), tests=__file__, writes=9, torn=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    assert not (tmp_path / "sweep.zarr").exists()
+    run_sweep(sweep_of(), tmp_path)
+    visible = {name: data for name, data in contents(tmp_path).items() if name[0] != "."}
+    assert visible == contents(done[0])
+
+
+def test_interrupted_sweep_goes_on(done, tmp_path):
+    def interrupt(fraction):
+        seen.append(fraction)
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+
+    seen = []
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(sweep_of(), tmp_path, progress=interrupt)
+    assert np.allclose(seen, np.arange(1, 5) / 12)
+    seen.clear()
+    run_sweep(sweep_of(), tmp_path, progress=lambda fraction: seen.append(fraction))
+    assert np.allclose(seen, np.arange(5, 13) / 12)
+    assert contents(tmp_path) == contents(done[0])
+
+
+def test_damaged_chunk_is_an_error_not_a_result(tmp_path):
+    run_sweep(sweep_of(), tmp_path)
+    chunks = (tmp_path / "sweep.zarr" / "psnr" / "c").rglob("*")
+    chunk = next(path for path in chunks if path.is_file())
+    content = bytearray(chunk.read_bytes())
+    content[-6] ^= 1
+    chunk.write_bytes(content)
+    with pytest.raises(Exception, match="checksum"):
+        run_sweep(sweep_of(), tmp_path)
+
+
+def test_workers_elsewhere_give_the_same_bytes(done, tmp_path):
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp://",
+        dashboard_address=None,
+    ) as cluster:  # fmt: skip
+        run_sweep(sweep_of(), tmp_path, scheduler=cluster.scheduler_address)
+    assert contents(tmp_path) == contents(done[0])
+
+
+class Greedy:
+    def reconstruct(self, _):
+        raise MemoryError("no 9 GiB")
+
+
+def test_lack_of_memory_is_not_held_against_the_method(tmp_path):
+    with pytest.raises(MemoryError, match="no 9 GiB"):
+        run_sweep(sweep_of(methods={"greedy": Greedy()}, seeds=[0]), tmp_path)
+    assert not (tmp_path / "sweep.csv").exists()

@@ -1,0 +1,127 @@
+import logging
+import time
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.methods import find_method
+from periscopy_sim.evaluation.sweep import Sweep, run_sweep
+from periscopy_sim.evaluation.workers import compute, connect
+
+MORTAL = """
+import os, pathlib
+import numpy as np
+
+class Mortal:
+    def __init__(self, flag, A, B):
+        self.flag = pathlib.Path(flag)
+
+    def reconstruct(self, photograph):
+        try:
+            self.flag.touch(exist_ok=False)
+        except FileExistsError:
+            return np.full((3, 4, 3), photograph[0, 0, 0])
+        os._exit(1)
+"""
+
+
+def test_what_a_dead_worker_held_is_done_again(tmp_path):
+    from distributed import LocalCluster
+
+    (tmp_path / "mortal.py").write_text(MORTAL)
+    method = find_method(f"{tmp_path}/mortal.py:Mortal")(str(tmp_path / "flag"), None, None)
+    light = np.random.default_rng(1).uniform(1, 2, (6, 7, 3))
+    sweep = Sweep(light, np.ones((3, 4, 3)), {"sun": light}, {"mortal": method}, [1, 2, 3])
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        results = run_sweep(sweep, tmp_path, scheduler=cluster.scheduler_address)
+    assert (tmp_path / "flag").exists()
+    assert np.isfinite(results["psnr"]).all() and (results["failure"] == "").all()
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", "127.0.0.1:99999"])
+def test_scheduler_that_does_not_answer_is_one_line(address, capfd, monkeypatch):
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 0.2)
+    refused = pytest.raises(PeriscopyError, match="no Dask scheduler answers at")
+    with refused as error, connect(address):
+        pass
+    assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_scheduler_without_workers_is_one_line():
+    from distributed import LocalCluster
+
+    with (
+        LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
+        pytest.raises(PeriscopyError, match="has no workers"),
+        connect(cluster.scheduler_address),
+    ):
+        pass
+
+
+def sums(arrays, item):
+    return arrays[item].flags.aligned, arrays[item].mean()
+
+
+def test_arrays_that_travel_keep_the_bits_of_their_sums():
+    from distributed import LocalCluster
+
+    rng = np.random.default_rng(3)
+    arrays = tuple(rng.uniform(1, 2, (126, 126, 3)) for _ in range(8))
+    with (
+        LocalCluster(
+            n_workers=1, processes=False, protocol="tcp://", dashboard_address=None
+        ) as cluster,
+        connect(cluster.scheduler_address) as client,
+    ):
+        found = dict(compute(client, sums, arrays, range(8)))
+    assert found == {item: (True, arrays[item].mean()) for item in range(8)}
+
+
+class Started:
+    def __init__(self):
+        self.items = []
+
+
+def blas_threads(started, item):
+    started.items.append(item)
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_few_tasks_are_in_flight_and_linear_algebra_has_one_thread(monkeypatch):
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.IN_FLIGHT", 3)
+    started, taken = Started(), []
+    with threadpool_limits(2):
+        assert blas_threads(Started(), None) == {2}
+    with threadpool_limits(2), connect(None) as client:
+        for item, threads in compute(client, blas_threads, started, range(20)):
+            time.sleep(0.02)  # the workers would be far ahead
+            assert threads == {1}
+            taken.append(item)
+            assert len(started.items) <= len(taken) + 3
+    assert sorted(taken) == sorted(started.items) == list(range(20))
+
+
+def fail(shared, item):
+    raise ValueError(f"{shared} {item}")
+
+
+def test_what_a_task_raises_is_raised_in_silence(caplog, capfd):
+    with pytest.raises(ValueError, match="no 3"), connect(None) as client:
+        list(compute(client, fail, "no", [3]))
+    assert capfd.readouterr() == ("", "") and caplog.records == []
+
+
+def test_logging_is_as_it_was_afterwards():
+    import distributed
+
+    assert distributed.__name__ == "distributed"
+    loggers = [logging.getLogger(f"distributed{part}") for part in ("", ".worker", ".client")]
+    before = [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
+    with connect(None):
+        assert loggers[0].propagate is False
+    assert before == [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
