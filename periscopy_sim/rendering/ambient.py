@@ -1,118 +1,292 @@
 """Ambient light: the wall as lit by everything but the hidden monitor.
 
-Brute force would need hours to push its noise below a camera's. But light that has bounced arrives
-from all around and varies slowly over the wall, so that a coarse film and a smooth fit serve for
-it; only the direct light, which stratified samples resolve well, needs every pixel.
+Brute force would need hours to push its noise below a camera's. But irradiance is smooth where no
+shadow falls. So direct light, from each emitter apart, and light that has bounced are estimated in
+independent replicas, and smoothed as far as these allow (see `smoothing`); samples are added where
+the error is largest, until the whole is as exact as was asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
-from periscopy_sim.rendering.photograph import path_trace
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.irradiance import bounced_irradiance, direct_irradiance
+from periscopy_sim.rendering.scene_file import camera_of, shape_of
 from periscopy_sim.rendering.scene_nodes import SceneNodes
-from periscopy_sim.rendering.variant import use_variant
-from periscopy_sim.scenario import Array
+from periscopy_sim.rendering.smoothing import Field, best_estimate, chosen_sites
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.shipped import find_scene
 
-COARSE = 24
-"""Pixels along each side of the film for indirect light."""
+REPLICAS = 8
+"""Independent estimates, from whose scatter the error is told."""
 
-DEGREE = 5
-"""Degree, along each side, of the polynomial fitted to indirect light."""
+SITES = 9
+"""Points along each side of the photograph at which bounced light is estimated."""
+
+PATHS = 1024
+"""Paths from each of them in a round."""
+
+DIRECT_SAMPLES = 64
+"""Samples of each emitter and pixel in a round."""
+
+LIFT = 1e-4
+"""Height of the points off the wall, over the size of the field of view."""
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """A photograph of ambient light and its Monte Carlo error.
+
+    Attributes
+    ----------
+    photograph
+        (rows, columns, 3) radiance.
+    relative_error
+        Standard error of a pixel relative to its brightness, root mean square over pixels and
+        channels, after the one factor by which a composite scales the whole.
+    brightness_error
+        Relative standard error of that factor.
+    """
+
+    photograph: Array
+    relative_error: float
+    brightness_error: float
 
 
 def render_background(
     path: str | Path,
+    scenario: Scenario,
     parameters: Mapping[str, str] | None = None,
     *,
-    samples: int = 1024,
-    indirect_samples: int = 180**2,
+    target: float = 3e-4,
+    max_rounds: int = 32,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
-) -> Array:
-    """Path trace an ambient scene, direct and indirect light apart.
+) -> Background:
+    """Photograph a scenario's wall in an ambient scene, path traced.
+
+    The ambient scene is moved so that what its own camera sees of its own wall coincides, in
+    centre and axes, with what the scenario's camera sees. The wall takes the scenario's
+    reflectance; light between it and its surroundings is that of the ambient scene's wall.
 
     Parameters
     ----------
     path
-        A scene file, or the name of a shipped one, with shape ``wall`` and sensor ``camera``,
-        without a monitor.
+        A scene file, or the name of a shipped one such as ``ambient/overcast``, with shape ``wall``
+        and sensor ``camera``, without a monitor.
+    scenario
+        The scene whose camera photographs.
     parameters
-        Values for its ``<default>``s.
-    samples
-        Camera samples a pixel for direct light.
-    indirect_samples
-        Camera samples a coarse pixel for indirect light.
+        Values for the ambient scene's ``<default>``s.
+    target
+        Relative error at which to stop.
+    max_rounds
+        Rounds of samples for any part of the light.
     seed
-        Seed of the sampler. The same seed and variant give the same bytes.
+        Seed of every sampler. The same seed and variant give the same bytes.
     progress
-        Called with the fraction done.
+        Called with the fraction done, as estimated.
 
     Returns
     -------
-    ndarray
-        (rows, columns, 3) float64 radiance.
+    Background
 
     Raises
     ------
     SceneError
-        If the wall or the camera is missing, or Mitsuba refuses the scene.
+        If the ambient scene lacks wall, camera or light or Mitsuba refuses it, or the scenario's
+        wall is not diffuse.
+
+    Warns
+    -----
+    RuntimeWarning
+        The target was not reached within `max_rounds`.
     """
     use_variant()
+    if scenario.wall_reflectance is None:
+        raise SceneError(
+            f"scene '{scenario.path}': ambient light needs a diffuse wall; give the wall a BSDF of "
+            "type diffuse"
+        )
     path = find_scene(path)
-    report = progress or (lambda _: None)
-    direct = path_trace(
-        _scene(path, parameters), 2, samples=samples, seed=seed,
-        progress=lambda fraction: report(fraction / 3),
-    )  # fmt: skip
-    coarse = _scene(path, parameters, (COARSE, COARSE))
-    # With the same seed both trace the same first segments: their difference is indirect light.
-    every = path_trace(
-        coarse, -1, samples=indirect_samples, seed=seed,
-        progress=lambda fraction: report((1 + fraction) / 3),
-    )  # fmt: skip
-    first = path_trace(
-        coarse, 2, samples=indirect_samples, seed=seed,
-        progress=lambda fraction: report((2 + fraction) / 3),
-    )  # fmt: skip
-    return direct + smooth_fit(every - first, direct.shape[:2])
+    scene = _ambient_scene(path, parameters)
+    if not scene.emitters():
+        raise SceneError(f"scene '{path}' has no emitter; give it light")
+    points, normals = _placed(scenario, _view_of(scene, path))
+    if is_vectorized():
+        parts = _parts(scene, points, normals, scenario.photograph_shape)
+    else:
+        from periscopy_sim.rendering.ambient_scalar import scalar_parts
+
+        parts = scalar_parts(scene, points, normals, scenario.photograph_shape)
+    seeds = (
+        int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+        for number in itertools.count()
+    )
+    irradiance, errors = _refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+    if errors[0] > target:
+        warnings.warn(
+            f"'{path.stem}' stopped at a relative error of {errors[0]:.1e}, above {target:.1e}; "
+            "raise max_rounds",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    picture = irradiance * scenario.wall_reflectance / np.pi
+    return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
 
 
-def smooth_fit(coarse: Array, shape: tuple[int, int], degree: int = DEGREE) -> Array:
-    """Fit a polynomial to a coarse image by least squares and evaluate it on finer pixels.
+class Part:
+    """One part of the light, estimated in replicas at some of the pixels.
 
     Parameters
     ----------
-    coarse
-        (r, c, 3) values at the centres of coarse pixels.
+    estimate
+        Maps a seed to the (S, 3) irradiance at the sites.
+    sites
+        (S,) row-major indices of pixels.
     shape
-        (rows, columns) of the finer image of the same field.
-    degree
-        Degree along each side (Legendre polynomials).
+        (rows, columns) of the photograph.
+    """
+
+    def __init__(
+        self, estimate: Callable[[int], Array], sites: NDArray[np.intp], shape: tuple[int, int]
+    ) -> None:
+        self._estimate = estimate
+        self._sites = sites
+        self._shape = shape
+        self._sum = np.zeros((REPLICAS, len(sites), 3))
+        self.rounds = 0
+        self.field: Field
+
+    def add_round(self, seeds: Iterator[int]) -> None:
+        """Add samples to every replica, and estimate the field anew."""
+        self._sum += np.stack([self._estimate(next(seeds)) for _ in range(REPLICAS)])
+        self.rounds += 1
+        self.field = best_estimate(self._sum / self.rounds, self._sites, self._shape)
+
+
+def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
+    """Each emitter's direct light at every pixel, and bounced light at a few."""
+    grid = points.reshape(*shape, 3)
+    edges = np.stack(
+        [
+            np.gradient(grid, axis=axis) if shape[axis] > 1 else np.zeros_like(grid)
+            for axis in (0, 1)
+        ],
+        axis=2,
+    ).reshape(-1, 2, 3)
+
+    def direct(emitter: Any) -> Part:
+        def estimate(seed: int) -> Array:
+            return direct_irradiance(scene, emitter, points, normals, edges, DIRECT_SAMPLES, seed)
+
+        return Part(estimate, np.arange(len(points)), shape)
+
+    sites = chosen_sites(shape, SITES)
+
+    def bounced(seed: int) -> Array:
+        return bounced_irradiance(scene, points[sites], normals[sites], PATHS, seed)
+
+    return [*(direct(emitter) for emitter in scene.emitters()), Part(bounced, sites, shape)]
+
+
+def _refined(
+    parts: list[Part],
+    target: float,
+    max_rounds: int,
+    seeds: Iterator[int],
+    progress: Callable[[float], None],
+) -> tuple[Array, tuple[float, float]]:
+    """Add rounds to the part of largest error until the whole is as exact as the target."""
+    for part in parts:
+        part.add_round(seeds)
+    while True:
+        whole = sum((part.field.replicas for part in parts), np.zeros(()))
+        bias = sum((part.field.squared_bias for part in parts), np.zeros(3))
+        mean = whole.mean(axis=0)
+        errors = relative_errors(whole, bias)
+        open_parts = [part for part in parts if part.rounds < max_rounds]
+        if errors[0] <= target or not open_parts:
+            return mean, errors
+        progress(min(1.0, (target / errors[0]) ** 2))
+
+        def share(part: Part, mean: Array = mean) -> float:
+            replicas = part.field.replicas
+            alone = mean + replicas - replicas.mean(axis=0)
+            return relative_errors(alone, part.field.squared_bias)[0]
+
+        max(open_parts, key=share).add_round(seeds)
+
+
+def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
+    """Tell the error of the replicas' mean, as `Background` defines it.
+
+    Parameters
+    ----------
+    replicas
+        (K, M, 3) independent estimates of a picture.
+    squared_bias
+        (3,) of all of them.
 
     Returns
     -------
-    ndarray
-        (rows, columns, 3).
+    relative_error, brightness_error
     """
+    K = len(replicas)
+    brightness = replicas.mean(axis=(1, 2))
+    scaled = replicas / brightness[:, None, None]
+    variance = scaled.var(axis=0, ddof=1) / K + squared_bias / brightness.mean() ** 2
+    pixel = scaled.mean(axis=(0, 2))
+    relative = np.sqrt(np.mean(variance / pixel[:, None] ** 2))
+    return float(relative), float(brightness.std(ddof=1) / np.sqrt(K) / brightness.mean())
 
-    def basis(pixels: int) -> Array:
-        centers = (2 * np.arange(pixels) + 1) / pixels - 1
-        return np.asarray(legendre.legvander(centers, degree))
 
-    down = basis(shape[0]) @ np.linalg.pinv(basis(coarse.shape[0]))
-    across = basis(shape[1]) @ np.linalg.pinv(basis(coarse.shape[1]))
-    return np.asarray(np.einsum("ri,ijk,cj->rck", down, coarse, across))
-
-
-def _scene(
-    path: Path, parameters: Mapping[str, str] | None, film_size: tuple[int, int] | None = None
-) -> object:
+def _ambient_scene(path: Path, parameters: Mapping[str, str] | None) -> Any:
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    nodes.average_pixels(film_size)
+    nodes.average_pixels()
     return nodes.instantiate()
+
+
+def _view_of(scene: Any, path: Path) -> WallFrame:
+    """Centre and axes of what the ambient scene's camera sees of its wall."""
+    import mitsuba as mi
+
+    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    points, normals = [], []
+    for row, column in itertools.product((1 / 6, 1 / 2, 5 / 6), repeat=2):
+        ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(column, row), mi.Point2f(0.5, 0.5))
+        si = scene.ray_intersect(ray)
+        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == _pointer(wall))):
+            raise SceneError(
+                f"scene '{path}': its camera does not see its wall; move what stands between them"
+            )
+        points.append(np.ravel(si.p))
+        normals.append(np.ravel(si.n) * -np.sign(np.ravel(si.n) @ np.ravel(ray.d)))
+    return wall_frame(np.array(points, float), np.array(normals, float), (3, 3))
+
+
+def _pointer(shape: Any) -> Any:
+    import mitsuba as mi
+
+    return mi.ShapePtr(shape) if is_vectorized() else shape
+
+
+def _placed(scenario: Scenario, view: WallFrame) -> tuple[Array, Array]:
+    """Move the scenario's wall points, lifted, and their normals into the ambient scene."""
+    points, normals = scenario.wall_points, scenario.wall_normals
+    own = wall_frame(points, normals, scenario.photograph_shape)
+    lift = LIFT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
+        [view.across, view.normal, view.up]
+    )
+    return (points - own.center + lift * normals) @ turn + view.center, normals @ turn

@@ -1,0 +1,146 @@
+"""`periscopy ambient`: photographs of the wall under ambient light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli.arguments import Define, Out, SceneOption, Seed, progress, say
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.scenario import Scenario
+
+REALISTIC = (
+    "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
+    "desk_lamps", "corridor",
+)  # fmt: skip
+"""Lighting conditions in which no edge of direct sun crosses the field of view."""
+
+ADVERSARIAL = ("stained_glass", "snow")
+"""Conditions chosen to break a method, as in the paper's Fig. 5."""
+
+
+def ambient(
+    scene: SceneOption,
+    out: Out,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...", help="Shipped conditions or scene files; all shipped if none."
+        ),
+    ] = None,
+    target: Annotated[
+        float, typer.Option(min=1e-5, max=1, help="Relative error of a pixel at which to stop.")
+    ] = 3e-4,
+    seed: Seed = 0,
+    define: Define = None,
+) -> None:
+    """Path trace the wall of a scene under ambient light, as NAME.exr for each condition."""
+    from periscopy_sim.storage.exr import read_exr
+
+    chosen = names or [*REALISTIC, *ADVERSARIAL]
+    # Ambient light needs no hidden patches; one is the least that a scene can have.
+    scenario = scenes.load(scene, "1x1", define)
+    ambient_photographs(chosen, scenario, out, seed, target=target)
+    for name in chosen:
+        file = out / f"{Path(name).stem}.exr"
+        error = read_exr(file)[1].get("relative_error", "")
+        say(f"wrote {file}  relative error of a pixel {float(error):.1e}")
+
+
+def ambient_photographs(
+    names: Sequence[str], scenario: Scenario, folder: Path, seed: int, *, target: float = 3e-4
+) -> dict[str, NDArray[np.float64]]:
+    """Photograph a scenario's wall under ambient conditions; what the folder holds is read.
+
+    Parameters
+    ----------
+    names
+        Shipped conditions, or paths of scene files.
+    scenario
+        The scene.
+    folder
+        Where each lies, or will, as ``NAME.exr``.
+    seed
+        Seed of the rendering.
+    target
+        Relative error of a pixel, see `render_background`.
+
+    Returns
+    -------
+    dict
+        Condition to (rows, columns, 3) radiance.
+
+    Raises
+    ------
+    PeriscopyError
+        If a name is unknown or given twice, or a file in the folder was made otherwise.
+    """
+    from periscopy_sim.rendering.ambient import render_background
+    from periscopy_sim.storage.exr import read_exr, write_exr
+    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.provenance import as_text
+
+    paths = {Path(name).stem: find_condition(name) for name in names}
+    if len(paths) < len(names):
+        raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
+    photographs = {}
+    for name, path in paths.items():
+        file = folder / f"{name}.exr"
+        # What the picture depends on; the scenario's hidden size is not of it.
+        record = scenes.provenance_of(scenario, seed)
+        for of_this_run in ("command", "python", "numpy", "scipy"):
+            record.pop(of_this_run, None)
+        settings = {**_of_ambient(path), "target": f"{target:g}", **as_text(record)}
+        if file.is_file():
+            photograph, held = read_exr(file)
+            for key, value in settings.items():
+                if held.get(key) != value:
+                    raise PeriscopyError(
+                        f"{file}: was made otherwise ({key} {held.get(key)}, here {value}); name "
+                        "another folder or remove it"
+                    )
+            photographs[name] = np.asarray(photograph, np.float64)
+            continue
+        with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
+            found = render_background(path, scenario, target=target, seed=seed, progress=report)
+            metadata = {
+                **settings,
+                "relative_error": found.relative_error,
+                "brightness_error": found.brightness_error,
+            }
+            write_exr(staged, found.photograph, metadata)
+        # As stored, so that a later run that reads it computes the same.
+        photographs[name] = np.asarray(read_exr(file)[0], np.float64)
+    return photographs
+
+
+def find_condition(name: str) -> Path:
+    """Find a shipped condition or a scene file.
+
+    Raises
+    ------
+    PeriscopyError
+        If there is neither; the message lists the shipped ones.
+    """
+    from periscopy_sim.shipped import find_scene
+
+    if name in (*REALISTIC, *ADVERSARIAL):
+        return find_scene(f"ambient/{name}")
+    if Path(name).suffix == ".xml" and Path(name).is_file():
+        return Path(name)
+    known = ", ".join((*REALISTIC, *ADVERSARIAL))
+    raise PeriscopyError(
+        f"no ambient condition '{name}'; there are {known}, or name a Mitsuba XML file"
+    )
+
+
+def _of_ambient(path: Path) -> dict[str, str]:
+    from periscopy_sim.storage.provenance import scene_sha256
+
+    return {"ambient": path.stem, "ambient_sha256": scene_sha256(path)}

@@ -1,0 +1,186 @@
+"""Irradiance at points of a wall: direct light from each emitter, and light that has bounced.
+
+Light that has bounced comes from the same surfaces for every point of a wall. So each path serves
+all points: where another point could have found the path's first hit itself, the balance heuristic
+[1] takes that into account. The error of the whole then falls as if every point had traced all
+paths, at the price of a shadow ray for each pair.
+
+References
+----------
+[1] Veach, Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH
+1995.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.scenario import Array
+
+PAIRS = 1 << 23
+"""Pairs of path and point treated at once; bounds the memory."""
+
+NEARLY = 1 - 1e-3
+"""How far shadow rays go to a surface, short of touching it."""
+
+
+def direct_irradiance(
+    scene: Any, emitter: Any, points: Array, normals: Array, edges: Array, samples: int, seed: int
+) -> Array:
+    """Estimate the irradiance that one emitter causes, averaged over small parallelograms.
+
+    Parameters
+    ----------
+    scene, emitter
+        A Mitsuba scene and one of its emitters.
+    points, normals
+        (M, 3) centres and unit normals.
+    edges
+        (M, 2, 3) edge vectors of the parallelograms.
+    samples
+        Samples of each, multi-jittered; rounded up to a square number.
+    seed
+        Seed of the sampler, of 32 bits.
+
+    Returns
+    -------
+    ndarray
+        (M, 3) float64.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    count = _square(samples)
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": count})
+    sampler.set_samples_per_wavefront(count)
+    sampler.seed(seed, len(points) * count)
+    index = dr.arange(mi.UInt32, len(points) * count) // count
+    within = sampler.next_2d()
+    down, across = (_gathered(mi.Vector3f, edges[:, k], index) for k in range(2))
+    position = _gathered(mi.Point3f, points, index)
+    position += (within.x - 0.5) * down + (within.y - 0.5) * across
+    normal = _gathered(mi.Normal3f, normals, index)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(points) * count)
+    si.p, si.n, si.sh_frame, si.wi = position, normal, mi.Frame3f(normal), mi.Vector3f(0, 0, 1)
+    toward, weight = emitter.sample_direction(si, sampler.next_2d())
+    cosine = dr.maximum(dr.dot(normal, toward.d), 0)
+    lit = (cosine > 0) & (toward.pdf > 0)
+    blocked = scene.ray_test(mi.Ray3f(position, toward.d, toward.dist * NEARLY, 0.0, []), lit)
+    arriving = dr.select(lit & ~blocked, weight * cosine, 0)
+    return _rows(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
+
+
+def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, seed: int) -> Array:
+    """Estimate the irradiance by light that has bounced, at points of one wall.
+
+    Parameters
+    ----------
+    scene
+        A Mitsuba scene.
+    points, normals
+        (m, 3) points just off the wall and its unit normals there.
+    paths
+        Paths from each point; rounded up to passes of a square number each.
+    seed
+        Seed of the sampler.
+
+    Returns
+    -------
+    ndarray
+        (m, 3) float64.
+    """
+    m = len(points)
+    passes = -(-paths * m**2 // PAIRS)
+    each = _square(paths / passes)
+    total = np.zeros((m, 3))
+    for pass_seed in np.random.SeedSequence(seed).generate_state(passes).tolist():
+        light, hits = _trace(scene, points, normals, each, pass_seed)
+        form = _form_factors(scene, points, normals, each, hits)
+        # Σ_j n_j p_j of a hit: the density with which the paths of all points find it.
+        found = each * form.sum(axis=1, keepdims=True)
+        weight = np.divide(form, found, where=found > 0, out=np.zeros_like(form))
+        total += np.pi * weight.T @ light
+    return total / passes
+
+
+def _trace(
+    scene: Any, points: Array, normals: Array, each: int, seed: int
+) -> tuple[Array, tuple[Any, ...]]:
+    """Trace paths in cosine-weighted directions: the radiance each brings, what it meets first.
+
+    Returns
+    -------
+    light, hits
+        (paths, 3), without emission that the first ray meets; and, in Dr.Jit arrays, positions,
+        normals towards the wall, whether there is a hit, and whether it scatters alike in all
+        directions.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    count = each * len(points)
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": each})
+    sampler.set_samples_per_wavefront(each)
+    sampler.seed(seed, count)
+    index = dr.arange(mi.UInt32, count) // each
+    frame = mi.Frame3f(_gathered(mi.Normal3f, normals, index))
+    direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+    ray = mi.RayDifferential3f(_gathered(mi.Point3f, points, index), direction)
+    arriving = mi.load_dict({"type": "path", "max_depth": -1}).sample(scene, sampler, ray)[0]
+    emitted = mi.load_dict({"type": "path", "max_depth": 1}).sample(scene, sampler, ray)[0]
+    si = scene.ray_intersect(mi.Ray3f(ray))
+    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
+    diffuse = (si.bsdf(ray).flags() & other) == 0
+    normal = si.n * dr.sign(-dr.dot(si.n, direction))
+    hits = (mi.Point3f(si.p), mi.Normal3f(normal), si.is_valid(), diffuse)
+    light = arriving - emitted
+    dr.eval(light, hits)
+    return _rows(light), hits
+
+
+def _form_factors(
+    scene: Any, points: Array, normals: Array, each: int, hits: tuple[Any, ...]
+) -> Array:
+    """What each point sees of each hit, cosines over π r²: the density of finding it from there."""
+    import drjit as dr
+    import mitsuba as mi
+
+    m = len(points)
+    pair = dr.arange(mi.UInt32, each * m * m)
+    path, index = pair // m, pair % m
+    own = path // each == index
+    position, toward_wall = (
+        dr.gather(kind, hits[k], path) for k, kind in enumerate((mi.Point3f, mi.Normal3f))
+    )
+    valid, diffuse = (dr.gather(mi.Bool, hits[k], path) for k in (2, 3))
+    point = _gathered(mi.Point3f, points, index)
+    away = position - point
+    distance = dr.norm(away)
+    direction = away / distance
+    at_wall = dr.dot(_gathered(mi.Normal3f, normals, index), direction)
+    at_hit = -dr.dot(toward_wall, direction)
+    # What does not scatter alike in all directions serves the path's own point alone.
+    seen = valid & (own | diffuse) & (at_wall > 0) & (at_hit > 0)
+    blocked = scene.ray_test(mi.Ray3f(point, direction, distance * NEARLY, 0.0, []), seen & ~own)
+    form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
+    return np.array(form, dtype=np.float64).reshape(each * m, m)
+
+
+def _square(samples: float) -> int:
+    """The square number from there on, as the multi-jittered sampler wants it."""
+    return math.ceil(math.sqrt(samples)) ** 2
+
+
+def _gathered(kind: Any, rows: Array, index: Any) -> Any:
+    import drjit as dr
+
+    return dr.gather(kind, kind(np.ascontiguousarray(rows.T, np.float32)), index)
+
+
+def _rows(values: Any) -> NDArray[np.float64]:
+    """(n, components) of a Dr.Jit vector."""
+    return np.stack([np.array(component, dtype=np.float64) for component in values], axis=1)

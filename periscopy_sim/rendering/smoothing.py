@@ -1,0 +1,102 @@
+"""Smooth fields from noisy samples: how smooth they are is decided by independent replicas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from periscopy_sim.scenario import Array
+
+MAX_DEGREE = 8
+"""Largest total degree of the polynomials tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Independent estimates of a field.
+
+    Attributes
+    ----------
+    replicas
+        (K, M, 3) at the pixels.
+    squared_bias
+        (3,) of all replicas alike, averaged over the sites.
+    degree
+        Total degree of the polynomial that was best; None if the samples themselves were.
+    """
+
+    replicas: Array
+    squared_bias: Array
+    degree: int | None
+
+    @property
+    def squared_error(self) -> float:
+        """Expected squared error of the replicas' mean, averaged over pixels and channels."""
+        variance = self.replicas.var(axis=0, ddof=1).mean() / len(self.replicas)
+        return float(variance + self.squared_bias.mean())
+
+
+def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, int]) -> Field:
+    """Fit polynomials in row and column by least squares, and take the degree of least error.
+
+    The residuals of two independent replicas share only the fit's bias, so that the mean of their
+    products estimates its square without bias; with the variance over the replicas it gives the
+    squared error of each degree. Where every pixel was sampled, the samples themselves compete.
+
+    Parameters
+    ----------
+    replicas
+        (K, S, 3) independent estimates of the field at the sites, K of at least 2.
+    sites
+        (S,) row-major indices of the pixels sampled.
+    shape
+        (rows, columns) of the image, M pixels.
+
+    Returns
+    -------
+    Field
+        The estimate at every pixel.
+    """
+    K, M = len(replicas), shape[0] * shape[1]
+    candidates = []
+    if np.array_equal(sites, np.arange(M)):
+        candidates.append(Field(replicas, np.zeros(3), None))
+    for degree in range(MAX_DEGREE + 1):
+        basis = _polynomials(shape, degree)
+        if np.linalg.matrix_rank(basis[sites]) < basis.shape[1]:
+            break
+        fitted = basis @ (np.linalg.pinv(basis[sites]) @ replicas)
+        residual = fitted[:, sites] - replicas
+        products = residual.sum(axis=0) ** 2 - (residual**2).sum(axis=0)
+        bias = np.maximum((products / (K * (K - 1))).mean(axis=0), 0)
+        candidates.append(Field(fitted, bias, degree))
+    return min(candidates, key=lambda field: field.squared_error)
+
+
+def chosen_sites(shape: tuple[int, int], count: int) -> NDArray[np.intp]:
+    """Choose pixels that pin polynomials down: at most count x count, denser near the edges."""
+
+    def along(pixels: int) -> NDArray[np.intp]:
+        angle = np.pi * (np.arange(count) + 0.5) / count
+        return np.unique(np.round((1 - np.cos(angle)) / 2 * (pixels - 1)).astype(np.intp))
+
+    return (along(shape[0])[:, None] * shape[1] + along(shape[1])).ravel()
+
+
+def _polynomials(shape: tuple[int, int], degree: int) -> Array:
+    """Products of Legendre polynomials of row and column, up to a total degree: (M, n)."""
+
+    def along(pixels: int) -> Array:
+        centers = (2 * np.arange(pixels) + 1) / pixels - 1
+        return np.asarray(legendre.legvander(centers, degree))
+
+    down, across = along(shape[0]), along(shape[1])
+    terms = [
+        np.outer(down[:, i], across[:, j]).ravel()
+        for i in range(degree + 1)
+        for j in range(degree + 1 - i)
+    ]
+    return np.stack(terms, axis=1)
