@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow lint validate clean
+.PHONY: demo test test-slow lint validate paper clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -23,6 +23,10 @@ lint: $(VENV)/installed-dev
 # The numbers that prove the rendering and the solver, as one table.
 validate: $(VENV)/installed
 	$(BIN)/python -m experiments.validation --out out/validation
+
+# Every figure and table of the paper, as one page: out/paper/index.html.
+paper: $(VENV)/installed
+	$(BIN)/python -m experiments.paper --out out/paper
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -1,0 +1,119 @@
+"""How the figures look: sizes and colours that suit a paper's column and every reader's eyes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.evaluation.figures import displayable
+from periscopy_sim.scenario import Scenario, wall_frame
+from periscopy_sim.storage.srgb import srgb_encode
+
+COLUMN = 3.5
+"""Width of a column, inches."""
+
+PAGE = 7.16
+"""Width of two columns and what is between them, inches."""
+
+COLORS = {
+    "preconditioned": "#0072B2",
+    "differencing": "#D55E00",
+    "truncated-svd": "#CC79A7",
+    "pseudoinverse": "#009E73",
+    "bound": "#000000",
+}
+"""Okabe and Ito's colours, which colour-blind readers tell apart."""
+
+STYLE: dict[str, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.4,
+    "pdf.fonttype": 42,
+    "savefig.dpi": 300,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the style of all; matplotlib takes sizes when a thing is drawn, not when saved."""
+    import matplotlib as mpl
+
+    settings: Any = STYLE  # matplotlib names each key in its type
+    with mpl.rc_context(settings):
+        yield
+
+
+@contextmanager
+def drawn(out: Path, name: str, width: float, height: float) -> Iterator[Any]:
+    """Yield a matplotlib figure of a size in inches, in the style of all; save it as `save`."""
+    with styled():
+        figure = new_figure(width, height)
+        yield figure
+        save(figure, out, name)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Make a matplotlib figure of a size in inches; what is drawn in it follows `styled`."""
+    from matplotlib.figure import Figure
+
+    with styled():
+        return Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: Any, out: Path, name: str) -> Path:
+    """Save a figure as PNG and PDF; return the PNG's path."""
+    with styled():
+        figure.savefig(out / f"{name}.pdf", metadata={"CreationDate": None})
+        figure.savefig(out / f"{name}.png")
+    return out / f"{name}.png"
+
+
+def show_light(ax: Any, image: NDArray[np.floating[Any]], white: float | None = None) -> None:
+    """Show linear light as it would look, without axes.
+
+    Parameters
+    ----------
+    ax
+        Matplotlib axes.
+    image
+        (rows, columns, 3) linear; negatives are black.
+    white
+        Value shown as white; None for the 99.5th percentile.
+    """
+    ax.imshow(np.clip(srgb_encode(displayable(image, white)), 0, 1), interpolation="nearest")
+    ax.set_axis_off()
+
+
+def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:
+    """Give the field of view on the wall for imshow: left, right, bottom, top, in millimetres.
+
+    They count from its centre and reach half a pixel beyond the outermost pixels' centres.
+    """
+    rows, columns = scenario.photograph_shape
+    frame = wall_frame(scenario.wall_points, scenario.wall_normals, (rows, columns))
+    offsets = 1e3 * (scenario.wall_points - frame.center)
+    x, z = offsets @ frame.across, offsets @ frame.up
+    half_x, half_z = np.ptp(x) / (columns - 1) / 2, np.ptp(z) / (rows - 1) / 2
+    return (
+        float(x.min() - half_x),
+        float(x.max() + half_x),
+        float(z.min() - half_z),
+        float(z.max() + half_z),
+    )

@@ -1,0 +1,151 @@
+"""The paper's experiment: the chair scene, its matrices, photographs and ambient light.
+
+What takes long to render is kept in the folder of the run and read again by the next figure.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import periscopy_sim as ps
+from periscopy_sim.cli.ambient import ADVERSARIAL, REALISTIC, ambient_photographs
+from periscopy_sim.evaluation.report import Section
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.exr import read_exr, write_exr
+
+Array = NDArray[np.float64]
+SNR = 60.0
+"""dB (Sec. 4.1)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A photograph without ambient light and what the monitor showed.
+
+    Attributes
+    ----------
+    signal
+        (rows, columns, 3), linear.
+    truth
+        (R, C, 3) in [0, 1], linear.
+    real
+        Whether a camera took it.
+    """
+
+    signal: Array
+    truth: Array
+    real: bool
+
+
+class Setting:
+    """The chair scene with 36 x 29 hidden patches, and what is made from it, each when first asked.
+
+    Parameters
+    ----------
+    out
+        Folder of the run; what was rendered is kept in its folder ``rendered``.
+    real
+        NPZ file with a real photograph of the scene (``photograph``) and its ``hidden`` image.
+    """
+
+    hidden = (29, 36)
+    image = "mushroom"
+    seed = 0
+
+    def __init__(self, out: Path, real: Path | None = None) -> None:
+        self.out = out
+        self.real = real
+        self.rendered = out / "rendered"
+        self.rendered.mkdir(parents=True, exist_ok=True)
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The chair scene."""
+        return ps.load_scenario(ps.find_scene("chair"), self.hidden)
+
+    @cached_property
+    def A(self) -> NDArray[np.float32]:  # noqa: N802 (the paper's name)
+        """(M, N) light transport matrix."""
+        return ps.render_transport(self.scenario, seed=self.seed)
+
+    @cached_property
+    def B(self) -> Array:  # noqa: N802
+        """(M, 512) the paper's point lights (Sec. 3.1)."""
+        return ps.point_light_backgrounds(self.scenario)
+
+    @cached_property
+    def preconditioned(self) -> ps.Periscope:
+        """The paper's method, fitted."""
+        return ps.Periscope.for_scene(self.scenario, self.A, self.B)
+
+    @cached_property
+    def differencing(self) -> ps.Differencing:
+        """The method of [15], run to convergence, fitted."""
+        return ps.Differencing(
+            self.A,
+            photograph_shape=self.scenario.photograph_shape,
+            hidden_shape=self.hidden,
+            channel_gain=self.scenario.channel_gain,
+        )
+
+    @cached_property
+    def synthetic(self) -> Measured:
+        """The photograph as path traced, light bouncing about the scene included."""
+        truth = ps.read_hidden_image(ps.find_image(self.image), self.hidden)
+        file = self.rendered / f"{self.image}.exr"
+        if not file.is_file():
+            signal = ps.render_photograph(self.scenario, truth, samples=8192, seed=self.seed)
+            write_exr(file, signal, {"seed": float(self.seed)})
+        return Measured(np.asarray(read_exr(file)[0], np.float64), truth, real=False)
+
+    @cached_property
+    def measured(self) -> Measured:
+        """The real photograph where there is one, else the path-traced one."""
+        if self.real is None:
+            return self.synthetic
+        signal = ps.read_photograph(self.real, self.scenario.photograph_shape).values
+        return Measured(signal, ps.read_hidden_image(self.real, self.hidden), real=True)
+
+    def backgrounds(self, names: Sequence[str] = REALISTIC) -> dict[str, Array]:
+        """Photographs of the board under ambient light: the realistic conditions, or others."""
+        return ambient_photographs(names, self.scenario, self.rendered, self.seed)
+
+    @property
+    def adversarial(self) -> dict[str, Array]:
+        """The two adversarial conditions (Fig. 5)."""
+        return self.backgrounds(ADVERSARIAL)
+
+
+Experiment = Callable[[Setting], Section]
+
+
+def timed(experiment: Experiment, setting: Setting) -> Section:
+    """Run an experiment and note how long it took."""
+    start = time.perf_counter()
+    section = experiment(setting)
+    return replace(section, seconds=time.perf_counter() - start)
+
+
+def alone(experiment: Experiment) -> None:
+    """Run one experiment from the command line and print its claims."""
+
+    def main(
+        out: Annotated[Path, typer.Option(help="Folder to write.")],
+        real: Annotated[Path | None, typer.Option(help="A real photograph, NPZ.")] = None,
+    ) -> None:
+        section = timed(experiment, Setting(out, real))
+        for claim in section.claims:
+            print(f"{claim.what}: {claim.measured} (paper: {claim.stated}) {claim.verdict}")
+        print(f"{section.name}: {section.seconds:.1f} s")
+
+    main.__doc__ = experiment.__doc__
+    typer.run(main)
