@@ -27,7 +27,7 @@ def main(
     """Print one line for each tolerance."""
     scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
     A, B = ps.render_transport(scene), ps.point_light_backgrounds(scene)
-    ambient = ps.render_background(ps.find_scene("ambient/ceiling_panels"))
+    ambient = ps.render_background("ambient/ceiling_panels", scene).photograph
     composites = []
     for number, name in enumerate(("mushroom", "letters", "sunset")):
         truth = ps.read_hidden_image(ps.find_image(name), HIDDEN)

@@ -21,6 +21,7 @@ from periscopy_sim.cli.ambient import ADVERSARIAL, REALISTIC, ambient_photograph
 from periscopy_sim.evaluation.report import Section
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.exr import read_exr, write_exr
+from periscopy_sim.storage.output import staged_file
 
 Array = NDArray[np.float64]
 SNR = 60.0
@@ -101,11 +102,11 @@ class Setting:
     def synthetic(self) -> Measured:
         """The photograph as path traced, light bouncing about the scene included."""
         truth = ps.read_hidden_image(ps.find_image(self.image), self.hidden)
-        file = self.rendered / f"{self.image}.exr"
-        if not file.is_file():
-            signal = ps.render_photograph(self.scenario, truth, samples=8192, seed=self.seed)
-            write_exr(file, signal, {"seed": float(self.seed)})
-        return Measured(np.asarray(read_exr(file)[0], np.float64), truth, real=False)
+
+        def render() -> Array:
+            return ps.render_photograph(self.scenario, truth, samples=8192, seed=self.seed)
+
+        return Measured(self.kept(self.image, render), truth, real=False)
 
     @cached_property
     def measured(self) -> Measured:
@@ -118,6 +119,14 @@ class Setting:
     def backgrounds(self, names: Sequence[str] = REALISTIC) -> dict[str, Array]:
         """Photographs of the board under ambient light: the realistic conditions, or others."""
         return ambient_photographs(names, self.scenario, self.rendered, self.seed)
+
+    def kept(self, name: str, render: Callable[[], Array]) -> Array:
+        """Render a picture, or read it if an earlier run in this folder rendered it."""
+        file = self.rendered / f"{name.replace(', ', '_').replace(' ', '_')}.exr"
+        if not file.is_file():
+            with staged_file(file) as staged:
+                write_exr(staged, render(), {"seed": float(self.seed)})
+        return np.asarray(read_exr(file)[0], np.float64)
 
     @property
     def adversarial(self) -> dict[str, Array]:
