@@ -39,6 +39,7 @@ def run(setting: Setting) -> Section:
     results = {name: _swept(setting, name, m) for name, m in photographs.items()}
     bound = _bounds(setting)
     _draw(setting, photographs, results, bound)
+    _draw_places(setting)
     main = next(iter(results))
     pictures = [
         Picture(
@@ -52,6 +53,11 @@ def run(setting: Setting) -> Section:
             setting.out / "fig4_examples.png",
             f"Measurements of the {main} photograph under '{EXAMPLE.replace('_', ' ')}' (white: "
             "the 99.5th percentile) and what the two methods make of them.",
+        ),
+        Picture(
+            setting.out / "fig4_places.png",
+            "The eight conditions: the place with the board (brightest 2 % white), and the "
+            "brightness of the field of view, from its least to its greatest value.",
         ),
     ]
     return Section(
@@ -234,6 +240,22 @@ def _draw(
             row[3].set_axis_off()
         show_light(axes[1, 3], measured.truth, 1)
         axes[1, 3].set_title("hidden image")
+
+
+def _draw_places(setting: Setting) -> None:
+    backgrounds = setting.backgrounds()
+    with drawn(setting.out, "fig4_places", PAGE, 3.6) as figure:
+        half = len(backgrounds) // 2
+        axes = figure.subplots(4, half, height_ratios=[1, 0.75, 1, 0.75])
+        for number, (name, background) in enumerate(backgrounds.items()):
+            place, light = axes[2 * (number // half) :, number % half][:2]
+            picture = setting.place(name)
+            show_light(place, picture, float(np.percentile(picture, 98)))
+            place.set_title(name.replace("_", " "))
+            brightness = background.mean(axis=2)
+            light.imshow(brightness, cmap="gray")
+            light.set_title(f"max/min {brightness.max() / brightness.min():.2f}", fontsize=7)
+            light.set_axis_off()
 
 
 def _curves(ax: object, results: xr.Dataset, title: str) -> None:

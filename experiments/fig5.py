@@ -9,19 +9,17 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.setting import SNR, Setting, alone
+from experiments.setting import GLASS, NO_BEAM, SNR, Setting, alone
 from periscopy_sim.evaluation.report import Claim, Picture, Section, Table, Verdict
-from periscopy_sim.rendering.photograph import render_place
 
 Array = NDArray[np.float64]
 
 SBR = 0.25
-PLACES: dict[str, tuple[str, dict[str, str]]] = {
-    "stained glass, sunbeam": ("stained_glass", {}),
-    "stained glass, no beam": ("stained_glass", {"sunbeam": "0"}),
-    "sun and snow": ("snow", {}),
+PLACES = {
+    GLASS: "stained glass, sunbeam",
+    NO_BEAM: "stained glass, no beam",
+    "snow": "sun and snow",
 }
-"""The paper's two places, the first also without the sunbeam that it throws on the wall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +37,10 @@ def run(setting: Setting) -> Section:
     """Reconstruct under adversarial light."""
     measured = setting.measured
     trials = {}
-    for name in PLACES:
-        background = _light(setting, name)
+    for name, background in setting.adversarial.items():
         y = ps.add_noise(ps.composite(measured.signal, background, SBR), SNR, setting.seed)
         trials[name] = Trial(
-            _place(setting, name),
+            setting.place(name),
             background,
             y,
             setting.preconditioned.reconstruct(y),
@@ -59,7 +56,7 @@ def run(setting: Setting) -> Section:
         holds = error < 1.5 * clean
         claims.append(
             Claim(
-                f"recovered under {name} (SBR {SBR}, mean squared error)",
+                f"recovered under {PLACES[name]} (SBR {SBR}, mean squared error)",
                 "recognizable, Fig. 5d",
                 f"{error:.3f}; without ambient light {clean:.3f}; differencing "
                 f"{ps.mean_squared_error(trial.twin, truth):.3f}",
@@ -90,30 +87,6 @@ def run(setting: Setting) -> Section:
     )
 
 
-def _light(setting: Setting, name: str) -> Array:
-    """Light of a place on the wall, kept with the other backgrounds."""
-    condition, parameters = PLACES[name]
-    if not parameters:
-        return setting.backgrounds([condition])[condition]
-
-    def render() -> Array:
-        return ps.render_background(
-            f"ambient/{condition}", setting.scenario, parameters, seed=setting.seed
-        ).photograph
-
-    return setting.kept(name, render)
-
-
-def _place(setting: Setting, name: str) -> Array:
-    """Picture of a place."""
-    condition, parameters = PLACES[name]
-
-    def render() -> Array:
-        return render_place(f"ambient/{condition}", parameters, size=(300, 400), samples=256)
-
-    return setting.kept(f"{name}, wide", render)
-
-
 def _table(setting: Setting, trials: dict[str, Trial]) -> Table:
     P, truth = setting.preconditioned.preconditioner, setting.measured.truth
     rows = []
@@ -121,7 +94,7 @@ def _table(setting: Setting, trials: dict[str, Trial]) -> Table:
         b = trial.background.reshape(-1, 3)
         outside = np.linalg.norm(P.reject_background(b)) / np.linalg.norm(b)
         errors = [ps.mean_squared_error(image, truth) for image in (trial.image, trial.twin)]
-        rows.append((name, f"{100 * outside:.3f} %", *(f"{e:.4f}" for e in errors)))
+        rows.append((PLACES[name], f"{100 * outside:.3f} %", *(f"{e:.4f}" for e in errors)))
     return Table(
         f"Part of the light outside range(B), and mean squared errors at SBR {SBR}.",
         ("place", "outside range(B)", "proposed", "differencing"),
@@ -134,15 +107,15 @@ def _draw(setting: Setting, trials: dict[str, Trial]) -> None:
     with drawn(setting.out, "fig5", PAGE, 4.1) as figure:
         axes = figure.subplots(len(trials), 5, width_ratios=[1.33, 1, 1, 1.24, 1.24])
         for row, (name, trial) in zip(axes, trials.items(), strict=True):
-            # The sun on white paper would leave the rest of the place black.
-            show_light(row[0], trial.place, float(np.percentile(trial.place, 97)))
+            # Of the sunlit paper and the bright glass some is left white, so that the rest is seen.
+            show_light(row[0], trial.place, float(np.percentile(trial.place, 98)))
             light = trial.background - trial.background.min(axis=(0, 1))
             show_light(row[1], light / light.max(axis=(0, 1)), 1)
             show_light(row[2], trial.photograph)
             for ax, image in zip(row[3:], (trial.image, trial.twin), strict=True):
                 show_light(ax, ps.gain_matched(image, truth), 1)
                 ax.set_title(f"MSE {ps.mean_squared_error(image, truth):.3f}")
-            row[0].set_title(name)
+            row[0].set_title(PLACES[name])
         for ax, letter in zip(axes[0], "abcde", strict=True):
             ax.text(0, 1.2, letter, transform=ax.transAxes, fontweight="bold")
 

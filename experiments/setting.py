@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.cli.ambient import ADVERSARIAL, REALISTIC, ambient_photographs
 from periscopy_sim.evaluation.report import Section
+from periscopy_sim.rendering.photograph import render_place
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.exr import read_exr, write_exr
 from periscopy_sim.storage.output import staged_file
@@ -26,6 +27,12 @@ from periscopy_sim.storage.output import staged_file
 Array = NDArray[np.float64]
 SNR = 60.0
 """dB (Sec. 4.1)."""
+
+GLASS = "stained_glass"
+NO_BEAM = f"{GLASS}_no_beam"
+"""The stained glass seen from the wall, without the sun through it that falls on the wall."""
+
+WITHOUT_BEAM = {"sunbeam": "0"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +137,22 @@ class Setting:
 
     @property
     def adversarial(self) -> dict[str, Array]:
-        """The two adversarial conditions (Fig. 5)."""
-        return self.backgrounds(ADVERSARIAL)
+        """The two adversarial conditions (Fig. 5), the window also without its sunbeam."""
+        lit = self.backgrounds(ADVERSARIAL)
+        return {GLASS: lit.pop(GLASS), NO_BEAM: self.kept(NO_BEAM, self._no_beam), **lit}
+
+    def place(self, name: str) -> Array:
+        """Picture of the place of an ambient condition, to look at: (300, 400, 3)."""
+        scene, parameters = (GLASS, WITHOUT_BEAM) if name == NO_BEAM else (name, {})
+
+        def render() -> Array:
+            return render_place(f"ambient/{scene}", parameters, size=(300, 400), samples=256)
+
+        return self.kept(f"{name}_wide", render)
+
+    def _no_beam(self) -> Array:
+        path = f"ambient/{GLASS}"
+        return ps.render_background(path, self.scenario, WITHOUT_BEAM, seed=self.seed).photograph
 
 
 Experiment = Callable[[Setting], Section]

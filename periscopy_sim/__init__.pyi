@@ -17,7 +17,7 @@ from .reconstruction.periscope import Periscope, Reconstruction
 from .reconstruction.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.repair import repair
 from .reconstruction.total_variation import prox_total_variation
-from .rendering.ambient import render_background
+from .rendering.ambient import Background, render_background
 from .rendering.photograph import render_photograph
 from .rendering.scene_file import load_scenario
 from .rendering.transport import render_transport
@@ -28,6 +28,7 @@ from .storage.photographs import read_photograph
 from .storage.pictures import read_hidden_image
 
 __all__ = [
+    "Background",
     "Differencing",
     "Periscope",
     "PeriscopyError",

@@ -13,7 +13,16 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from periscopy_sim.cli import analyze, demo, doctor, photograph, reconstruct, sweep, transport
+from periscopy_sim.cli import (
+    ambient,
+    analyze,
+    demo,
+    doctor,
+    photograph,
+    reconstruct,
+    sweep,
+    transport,
+)
 from periscopy_sim.cli.arguments import warn
 from periscopy_sim.errors import PeriscopyError
 
@@ -44,6 +53,7 @@ app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
 app.command("transport")(transport.transport)
 app.command("photograph")(photograph.photograph)
+app.command("ambient")(ambient.ambient)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
 app.command("sweep")(sweep.sweep)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -46,11 +47,16 @@ def ambient(
     chosen = names or [*REALISTIC, *ADVERSARIAL]
     # Ambient light needs no hidden patches; one is the least that a scene can have.
     scenario = scenes.load(scene, "1x1", define)
-    ambient_photographs(chosen, scenario, out, seed, target=target)
+    try:
+        ambient_photographs(chosen, scenario, out, seed, target=target)
+    except KeyboardInterrupt:
+        message = "interrupted; the same command goes on where it stopped"
+        print(f"periscopy: error: {message}", file=sys.stderr)
+        raise SystemExit(130) from None
     for name in chosen:
         file = out / f"{Path(name).stem}.exr"
-        error = read_exr(file)[1].get("relative_error", "")
-        say(f"wrote {file}  relative error of a pixel {float(error):.1e}")
+        error = float(read_exr(file)[1].get("relative_error", "nan"))
+        say(f"wrote {file}  relative error of a pixel {error:.1e}")
 
 
 def ambient_photographs(
@@ -84,7 +90,6 @@ def ambient_photographs(
     from periscopy_sim.rendering.ambient import render_background
     from periscopy_sim.storage.exr import read_exr, write_exr
     from periscopy_sim.storage.output import staged_file
-    from periscopy_sim.storage.provenance import as_text
 
     paths = {Path(name).stem: find_condition(name) for name in names}
     if len(paths) < len(names):
@@ -92,31 +97,20 @@ def ambient_photographs(
     photographs = {}
     for name, path in paths.items():
         file = folder / f"{name}.exr"
-        # What the picture depends on; the scenario's hidden size is not of it.
-        record = scenes.provenance_of(scenario, seed)
-        for of_this_run in ("command", "python", "numpy", "scipy"):
-            record.pop(of_this_run, None)
-        settings = {**_of_ambient(path), "target": f"{target:g}", **as_text(record)}
-        if file.is_file():
-            photograph, held = read_exr(file)
-            for key, value in settings.items():
-                if held.get(key) != value:
-                    raise PeriscopyError(
-                        f"{file}: was made otherwise ({key} {held.get(key)}, here {value}); name "
-                        "another folder or remove it"
-                    )
-            photographs[name] = np.asarray(photograph, np.float64)
-            continue
-        with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
-            found = render_background(path, scenario, target=target, seed=seed, progress=report)
-            metadata = {
-                **settings,
-                "relative_error": found.relative_error,
-                "brightness_error": found.brightness_error,
-            }
-            write_exr(staged, found.photograph, metadata)
-        # As stored, so that a later run that reads it computes the same.
-        photographs[name] = np.asarray(read_exr(file)[0], np.float64)
+        settings = _settings(path, scenario, seed, target)
+        if not file.is_file():
+            with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
+                found = render_background(path, scenario, target=target, seed=seed, progress=report)
+                metadata: dict[str, str | float] = {
+                    **settings,
+                    "relative_error": found.relative_error,
+                    "brightness_error": found.brightness_error,
+                }
+                write_exr(staged, found.photograph, metadata)
+        # Also what was just rendered: as stored, so that a later run computes the same.
+        picture, held = read_exr(file)
+        _check(file, picture, held, scenario, settings)
+        photographs[name] = picture.astype(np.float64)
     return photographs
 
 
@@ -140,7 +134,35 @@ def find_condition(name: str) -> Path:
     )
 
 
-def _of_ambient(path: Path) -> dict[str, str]:
-    from periscopy_sim.storage.provenance import scene_sha256
+def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[str, str]:
+    """Record what a picture depends on; the scenario's hidden size is not of it."""
+    from periscopy_sim.storage.provenance import as_text, scene_sha256
 
-    return {"ambient": path.stem, "ambient_sha256": scene_sha256(path)}
+    record = as_text(scenes.provenance_of(scenario, seed))
+    for of_this_run in ("command", "python", "numpy", "scipy"):
+        del record[of_this_run]
+    ambient = {"ambient": path.stem, "ambient_sha256": scene_sha256(path)}
+    return {**ambient, "target": f"{target:g}", **record}
+
+
+def _check(
+    file: Path,
+    picture: NDArray[np.float32],
+    held: Mapping[str, str | float],
+    scenario: Scenario,
+    settings: Mapping[str, str],
+) -> None:
+    """Refuse a picture that was made otherwise."""
+    rows, columns = scenario.photograph_shape
+    if picture.shape[:2] != (rows, columns):
+        raise PeriscopyError(
+            f"{file}: has {picture.shape[0]}x{picture.shape[1]} pixels, the scene's camera "
+            f"{rows}x{columns}; name another folder or remove it"
+        )
+    for key, value in settings.items():
+        # The digest tells the scene, wherever it lies.
+        if key != "scene" and held.get(key) != value:
+            raise PeriscopyError(
+                f"{file}: was made otherwise ({key} {held.get(key)}, here {value}); name another "
+                "folder or remove it"
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
@@ -48,7 +49,7 @@ def demo(
     from periscopy_sim.reconstruction.periscope import Periscope
     from periscopy_sim.rendering.ambient import render_background
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
-    from periscopy_sim.shipped import find_image, find_scene
+    from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.exr import write_exr
     from periscopy_sim.storage.output import staged_folder
     from periscopy_sim.storage.pictures import read_hidden_image, write_png
@@ -74,14 +75,13 @@ def demo(
             signal = scenes.photograph(scenario, truth, samples(8192, 512), seed)
         with timed("ambient light"), progress("path tracing the ambient light") as report:
             background = render_background(
-                find_scene("ambient/ceiling_panels.xml"),
-                scenario.parameters,
-                samples=samples(1024, 64),
-                indirect_samples=samples(180**2, 1024),
+                "ambient/ceiling_panels",
+                scenario,
+                target=(3e-4 if fast else 2e-3) / math.sqrt(max(effort, 1e-3)),
                 seed=seed + 1,
                 progress=report,
             )
-        photograph = add_noise(composite(signal, background, SBR), SNR, seed)
+        photograph = add_noise(composite(signal, background.photograph, SBR), SNR, seed)
         with timed("form the preconditioner"), mendable(f"scene '{scenario.path}'"):
             B = point_light_backgrounds(scenario)
             periscope = Periscope(A, B, hidden_shape=scenario.hidden_shape)

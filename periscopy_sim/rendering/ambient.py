@@ -16,31 +16,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.irradiance import bounced_irradiance, direct_irradiance
+from periscopy_sim.rendering.irradiance import bounced_irradiance, direct_irradiance, pixel_edges
+from periscopy_sim.rendering.replicas import Part
 from periscopy_sim.rendering.scene_file import camera_of, shape_of
 from periscopy_sim.rendering.scene_nodes import SceneNodes
-from periscopy_sim.rendering.smoothing import Field, best_estimate, chosen_sites
+from periscopy_sim.rendering.smoothing import chosen_sites
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.shipped import find_scene
 
-REPLICAS = 8
-"""Independent estimates, from whose scatter the error is told."""
+SITES = 12
+"""Points along each side of the photograph at which bounced light is estimated: more than the
+polynomials' degree needs, so that a misfit shows."""
 
-SITES = 9
-"""Points along each side of the photograph at which bounced light is estimated."""
-
-PATHS = 1024
+PATHS = 576
 """Paths from each of them in a round."""
 
 DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""
 
 LIFT = 1e-4
-"""Height of the points off the wall, over the size of the field of view."""
+"""Height of the points off the wall, over the diagonal of the ambient camera's field of view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +102,8 @@ def render_background(
     Raises
     ------
     SceneError
-        If the ambient scene lacks wall, camera or light or Mitsuba refuses it, or the scenario's
-        wall is not diffuse.
+        If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
+        see its wall, no light reaches that, or the scenario's wall is not diffuse.
 
     Warns
     -----
@@ -122,7 +120,7 @@ def render_background(
     scene = _ambient_scene(path, parameters)
     if not scene.emitters():
         raise SceneError(f"scene '{path}' has no emitter; give it light")
-    points, normals = _placed(scenario, _view_of(scene, path))
+    points, normals = _placed(scenario, *_view_of(scene, path))
     if is_vectorized():
         parts = _parts(scene, points, normals, scenario.photograph_shape)
     else:
@@ -134,6 +132,10 @@ def render_background(
         for number in itertools.count()
     )
     irradiance, errors = _refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+    if not irradiance.any():
+        raise SceneError(
+            f"scene '{path}': no light reaches its wall; move its emitters or its wall"
+        )
     if errors[0] > target:
         warnings.warn(
             f"'{path.stem}' stopped at a relative error of {errors[0]:.1e}, above {target:.1e}; "
@@ -145,46 +147,9 @@ def render_background(
     return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
 
 
-class Part:
-    """One part of the light, estimated in replicas at some of the pixels.
-
-    Parameters
-    ----------
-    estimate
-        Maps a seed to the (S, 3) irradiance at the sites.
-    sites
-        (S,) row-major indices of pixels.
-    shape
-        (rows, columns) of the photograph.
-    """
-
-    def __init__(
-        self, estimate: Callable[[int], Array], sites: NDArray[np.intp], shape: tuple[int, int]
-    ) -> None:
-        self._estimate = estimate
-        self._sites = sites
-        self._shape = shape
-        self._sum = np.zeros((REPLICAS, len(sites), 3))
-        self.rounds = 0
-        self.field: Field
-
-    def add_round(self, seeds: Iterator[int]) -> None:
-        """Add samples to every replica, and estimate the field anew."""
-        self._sum += np.stack([self._estimate(next(seeds)) for _ in range(REPLICAS)])
-        self.rounds += 1
-        self.field = best_estimate(self._sum / self.rounds, self._sites, self._shape)
-
-
 def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
-    grid = points.reshape(*shape, 3)
-    edges = np.stack(
-        [
-            np.gradient(grid, axis=axis) if shape[axis] > 1 else np.zeros_like(grid)
-            for axis in (0, 1)
-        ],
-        axis=2,
-    ).reshape(-1, 2, 3)
+    edges = pixel_edges(points, normals, shape)
 
     def direct(emitter: Any) -> Part:
         def estimate(seed: int) -> Array:
@@ -244,10 +209,14 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
     """
     K = len(replicas)
     brightness = replicas.mean(axis=(1, 2))
+    if not brightness.any():
+        return 0.0, 0.0
     scaled = replicas / brightness[:, None, None]
     variance = scaled.var(axis=0, ddof=1) / K + squared_bias / brightness.mean() ** 2
     pixel = scaled.mean(axis=(0, 2))
-    relative = np.sqrt(np.mean(variance / pixel[:, None] ** 2))
+    # A pixel that is dark in every replica has no error.
+    lit = pixel != 0
+    relative = np.sqrt((variance[lit] / pixel[lit, None] ** 2).sum() / variance.size)
     return float(relative), float(brightness.std(ddof=1) / np.sqrt(K) / brightness.mean())
 
 
@@ -257,8 +226,8 @@ def _ambient_scene(path: Path, parameters: Mapping[str, str] | None) -> Any:
     return nodes.instantiate()
 
 
-def _view_of(scene: Any, path: Path) -> WallFrame:
-    """Centre and axes of what the ambient scene's camera sees of its wall."""
+def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
+    """Centre, axes and size of what the ambient scene's camera sees of its wall."""
     import mitsuba as mi
 
     camera, wall = camera_of(scene), shape_of(scene, "wall")
@@ -272,7 +241,8 @@ def _view_of(scene: Any, path: Path) -> WallFrame:
             )
         points.append(np.ravel(si.p))
         normals.append(np.ravel(si.n) * -np.sign(np.ravel(si.n) @ np.ravel(ray.d)))
-    return wall_frame(np.array(points, float), np.array(normals, float), (3, 3))
+    size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    return wall_frame(np.array(points, float), np.array(normals, float), (3, 3)), size
 
 
 def _pointer(shape: Any) -> Any:
@@ -281,12 +251,11 @@ def _pointer(shape: Any) -> Any:
     return mi.ShapePtr(shape) if is_vectorized() else shape
 
 
-def _placed(scenario: Scenario, view: WallFrame) -> tuple[Array, Array]:
+def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Array]:
     """Move the scenario's wall points, lifted, and their normals into the ambient scene."""
     points, normals = scenario.wall_points, scenario.wall_normals
     own = wall_frame(points, normals, scenario.photograph_shape)
-    lift = LIFT * float(np.linalg.norm(np.ptp(points, axis=0)))
     turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
         [view.across, view.normal, view.up]
     )
-    return (points - own.center + lift * normals) @ turn + view.center, normals @ turn
+    return (points - own.center + LIFT * size * normals) @ turn + view.center, normals @ turn

@@ -24,14 +24,59 @@ from periscopy_sim.scenario import Array
 PAIRS = 1 << 23
 """Pairs of path and point treated at once; bounds the memory."""
 
+POINT = 1e-6
+"""Side of a pixel that counts as a point, in metres."""
+
 NEARLY = 1 - 1e-3
 """How far shadow rays go to a surface, short of touching it."""
+
+
+def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
+    """Give the edges of the pixels whose centres are the points.
+
+    Parameters
+    ----------
+    points, normals
+        (M, 3) points and unit normals, row-major.
+    shape
+        (rows, columns) of the photograph. Pixels of a lone row or column count as square, a lone
+        pixel as a point.
+
+    Returns
+    -------
+    ndarray
+        (M, 2, 3) edge vectors, down and across.
+    """
+    rows, columns = shape
+    grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
+    if rows > 1:
+        down = np.asarray(np.gradient(grid, axis=0))
+    if columns > 1:
+        across = np.asarray(np.gradient(grid, axis=1))
+    elif rows > 1:
+        across = np.cross(normal, down)
+    else:
+        across = POINT * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
+    if rows == 1:
+        down = np.cross(normal, across)
+    return np.stack([down, across], axis=2).reshape(-1, 2, 3)
+
+
+def scatters_alike(flags: Any) -> Any:
+    """Tell from the flags of a BSDF whether it scatters alike in all directions."""
+    import mitsuba as mi
+
+    # Delta includes what lets light pass straight.
+    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
+    return (flags & other) == 0
 
 
 def direct_irradiance(
     scene: Any, emitter: Any, points: Array, normals: Array, edges: Array, samples: int, seed: int
 ) -> Array:
     """Estimate the irradiance that one emitter causes, averaged over small parallelograms.
+
+    Rays aimed at the emitter and cosine-weighted ones are combined by the balance heuristic [1].
 
     Parameters
     ----------
@@ -70,7 +115,16 @@ def direct_irradiance(
     cosine = dr.maximum(dr.dot(normal, toward.d), 0)
     lit = (cosine > 0) & (toward.pdf > 0)
     blocked = scene.ray_test(mi.Ray3f(position, toward.d, toward.dist * NEARLY, 0.0, []), lit)
-    arriving = dr.select(lit & ~blocked, weight * cosine, 0)
+    aimed = dr.select(toward.delta, 1, toward.pdf / (toward.pdf + cosine * dr.inv_pi))
+    arriving = dr.select(lit & ~blocked, weight * cosine * aimed, 0)
+    if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta):
+        # Rays are aimed at texels as if no to_uv turned them: what they miss is met by chance.
+        direction = si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+        hit = scene.ray_intersect(mi.Ray3f(position, direction))
+        chance = dr.dot(normal, direction) * dr.inv_pi
+        pdf = emitter.pdf_direction(si, mi.DirectionSample3f(scene, hit, si))
+        met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
+        arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
     return _rows(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
 
 
@@ -133,8 +187,7 @@ def _trace(
     arriving = mi.load_dict({"type": "path", "max_depth": -1}).sample(scene, sampler, ray)[0]
     emitted = mi.load_dict({"type": "path", "max_depth": 1}).sample(scene, sampler, ray)[0]
     si = scene.ray_intersect(mi.Ray3f(ray))
-    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-    diffuse = (si.bsdf(ray).flags() & other) == 0
+    diffuse = scatters_alike(si.bsdf(ray).flags())
     normal = si.n * dr.sign(-dr.dot(si.n, direction))
     hits = (mi.Point3f(si.p), mi.Normal3f(normal), si.is_valid(), diffuse)
     light = arriving - emitted
@@ -145,7 +198,7 @@ def _trace(
 def _form_factors(
     scene: Any, points: Array, normals: Array, each: int, hits: tuple[Any, ...]
 ) -> Array:
-    """What each point sees of each hit, cosines over π r²: the density of finding it from there."""
+    """Give the density with which each point finds each hit: cosines over π r², 0 where unseen."""
     import drjit as dr
     import mitsuba as mi
 
@@ -171,7 +224,7 @@ def _form_factors(
 
 
 def _square(samples: float) -> int:
-    """The square number from there on, as the multi-jittered sampler wants it."""
+    """Round up to a square number, as the multi-jittered sampler wants it."""
     return math.ceil(math.sqrt(samples)) ** 2
 
 

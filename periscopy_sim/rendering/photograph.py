@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.scene_file import build_scene, camera_of
+from periscopy_sim.rendering.scene_nodes import SceneNodes
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.shipped import find_scene
 
 WAVEFRONT = 1 << 26
 """Camera samples traced at once; bounds the memory."""
@@ -70,6 +73,46 @@ def render_photograph(
     return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
 
 
+def render_place(
+    path: str | Path,
+    parameters: Mapping[str, str] | None = None,
+    *,
+    size: tuple[int, int] = (480, 640),
+    samples: int = 256,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Path trace a place as the sensor ``wide`` of its scene sees it, to look at.
+
+    Parameters
+    ----------
+    path
+        A scene file, or the name of a shipped one such as ``ambient/overcast``.
+    parameters
+        Values for its ``<default>``s.
+    size
+        (rows, columns) of the picture.
+    samples, seed, progress
+        As in `render_photograph`.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns, 3) float64 radiance.
+
+    Raises
+    ------
+    SceneError
+        If the scene has no sensor ``wide``, or Mitsuba refuses it.
+    """
+    use_variant()
+    nodes = SceneNodes(find_scene(path), parameters, required={"wide": "Sensor"})
+    nodes.average_pixels(size, sensor="wide")
+    scene = nodes.instantiate()
+    wide = next(sensor for sensor in scene.sensors() if sensor.id() == "wide")
+    return path_trace(scene, -1, samples=samples, seed=seed, progress=progress, sensor=wide)
+
+
 def path_trace(
     scene: Any,
     depth: int,
@@ -77,8 +120,9 @@ def path_trace(
     samples: int,
     seed: int,
     progress: Callable[[float], None] | None = None,
+    sensor: Any = None,
 ) -> Array:
-    """Render what the sensor ``camera`` of a Mitsuba scene sees, in passes of bounded memory.
+    """Render what a sensor of a Mitsuba scene sees, in passes of bounded memory.
 
     Parameters
     ----------
@@ -88,6 +132,8 @@ def path_trace(
         Mitsuba's path depth: 2 for one reflection, -1 for any number.
     samples, seed, progress
         As in `render_photograph`.
+    sensor
+        A sensor with a sampler that takes square numbers; None for the one of id ``camera``.
 
     Returns
     -------
@@ -96,9 +142,9 @@ def path_trace(
     """
     import mitsuba as mi
 
-    columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
+    camera = camera_of(scene) if sensor is None else sensor
+    columns, rows = (int(n) for n in camera.film().crop_size())
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    camera = camera_of(scene)
     at_once = max(1, WAVEFRONT // (rows * columns))
     passes = math.ceil(samples / at_once)
     # The multi-jittered sampler wants a square number.

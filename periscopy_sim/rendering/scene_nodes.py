@@ -193,8 +193,10 @@ class SceneNodes:
                 if child.props is not kept and child.props != kept:
                     del node.props[key]
 
-    def average_pixels(self, film_size: tuple[int, int] | None = None) -> None:
-        """Make the camera average each pixel over its own area, in linear float32 RGB.
+    def average_pixels(
+        self, film_size: tuple[int, int] | None = None, *, sensor: str = "camera"
+    ) -> None:
+        """Make a sensor average each pixel over its own area, in linear float32 RGB.
 
         Its samples become stratified ones: on penumbrae their error falls about as n^-0.75.
 
@@ -202,17 +204,19 @@ class SceneNodes:
         ----------
         film_size
             (rows, columns) of the film; None leaves them.
+        sensor
+            Its id.
 
         Raises
         ------
         SceneError
-            If the camera has no film that records an image.
+            If the sensor has no film that records an image.
         """
         import mitsuba as mi
 
-        film = self._film()
+        film = self._film(sensor)
         if film is None:
-            raise SceneError(f"scene '{self.path}': sensor 'camera' has no film of type hdrfilm")
+            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
         for key in list(film.keys()):
             child = self._child(film, key)
             if child is not None and str(child.type).endswith("ReconstructionFilter"):
@@ -222,7 +226,7 @@ class SceneNodes:
         film["component_format"] = "float32"
         if film_size is not None:
             film["height"], film["width"] = film_size
-        camera = self._by_id("camera")
+        camera = self._by_id(sensor)
         for key in list(camera.keys()):
             child = self._child(camera, key)
             if child is not None and str(child.type).endswith("Sampler"):
@@ -308,8 +312,8 @@ class SceneNodes:
             to_world = to_world @ type(to_world)().scale([-1, 1, 1])
         monitor["to_world"] = to_world
 
-    def _film(self) -> Any:
-        for child in self._children(self._by_id("camera")):
+    def _film(self, sensor: str) -> Any:
+        for child in self._children(self._by_id(sensor)):
             if str(child.type).endswith("Film") and child.props.plugin_name() == "hdrfilm":
                 return child.props
         return None

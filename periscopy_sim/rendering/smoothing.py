@@ -13,6 +13,9 @@ from periscopy_sim.scenario import Array
 MAX_DEGREE = 8
 """Largest total degree of the polynomials tried."""
 
+DEPENDENT = 1e-10
+"""Polynomials are taken as dependent on the sites below this part of the first one's norm."""
+
 
 @dataclass(frozen=True, eq=False)
 class Field:
@@ -64,11 +67,15 @@ def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, in
     candidates = []
     if np.array_equal(sites, np.arange(M)):
         candidates.append(Field(replicas, np.zeros(3), None))
-    for degree in range(MAX_DEGREE + 1):
-        basis = _polynomials(shape, degree)
-        if np.linalg.matrix_rank(basis[sites]) < basis.shape[1]:
+    basis, degrees = _polynomials(shape)
+    side_by_side = replicas.transpose(1, 0, 2).reshape(len(sites), -1)
+    Q, R = np.linalg.qr(basis[sites])
+    for degree in range(degrees[-1] + 1):
+        n = np.count_nonzero(degrees <= degree)
+        if n > len(sites) or np.abs(np.diag(R)[:n]).min() < DEPENDENT * np.abs(R[0, 0]):
             break
-        fitted = basis @ (np.linalg.pinv(basis[sites]) @ replicas)
+        fit = basis[:, :n] @ np.linalg.solve(R[:n, :n], Q[:, :n].T @ side_by_side)
+        fitted = fit.reshape(M, K, -1).transpose(1, 0, 2)
         residual = fitted[:, sites] - replicas
         products = residual.sum(axis=0) ** 2 - (residual**2).sum(axis=0)
         bias = np.maximum((products / (K * (K - 1))).mean(axis=0), 0)
@@ -86,17 +93,23 @@ def chosen_sites(shape: tuple[int, int], count: int) -> NDArray[np.intp]:
     return (along(shape[0])[:, None] * shape[1] + along(shape[1])).ravel()
 
 
-def _polynomials(shape: tuple[int, int], degree: int) -> Array:
-    """Products of Legendre polynomials of row and column, up to a total degree: (M, n)."""
+def _polynomials(shape: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
+    """Products of Legendre polynomials of row and column: (M, n), and (n,) their total degrees.
+
+    They are sorted by degree. Along a side of n pixels no polynomial beyond degree n - 1 is
+    another function.
+    """
 
     def along(pixels: int) -> Array:
         centers = (2 * np.arange(pixels) + 1) / pixels - 1
-        return np.asarray(legendre.legvander(centers, degree))
+        return np.asarray(legendre.legvander(centers, MAX_DEGREE))
 
     down, across = along(shape[0]), along(shape[1])
     terms = [
-        np.outer(down[:, i], across[:, j]).ravel()
-        for i in range(degree + 1)
-        for j in range(degree + 1 - i)
+        (degree - j, j)
+        for degree in range(MAX_DEGREE + 1)
+        for j in range(degree + 1)
+        if degree - j < shape[0] and j < shape[1]
     ]
-    return np.stack(terms, axis=1)
+    basis = np.stack([np.outer(down[:, i], across[:, j]).ravel() for i, j in terms], axis=1)
+    return basis, np.array([i + j for i, j in terms])
