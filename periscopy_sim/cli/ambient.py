@@ -55,8 +55,12 @@ def ambient(
         raise SystemExit(130) from None
     for name in chosen:
         file = out / f"{Path(name).stem}.exr"
-        error = float(read_exr(file)[1].get("relative_error", "nan"))
-        say(f"wrote {file}  relative error of a pixel {error:.1e}")
+        held = read_exr(file)[1]
+        error, common = (float(held[key]) for key in ("relative_error", "brightness_error"))
+        say(
+            f"wrote {file}  relative error of a pixel {np.hypot(error, common):.1e}, of which "
+            f"{common:.1e} is common to all"
+        )
 
 
 def ambient_photographs(

@@ -53,7 +53,7 @@ class Background:
         Standard error of a pixel relative to its brightness, root mean square over pixels and
         channels, after the one factor by which a composite scales the whole.
     brightness_error
-        Relative standard error of that factor.
+        Relative standard error of that factor; the root of both squares' sum is the whole error.
     """
 
     photograph: Array
@@ -67,7 +67,7 @@ def render_background(
     parameters: Mapping[str, str] | None = None,
     *,
     target: float = 3e-4,
-    max_rounds: int = 32,
+    max_rounds: int = 128,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Background:
@@ -87,7 +87,7 @@ def render_background(
     parameters
         Values for the ambient scene's ``<default>``s.
     target
-        Relative error at which to stop.
+        Relative error of a pixel, both parts together, at which to stop.
     max_rounds
         Rounds of samples for any part of the light.
     seed
@@ -136,9 +136,10 @@ def render_background(
         raise SceneError(
             f"scene '{path}': no light reaches its wall; move its emitters or its wall"
         )
-    if errors[0] > target:
+    error = np.hypot(*errors)
+    if error > target:
         warnings.warn(
-            f"'{path.stem}' stopped at a relative error of {errors[0]:.1e}, above {target:.1e}; "
+            f"'{path.stem}' stopped at a relative error of {error:.1e}, above {target:.1e}; "
             "raise max_rounds",
             RuntimeWarning,
             stacklevel=2,
@@ -181,14 +182,15 @@ def _refined(
         mean = whole.mean(axis=0)
         errors = relative_errors(whole, bias)
         open_parts = [part for part in parts if part.rounds < max_rounds]
-        if errors[0] <= target or not open_parts:
+        error = np.hypot(*errors)
+        if error <= target or not open_parts:
             return mean, errors
-        progress(min(1.0, (target / errors[0]) ** 2))
+        progress(min(1.0, (target / error) ** 2))
 
         def share(part: Part, mean: Array = mean) -> float:
             replicas = part.field.replicas
             alone = mean + replicas - replicas.mean(axis=0)
-            return relative_errors(alone, part.field.squared_bias)[0]
+            return float(np.hypot(*relative_errors(alone, part.field.squared_bias)))
 
         max(open_parts, key=share).add_round(seeds)
 
