@@ -27,11 +27,11 @@ from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.shipped import find_scene
 
-SITES = 12
+SITES = 16
 """Points along each side of the photograph at which bounced light is estimated: more than the
 polynomials' degree needs, so that a misfit shows."""
 
-PATHS = 576
+PATHS = 256
 """Paths from each of them in a round."""
 
 DIRECT_SAMPLES = 64
@@ -67,7 +67,7 @@ def render_background(
     parameters: Mapping[str, str] | None = None,
     *,
     target: float = 3e-4,
-    max_rounds: int = 128,
+    max_rounds: int = 32,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Background:

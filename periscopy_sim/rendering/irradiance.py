@@ -21,6 +21,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.scenario import Array
 
+ALONE = 2
+"""Paths that serve the points' mean alone, for each that serves every point and so costs more."""
+
 PAIRS = 1 << 23
 """Pairs of path and point treated at once; bounds the memory."""
 
@@ -138,7 +141,7 @@ def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, se
     points, normals
         (m, 3) points just off the wall and its unit normals there.
     paths
-        Paths from each point; rounded up to passes of a square number each.
+        Paths from each point that serve all; rounded up to passes of a square number each.
     seed
         Seed of the sampler.
 
@@ -151,13 +154,17 @@ def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, se
     passes = -(-paths * m**2 // PAIRS)
     each = _square(paths / passes)
     total = np.zeros((m, 3))
-    for pass_seed in np.random.SeedSequence(seed).generate_state(passes).tolist():
-        light, hits = _trace(scene, points, normals, each, pass_seed)
+    seeds = np.random.SeedSequence(seed).generate_state(2 * passes).reshape(-1, 2).tolist()
+    for one, another in seeds:
+        light, hits = _trace(scene, points, normals, each, one)
         form = _form_factors(scene, points, normals, each, hits)
         # Σ_j n_j p_j of a hit: the density with which the paths of all points find it.
         found = each * form.sum(axis=1, keepdims=True)
         weight = np.divide(form, found, where=found > 0, out=np.zeros_like(form))
-        total += np.pi * weight.T @ light
+        # The points' mean is that of the paths, so that more paths sharpen it.
+        more, _ = _trace(scene, points, normals, _square(ALONE * each), another)
+        mean = np.concatenate([light, more]).mean(axis=0)
+        total += np.pi * (weight.T @ light + mean - light.mean(axis=0))
     return total / passes
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.scenario import Array
 
-MAX_DEGREE = 8
+MAX_DEGREE = 12
 """Largest total degree of the polynomials tried."""
 
 DEPENDENT = 1e-10

@@ -40,11 +40,11 @@ def step(shape):
     return 1 + np.outer(x > 0.45, [1.0, 2.0, 0.5])
 
 
-@pytest.mark.parametrize("degree", range(9))
+@pytest.mark.parametrize("degree", range(13))
 def test_polynomials_seen_at_a_few_sites_are_exact_at_every_pixel(degree):
     field = polynomial(SHAPE, degree)
     sites = chosen_sites(SHAPE, SITES)
-    assert len(sites) < len(field) / 3
+    assert len(sites) < len(field) / 2
     found = best_estimate(np.stack([field[sites]] * 2), sites, SHAPE)
     assert found.replicas.shape == (2, 480, 3)
     np.testing.assert_allclose(found.replicas, np.stack([field] * 2), atol=1e-9)
