@@ -113,7 +113,6 @@ def run(setting: Setting) -> Section:
             shown = rows
     difference = np.zeros((1, *shape))
     difference[0, :2, 0] = -1, 1
-    statistics["D"] = row_statistics(difference)
     spectra["D"] = radial_spectrum(difference, pitch)
     with drawn(setting.out, "fig10", PAGE, 4.4) as figure:
         _draw(figure, shown, spectra, scenario)
@@ -169,7 +168,6 @@ def _table(statistics: dict[str, RowStatistics]) -> Table:
         [
             (name, cell(found.sum), cell(found.down), cell(found.across), cell(found.opposite))
             for name, found in statistics.items()
-            if name != "D"
         ],
     )
 

@@ -49,10 +49,7 @@ def run(setting: Setting) -> Section:
     """Reconstruct four photographs by the three methods, timed."""
     measured = setting.measured
     background = setting.backgrounds([CONDITION])[CONDITION]
-    photographs = [
-        ps.add_noise(ps.composite(measured.signal, background, sbr), SNR, setting.seed)
-        for sbr in SBRS
-    ]
+    photographs = [setting.photograph(background, sbr, CONDITION) for sbr in SBRS]
     scenario, A, B = setting.scenario, setting.A, setting.B
 
     def differencing(stop: str) -> ps.Differencing:
@@ -108,7 +105,7 @@ def run(setting: Setting) -> Section:
                 "one reconstruction, faster than [15] by",
                 "3125 times (0.024 s against 75 s)",
                 f"{ratio:.0f} times ({1e3 * proposed.each:.1f} ms against {published.each:.2f} s)",
-                Verdict.DIFFERS,
+                Verdict.AGREES if ratio > 1000 else Verdict.DIFFERS,
                 "[15] runs here compiled and on the N x N Gram matrix, to the same steps and "
                 "stopping rule: its iterations, not its idea, took the paper's 75 s.",
             ),

@@ -109,8 +109,8 @@ def run(setting: Setting) -> Section:
     realistic = setting.backgrounds()
     measured = setting.measured
     photographs = {
-        name: photographed(measured.signal, background, setting.seed)
-        for name, background in {**realistic, **setting.adversarial}.items()
+        name: photographed(measured.signal, background, setting.seed + number)
+        for number, (name, background) in enumerate({**realistic, **setting.adversarial}.items())
     }
     signals = {name: inverses.signals(photograph.y) for name, photograph in photographs.items()}
     _draw(setting, photographs[BACKGROUND], signals[BACKGROUND], P)

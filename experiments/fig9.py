@@ -52,12 +52,11 @@ def run(setting: Setting) -> Section:
         return Trial(photograph, proposed, truncated.reconstruct(photograph))
 
     trials = {
-        name: attempt(ps.add_noise(ps.composite(measured.signal, b, SBR), SNR, setting.seed))
+        name: attempt(setting.photograph(b, SBR, name))
         for name, b in {**setting.adversarial, **setting.backgrounds()}.items()
     }
     # The truncated SVD must be able to see at all: without ambient light, it is tried as well.
-    unlit = measured.signal / measured.signal.mean()
-    trials["none"] = attempt(ps.add_noise(unlit, SNR, setting.seed))
+    trials["none"] = attempt(setting.photograph(None, SBR, "none"))
     _draw(setting, trials)
     knowing_nothing = ps.mean_squared_error(np.ones_like(measured.truth), measured.truth)
     return Section(

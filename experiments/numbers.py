@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.setting import SNR, Setting, alone
+from experiments.setting import Setting, alone
 from periscopy_sim.evaluation.diagnostics import (
     Diagnostics,
     condition_number,
@@ -146,8 +146,8 @@ def _finer_grid(setting: Setting) -> Claim:
     combined = (B / np.linalg.norm(B, axis=0)) @ rng.normal(size=(B.shape[1], COMBINATIONS))
     finer = ps.Periscope.for_scene(scenario, setting.A, combined)
     photographs = [
-        ps.add_noise(ps.composite(measured.signal, background, SBR), SNR, setting.seed)
-        for background in setting.backgrounds().values()
+        setting.photograph(background, SBR, name)
+        for name, background in setting.backgrounds().items()
     ]
     coarse_error, fine_error = (
         np.mean([ps.mean_squared_error(m.reconstruct(y), measured.truth) for y in photographs])

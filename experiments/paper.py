@@ -94,7 +94,7 @@ def write_report(out: Path, record: Mapping[str, str]) -> None:
         TITLE,
         sections,
         introduction="Each claim of the paper beside what this package measured, and why where "
-        "they differ. Times are of the machine below and of nothing else that ran on it. The "
+        "they differ. Times are of this run's machine; other load on it lengthens them. The "
         "provenance is that of the last run in this folder.",
         provenance=record,
     )
@@ -115,7 +115,7 @@ def main(
     real: Annotated[Path | None, typer.Option(help="A real photograph, NPZ.")] = None,
 ) -> None:
     """Run the experiments and write the page."""
-    names = [name.strip() for name in only.split(",")] if only else list(EXPERIMENTS)
+    names = [name.strip() for name in only.split(",") if name.strip()] or list(EXPERIMENTS)
     unknown = [name for name in names if name not in EXPERIMENTS]
     if unknown:
         _refuse(f"no experiment '{unknown[0]}'; there are {', '.join(EXPERIMENTS)}")

@@ -5,10 +5,13 @@ What takes long to render is kept in the folder of the run and read again by the
 
 from __future__ import annotations
 
+import hashlib
+import json
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -23,12 +26,14 @@ from periscopy_sim.rendering.photograph import render_place
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.exr import read_exr, write_exr
 from periscopy_sim.storage.output import staged_file
+from periscopy_sim.storage.provenance import scene_sha256
 
 Array = NDArray[np.float64]
 SNR = 60.0
 """dB (Sec. 4.1)."""
 
 GLASS = "stained_glass"
+GLASS_SCENE = f"ambient/{GLASS}"
 NO_BEAM = f"{GLASS}_no_beam"
 """The stained glass seen from the wall, without the sun through it that falls on the wall."""
 
@@ -73,7 +78,6 @@ class Setting:
         self.out = out
         self.real = real
         self.rendered = out / "rendered"
-        self.rendered.mkdir(parents=True, exist_ok=True)
 
     @cached_property
     def scenario(self) -> Scenario:
@@ -113,7 +117,7 @@ class Setting:
         def render() -> Array:
             return ps.render_photograph(self.scenario, truth, samples=8192, seed=self.seed)
 
-        return Measured(self.kept(self.image, render), truth, real=False)
+        return Measured(self.kept(self.image, "chair", render), truth, real=False)
 
     @cached_property
     def measured(self) -> Measured:
@@ -127,19 +131,63 @@ class Setting:
         """Photographs of the board under ambient light: the realistic conditions, or others."""
         return ambient_photographs(names, self.scenario, self.rendered, self.seed)
 
-    def kept(self, name: str, render: Callable[[], Array]) -> Array:
-        """Render a picture, or read it if an earlier run in this folder rendered it."""
-        file = self.rendered / f"{name.replace(', ', '_').replace(' ', '_')}.exr"
-        if not file.is_file():
+    def photograph(self, background: Array | None, sbr: float, name: str) -> Array:
+        """Photograph at an SBR and `SNR` (Sec. 4.1); the noise follows from the name and the SBR.
+
+        Parameters
+        ----------
+        background
+            (rows, columns, 3) ambient light; None for none.
+        sbr
+            Signal-to-background ratio.
+        name
+            Of the background.
+
+        Returns
+        -------
+        ndarray
+            (rows, columns, 3) of mean 1, plus noise.
+        """
+        signal = self.measured.signal
+        exposed = (
+            signal / signal.mean() if background is None else ps.composite(signal, background, sbr)
+        )
+        identity = hashlib.sha256(json.dumps([self.seed, name, sbr]).encode()).digest()
+        return ps.add_noise(exposed, SNR, int.from_bytes(identity[:16]))
+
+    def kept(self, name: str, scene: str, render: Callable[[], Array]) -> Array:
+        """Render a picture, or read it if the same was rendered in this folder before.
+
+        Parameters
+        ----------
+        name
+            Of the file.
+        scene
+            What is rendered.
+        render
+            Renders it, by this package and from this scene and the chair's alone.
+        """
+        file = self.rendered / f"{name}.exr"
+        record = {
+            "scene_sha256": scene_sha256(ps.find_scene(scene)),
+            "chair_sha256": scene_sha256(ps.find_scene("chair")),
+            "package_sha256": package_sha256(),
+            "seed": str(self.seed),
+        }
+        if not (file.is_file() and record.items() <= read_exr(file)[1].items()):
             with staged_file(file) as staged:
-                write_exr(staged, render(), {"seed": float(self.seed)})
+                write_exr(staged, render(), record)
         return np.asarray(read_exr(file)[0], np.float64)
 
     @property
     def adversarial(self) -> dict[str, Array]:
         """The two adversarial conditions (Fig. 5), the window also without its sunbeam."""
         lit = self.backgrounds(ADVERSARIAL)
-        return {GLASS: lit.pop(GLASS), NO_BEAM: self.kept(NO_BEAM, self._no_beam), **lit}
+        return {
+            GLASS: lit.pop(GLASS),
+            NO_BEAM: self.kept(NO_BEAM, GLASS_SCENE, self._no_beam),
+            **lit,
+        }
 
     def place(self, name: str) -> Array:
         """Picture of the place of an ambient condition, to look at: (300, 400, 3)."""
@@ -148,14 +196,24 @@ class Setting:
         def render() -> Array:
             return render_place(f"ambient/{scene}", parameters, size=(300, 400), samples=256)
 
-        return self.kept(f"{name}_wide", render)
+        return self.kept(f"{name}_wide", f"ambient/{scene}", render)
 
     def _no_beam(self) -> Array:
-        path = f"ambient/{GLASS}"
-        return ps.render_background(path, self.scenario, WITHOUT_BEAM, seed=self.seed).photograph
+        return ps.render_background(
+            GLASS_SCENE, self.scenario, WITHOUT_BEAM, seed=self.seed
+        ).photograph
 
 
 Experiment = Callable[[Setting], Section]
+
+
+@cache
+def package_sha256() -> str:
+    """Digest of the package's own code: results of other code are not taken for its own."""
+    digest = hashlib.sha256()
+    for file in sorted(Path(ps.__file__).parent.rglob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def timed(experiment: Experiment, setting: Setting) -> Section:
@@ -166,13 +224,17 @@ def timed(experiment: Experiment, setting: Setting) -> Section:
 
 
 def alone(experiment: Experiment) -> None:
-    """Run one experiment from the command line and print its claims."""
+    """Run one experiment from the command line and print its claims; see `experiments.paper`."""
 
     def main(
         out: Annotated[Path, typer.Option(help="Folder to write.")],
         real: Annotated[Path | None, typer.Option(help="A real photograph, NPZ.")] = None,
     ) -> None:
-        section = timed(experiment, Setting(out, real))
+        try:
+            section = timed(experiment, Setting(out, real))
+        except ps.PeriscopyError as error:
+            print(f"error: {error}", file=sys.stderr)
+            raise typer.Exit(2) from None
         for claim in section.claims:
             print(f"{claim.what}: {claim.measured} (paper: {claim.stated}) {claim.verdict}")
         print(f"{section.name}: {section.seconds:.1f} s")

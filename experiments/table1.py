@@ -149,9 +149,8 @@ def _prepare(A: NDArray[np.float32], scenario: Scenario) -> Differencing:
 
 def run(setting: Setting) -> Section:
     """Time both methods at the four resolutions of the table."""
-    background = next(iter(setting.backgrounds().values()))
-    composed = ps.composite(setting.measured.signal, background, SBR)
-    photograph = ps.add_noise(composed, SNR, setting.seed)
+    name, background = next(iter(setting.backgrounds().items()))
+    photograph = setting.photograph(background, SBR, name)
     measured = [measure(setting, row.hidden, photograph) for row in PAPER]
     rows = [
         (
