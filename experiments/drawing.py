@@ -79,6 +79,7 @@ def new_figure(width: float, height: float) -> Any:
 
 def save(figure: Any, out: Path, name: str) -> Path:
     """Save a figure as PNG and PDF; return the PNG's path."""
+    out.mkdir(parents=True, exist_ok=True)
     with styled():
         figure.savefig(out / f"{name}.pdf", metadata={"CreationDate": None})
         figure.savefig(out / f"{name}.png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ def run(setting: Setting) -> Section:
     photographs = [setting.photograph(background, sbr, CONDITION) for sbr in SBRS]
     scenario, A, B = setting.scenario, setting.A, setting.B
 
-    def differencing(stop: str) -> ps.Differencing:
+    def differencing(stop: Literal["converged", "published"]) -> ps.Differencing:
         return ps.Differencing(
             A,
             photograph_shape=scenario.photograph_shape,

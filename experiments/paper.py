@@ -115,7 +115,7 @@ def main(
     real: Annotated[Path | None, typer.Option(help="A real photograph, NPZ.")] = None,
 ) -> None:
     """Run the experiments and write the page."""
-    names = [name.strip() for name in only.split(",") if name.strip()] or list(EXPERIMENTS)
+    names = [name.strip() for name in only.split(",")] if only else list(EXPERIMENTS)
     unknown = [name for name in names if name not in EXPERIMENTS]
     if unknown:
         _refuse(f"no experiment '{unknown[0]}'; there are {', '.join(EXPERIMENTS)}")
