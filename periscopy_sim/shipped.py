@@ -6,6 +6,15 @@ from pathlib import Path
 
 from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError
 
+REALISTIC = (
+    "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
+    "desk_lamps", "corridor",
+)  # fmt: skip
+"""Ambient scenes in which no edge of direct sun crosses the field of view."""
+
+ADVERSARIAL = ("stained_glass", "snow")
+"""Ambient scenes made to break the model of ambient light, as in the paper's Fig. 5."""
+
 
 def scenes_folder() -> Path:
     """Find the folder of shipped scenes: inside an installed package, beside it in a checkout.

@@ -12,23 +12,20 @@ import typer
 from numpy.typing import NDArray
 
 from periscopy_sim.cli import scene as scenes
-from periscopy_sim.cli.arguments import Define, Out, SceneOption, Seed, progress, say
+from periscopy_sim.cli.arguments import Define, SceneOption, Seed, progress, say
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.scenario import Scenario
-
-REALISTIC = (
-    "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
-    "desk_lamps", "corridor",
-)  # fmt: skip
-"""Lighting conditions in which no edge of direct sun crosses the field of view."""
-
-ADVERSARIAL = ("stained_glass", "snow")
-"""Conditions chosen to break a method, as in the paper's Fig. 5."""
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
 def ambient(
     scene: SceneOption,
-    out: Out,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", help="Folder of the pictures; each appears complete or not at all, and stays."
+        ),
+    ],
     names: Annotated[
         list[str] | None,
         typer.Argument(
@@ -47,18 +44,20 @@ def ambient(
     chosen = names or [*REALISTIC, *ADVERSARIAL]
     # Ambient light needs no hidden patches; one is the least that a scene can have.
     scenario = scenes.load(scene, "1x1", define)
+    files = [out / f"{Path(name).stem}.exr" for name in chosen]
+    held_before = {file for file in files if file.is_file()}
     try:
         ambient_photographs(chosen, scenario, out, seed, target=target)
     except KeyboardInterrupt:
         message = "interrupted; the same command goes on where it stopped"
         print(f"periscopy: error: {message}", file=sys.stderr)
         raise SystemExit(130) from None
-    for name in chosen:
-        file = out / f"{Path(name).stem}.exr"
+    for file in files:
         held = read_exr(file)[1]
         error, common = (float(held[key]) for key in ("relative_error", "brightness_error"))
+        done = "kept" if file in held_before else "wrote"
         say(
-            f"wrote {file}  relative error of a pixel {np.hypot(error, common):.1e}, of which "
+            f"{done} {file}  relative error of a pixel {np.hypot(error, common):.1e}, of which "
             f"{common:.1e} is common to all"
         )
 

@@ -41,6 +41,22 @@ Samples = Annotated[int, typer.Option(min=1, help="Samples of a patch for each w
 Seed = Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of every random draw.")]
 
 
+def _within_bounds(snr: float | None) -> float | None:
+    # Not by the option's own bounds: the parsers' versions differ in what they say of NaN.
+    if snr is not None and not -100 <= snr <= 300:
+        raise typer.BadParameter(f"{snr:g} is not a finite number of dB from -100 to 300")
+    return snr
+
+
+_snr = typer.Option(
+    "--snr",
+    callback=_within_bounds,
+    help="Gaussian noise at this signal-to-noise ratio, -100 to 300 dB.",
+)
+Snr = Annotated[float, _snr]
+OptionalSnr = Annotated[float | None, _snr]
+
+
 def parse_size(text: str) -> tuple[int, int]:
     """Read ROWSxCOLUMNS.
 

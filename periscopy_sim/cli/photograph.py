@@ -12,6 +12,7 @@ import typer
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli.arguments import (
     Define,
+    OptionalSnr,
     OutFile,
     SceneArgument,
     Seed,
@@ -45,12 +46,7 @@ def photograph(
             min=1e-6, max=1e6, help="Signal-to-background ratio; scales the sum to mean 1."
         ),
     ] = None,
-    snr: Annotated[
-        float | None,
-        typer.Option(
-            min=-100, max=300, help="Add Gaussian noise at this signal-to-noise ratio, dB."
-        ),
-    ] = None,
+    snr: OptionalSnr = None,
     electrons: Annotated[
         float | None,
         typer.Option(

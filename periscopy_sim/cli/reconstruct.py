@@ -94,7 +94,13 @@ def reconstruct(
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import figures
-    from periscopy_sim.evaluation.methods import find_method, fit_methods, image_by, source_sha256
+    from periscopy_sim.evaluation.methods import (
+        find_method,
+        fit_methods,
+        image_by,
+        own_errors,
+        source_sha256,
+    )
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.output import staged_folder
     from periscopy_sim.storage.pictures import read_hidden_image, write_png
@@ -139,7 +145,11 @@ def reconstruct(
             with timed("fit the method"), fitting:
                 B = point_light_backgrounds(scenario)
                 fitted = fit_methods([method], scenario, A, B)[method]
-            with timed("reconstruct"), mendable(f"{photo} by {method}"):
+            with (
+                timed("reconstruct"),
+                mendable(f"{photo} by {method}"),
+                own_errors(method, f"failed on {photo}"),
+            ):
                 image = image_by(fitted, given.values, scenario.hidden_shape).astype(np.float64)
         if matrix is not None and not matrix.with_suffix(".json").is_file():
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")

@@ -21,11 +21,13 @@ from periscopy_sim.cli.arguments import (
     Samples,
     SceneArgument,
     Seed,
+    Snr,
     mendable,
     progress,
     say,
     write_json,
 )
+from periscopy_sim.cli.folder_lock import alone_in
 from periscopy_sim.cli.sweep_lists import parse_ambient, parse_list, parse_ratios
 from periscopy_sim.errors import OutputError, PeriscopyError
 
@@ -36,7 +38,10 @@ if TYPE_CHECKING:
 
 SETTINGS = "settings.json"
 RENDERED = ("A.npy", "photograph.exr", "ambient")
-RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png", "seconds.csv")
+STORE = "sweep.zarr"
+RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
+VARIED = ("ambient", "flips", "methods", "sbr", "snr", "seeds")
+"""Settings that nothing rendered follows from: they may change until there are results."""
 
 
 def sweep(
@@ -75,7 +80,7 @@ def sweep(
             metavar="LIST", help="Methods by comma; yours as module:callable or file.py:callable."
         ),
     ] = "preconditioned,differencing",
-    snr: Annotated[float, typer.Option(help="Signal-to-noise ratio of a photograph, dB.")] = 60.0,
+    snr: Snr = 60.0,
     seeds: Annotated[int, typer.Option(min=1, help="Noise draws for each background and SBR.")] = 1,
     scheduler: Annotated[
         str | None,
@@ -98,8 +103,6 @@ def sweep(
     # Whatever can be refused is refused here, before hours of rendering.
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
-    if not np.isfinite(snr):
-        raise PeriscopyError(f"--snr {snr} is no number of dB; give one, such as 60")
     ratios, lights = parse_ratios(sbr), parse_ambient(ambient)
     names = parse_list("--methods", methods)
     for name in names:
@@ -133,43 +136,44 @@ def sweep(
         with workers.connect(scheduler):  # does it answer?
             pass
     try:
-        _claim_folder(out, settings)
-        if not (out / "A.npy").is_file():
-            matrices.transport(
-                scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
-            )
-        A = scenes.read_transport(out / "A.npy", scenario)
-        B = point_light_backgrounds(scenario)
-        with mendable(f"scene '{scenario.path}'"):
-            fitted = fit_methods(names, scenario, A, B)
-        if signal is None:
-            file = out / "photograph.exr"
-            if not file.is_file():
-                photographs.photograph(
-                    scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
+        with alone_in(out):
+            _claim_folder(out, settings)
+            if not (out / "A.npy").is_file():
+                matrices.transport(
+                    scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
                 )
-            signal = scenes.read_photograph(file, scenario).values
-        lit = _rendered(backgrounds, scenario, out / "ambient", seed)
-        whole = sweeps.Sweep(
-            signal=signal,
-            truth=shown,
-            backgrounds=sweeps.flips(lit) if flips else lit,
-            methods=fitted,
-            sbrs=ratios,
-            snr=snr,
-            seeds=range(seeds),
-            seed=seed,
-            conditions={
-                "settings": settings,
-                "A_sha256": sweeps.array_sha256(A),
-                "B_sha256": sweeps.array_sha256(B),
-            },
-        )
-        with progress("sweeping") as report:
-            results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
-        with staged_file(out / "sweep.png") as file:
-            text = as_text(scenes.provenance_of(scenario, seed))
-            figures.draw_sweep(file, results, metadata=text)
+            A = scenes.read_transport(out / "A.npy", scenario)
+            B = point_light_backgrounds(scenario)
+            with mendable(f"scene '{scenario.path}'"):
+                fitted = fit_methods(names, scenario, A, B)
+            if signal is None:
+                file = out / "photograph.exr"
+                if not file.is_file():
+                    photographs.photograph(
+                        scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
+                    )
+                signal = scenes.read_photograph(file, scenario).values
+            lit = _rendered(backgrounds, scenario, out / "ambient", seed)
+            whole = sweeps.Sweep(
+                signal=signal,
+                truth=shown,
+                backgrounds=sweeps.flips(lit) if flips else lit,
+                methods=fitted,
+                sbrs=ratios,
+                snr=snr,
+                seeds=range(seeds),
+                seed=seed,
+                conditions={
+                    "settings": settings,
+                    "A_sha256": sweeps.array_sha256(A),
+                    "B_sha256": sweeps.array_sha256(B),
+                },
+            )
+            with progress("sweeping") as report:
+                results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
+            with staged_file(out / "sweep.png") as file:
+                text = as_text(scenes.provenance_of(scenario, seed))
+                figures.draw_sweep(file, results, metadata=text)
     except KeyboardInterrupt:
         message = "interrupted; the same command goes on where it stopped"
         print(f"periscopy: error: {message}", file=sys.stderr)
@@ -188,6 +192,8 @@ def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
 def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
     """Refuse a folder of other settings, or with files that are not known to be of these.
 
+    Until there are results, what is varied may differ from what the folder was made for.
+
     Raises
     ------
     OutputError
@@ -198,9 +204,11 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
     file = out / SETTINGS
     if file.is_file():
         try:
-            held = json.loads(file.read_text("utf-8"))
-        except (ValueError, OSError):
+            held = dict(json.loads(file.read_text("utf-8")))
+        except (ValueError, TypeError, OSError):
             raise OutputError(f"{file}: is damaged; name another folder") from None
+        if not (out / STORE).exists():
+            held |= {name: settings[name] for name in VARIED}
         check_configuration(held, settings, str(out))
         return
     for name in (*RENDERED, *RESULTS):
@@ -214,7 +222,8 @@ def _claim_folder(out: Path, settings: Mapping[str, Any]) -> None:
     """Write down what all that follows in the folder belongs to."""
     from periscopy_sim.storage.output import staged_file
 
-    if not (out / SETTINGS).is_file():
+    _check_folder(out, settings)  # again, now that nobody else writes there
+    if not (out / STORE).exists():
         with staged_file(out / SETTINGS) as staged:
             write_json(staged, settings)
 

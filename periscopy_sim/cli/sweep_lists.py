@@ -8,15 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
-REALISTIC = (
-    "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
-    "desk_lamps", "corridor",
-)  # fmt: skip
-"""The shipped lighting conditions that ``--ambient all`` stands for."""
-
-ADVERSARIAL = ("stained_glass", "snow")
-"""Those that ``--ambient adversarial`` stands for: made to break the model of ambient light."""
+GROUPS = {"all": REALISTIC, "adversarial": ADVERSARIAL}
+"""What ``--ambient`` takes for several shipped lighting conditions."""
 
 SPACINGS: Mapping[str, Callable[..., np.ndarray[tuple[int], np.dtype[np.float64]]]] = {
     "log": np.geomspace,
@@ -87,10 +82,9 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
 
 
 def _lights(entry: str) -> list[tuple[str, Path | None]]:
-    shipped = shipped_conditions()
-    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL}
-    if entry in groups:
-        return [(name, None) for name in groups[entry]]
+    shipped = (*REALISTIC, *ADVERSARIAL)
+    if entry in GROUPS:
+        return [(name, None) for name in GROUPS[entry]]
     if entry in shipped:
         return [(entry, None)]
     path = Path(entry)
@@ -105,13 +99,6 @@ def _lights(entry: str) -> list[tuple[str, Path | None]]:
         f"--ambient '{entry}' is no lighting condition; use an EXR file, a folder of them, all, "
         f"adversarial, or {', '.join(shipped)}"
     )
-
-
-def shipped_conditions() -> list[str]:
-    """List the names of the shipped ambient scenes."""
-    from periscopy_sim.shipped import scenes_folder
-
-    return sorted(path.stem for path in (scenes_folder() / "ambient").glob("*.xml"))
 
 
 def _all_positive(values: tuple[float, ...] | list[float]) -> bool:

@@ -155,7 +155,7 @@ def draw_sweep(
 
     labels = ("method", "sbr", "background", "seed")
     errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
-    figure = Figure(figsize=(COLUMN_WIDTH, 2.7), layout="constrained")
+    figure = Figure(layout="constrained")
     ax = figure.subplots()
     looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
     for method, (colour, dashes) in zip(errors, looks, strict=False):
@@ -187,6 +187,12 @@ def draw_sweep(
     ax.tick_params(labelsize=7, which="both")
     ax.grid(True, which="major", linewidth=0.4, color="0.85")
     ax.set_axisbelow(True)
-    if ax.lines:
-        ax.legend(fontsize=7, frameon=False, handlelength=2.8)
+    names = [str(line.get_label()) for line in ax.lines]
+    side_by_side = 2 if max(map(len, names), default=0) <= 22 else 1
+    if names:  # above the axes: inside, it would hide a curve
+        figure.legend(
+            loc="outside upper center", ncols=side_by_side, fontsize=7, frameon=False,
+            handlelength=2.8,
+        )  # fmt: skip
+    figure.set_size_inches(COLUMN_WIDTH, 2.6 + 0.13 * -(-len(names) // side_by_side))
     figure.savefig(path, dpi=300, metadata=dict(metadata or {}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
@@ -112,11 +113,8 @@ def source_sha256(name: str) -> str | None:
     PeriscopyError
         As `find_method`.
     """
-    if name in METHODS:
-        return None
-    place = _place(name)
-    file = place if place.endswith(".py") else _module(name).__file__
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
+    file = None if name in METHODS else _file(name)
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
 
 
 def fit_methods(
@@ -143,14 +141,18 @@ def fit_methods(
     Raises
     ------
     PeriscopyError
-        As `find_method`, or if what a user's own callable returns cannot reconstruct.
+        As `find_method`; if a user's own callable raises anything, or returns what cannot
+        reconstruct.
     ValueError
-        If a method cannot be fitted to A and B.
+        If one of `METHODS` cannot be fitted to A and B.
     """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1):
-        methods = {name: find_method(name)(scenario, A, B) for name in names}
+    methods = {}
+    for name in names:
+        fit = find_method(name)
+        with threadpool_limits(1), own_errors(name, "cannot be fitted"):
+            methods[name] = fit(scenario, A, B)
     for name, method in methods.items():
         if not callable(getattr(method, "reconstruct", None)):
             raise PeriscopyError(
@@ -158,6 +160,43 @@ def fit_methods(
                 "reconstruct(photograph); add one"
             )
     return methods
+
+
+@contextmanager
+def own_errors(name: str, what: str) -> Iterator[None]:
+    """Report whatever a user's own method raises as the user's mistake, and where it arose.
+
+    Errors of `METHODS` pass as they are, and so does a lack of memory.
+
+    Parameters
+    ----------
+    name
+        As `find_method` takes it.
+    what
+        What the error means, such as "cannot be fitted".
+
+    Raises
+    ------
+    PeriscopyError
+        Naming the method, the error, and the last line of the method's file that led to it.
+    """
+    try:
+        yield
+    except MemoryError:  # says more about the machine than about the method
+        raise
+    except Exception as error:
+        if name in METHODS:
+            raise
+        file = _file(name)
+        lines = [
+            frame.lineno
+            for frame in traceback.extract_tb(error.__traceback__)
+            if file and Path(frame.filename).resolve() == file.resolve()
+        ]
+        where = f" ({file.name}:{lines[-1]})" if file and lines else ""
+        raise PeriscopyError(
+            f"method '{name}' {what}: {type(error).__name__}: {error}{where}"
+        ) from error
 
 
 def image_by(
@@ -208,6 +247,13 @@ def _place(name: str) -> str:
     if place.endswith(".py") and not Path(place).is_file():
         raise PeriscopyError(f"method '{name}': there is no file {place}; check the path")
     return place
+
+
+def _file(name: str) -> Path | None:
+    """Find the file of a user's own method, where its module has one."""
+    place = _place(name)
+    file = place if place.endswith(".py") else _module(name).__file__
+    return Path(file) if file else None
 
 
 def _module(name: str) -> ModuleType:

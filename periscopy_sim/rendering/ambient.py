@@ -19,20 +19,13 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.irradiance import bounced_irradiance, direct_irradiance, pixel_edges
-from periscopy_sim.rendering.replicas import Part
+from periscopy_sim.rendering.replicas import PATHS, SITES, Part
 from periscopy_sim.rendering.scene_file import camera_of, shape_of
 from periscopy_sim.rendering.scene_nodes import SceneNodes
 from periscopy_sim.rendering.smoothing import chosen_sites
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.shipped import find_scene
-
-SITES = 16
-"""Points along each side of the photograph at which bounced light is estimated: more than the
-polynomials' degree needs, so that a misfit shows."""
-
-PATHS = 256
-"""Paths from each of them in a round."""
 
 DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""

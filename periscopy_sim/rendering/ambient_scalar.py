@@ -8,17 +8,10 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.irradiance import pixel_edges, scatters_alike
-from periscopy_sim.rendering.replicas import Part
+from periscopy_sim.rendering.replicas import PATHS, SITES, Part
 from periscopy_sim.rendering.scene_file import shape_of
 from periscopy_sim.rendering.smoothing import chosen_sites
 from periscopy_sim.scenario import Array
-
-SITES = 12
-"""Points along each side of the photograph at which bounced light is estimated: more than the
-polynomials' degree needs, so that a misfit shows."""
-
-PATHS = 576
-"""Paths from each of them in a round."""
 
 DIRECT_SAMPLES = 64
 """Samples of each pixel in a round."""

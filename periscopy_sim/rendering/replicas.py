@@ -13,6 +13,13 @@ from periscopy_sim.scenario import Array
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
 
+SITES = 16
+"""Points along each side of the photograph at which bounced light is estimated: more than the
+polynomials' degree needs, so that a misfit shows."""
+
+PATHS = 256
+"""Paths from each of them in a round."""
+
 
 class Part:
     """One part of the light, estimated in replicas at some of the pixels.

@@ -56,10 +56,14 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
 
     with monkeypatch.context() as patch:
         patch.setattr("periscopy_sim.rendering.ambient.render_background", fail)
-        assert succeeds(*COMMAND, "--out", "out") == shown
+        assert succeeds(*COMMAND, "--out", "out") == shown.replace("wrote ", "kept ")
     assert contents(tmp_path / "out") == before
     # Conditions that are missing are added, the others kept.
-    succeeds("ambient", "low_sun", *COMMAND[1:], "--out", "out")
+    shown = succeeds("ambient", "low_sun", *COMMAND[1:], "--out", "out").splitlines()
+    assert [line.split("  ")[0] for line in shown] == [
+        "wrote out/low_sun.exr",
+        "kept out/overcast.exr",
+    ]
     after = contents(tmp_path / "out")
     assert set(after) == {"overcast.exr", "low_sun.exr"}
     assert after["overcast.exr"] == before["overcast.exr"]

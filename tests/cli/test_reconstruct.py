@@ -250,7 +250,16 @@ class Mine:
 class Wrong(Mine):
     def reconstruct(self, photograph):
         return photograph
+
+class Raising(Mine):
+    def reconstruct(self, photograph):
+        raise RuntimeError("lost")
+
+class Unfit:
+    def __init__(self, scenario, A, B):
+        self.shape = {}["no"]
 """
+LOST, UNFIT = 'raise RuntimeError("lost")', 'self.shape = {}["no"]'
 
 
 @pytest.mark.parametrize("place", ["mine.py", "mine_of_reconstruct", "deep/mine.py"])
@@ -268,8 +277,15 @@ def test_own_method_stands_in(place, light, reconstruct, tmp_path):
 def test_own_method_that_breaks_its_promise_is_refused(refused, light, tmp_path):
     np.save(tmp_path / "y.npy", light[0])
     (tmp_path / "mine.py").write_text(MINE)
-    line = refused("reconstruct", "y.npy", *TINY, "--method", "mine.py:Wrong", "--out", "out")
-    assert line == "y.npy by mine.py:Wrong: returned shape (24, 24, 3) instead of (4, 5, 3)"
+    number = {text.strip(): n for n, text in enumerate(MINE.splitlines(), 1)}
+    for name, told in {
+        "Wrong": "failed on y.npy: ValueError: returned shape (24, 24, 3) instead of (4, 5, 3)",
+        "Raising": f"failed on y.npy: RuntimeError: lost (mine.py:{number[LOST]})",
+        "Unfit": f"cannot be fitted: KeyError: 'no' (mine.py:{number[UNFIT]})",
+    }.items():
+        method = f"mine.py:{name}"
+        line = refused("reconstruct", "y.npy", *TINY, "--method", method, "--out", "out")
+        assert line == f"method '{method}' {told}"
 
 
 # -- what is refused -----------------------------------------------------------------------------

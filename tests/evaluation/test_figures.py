@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib import colormaps
+from matplotlib.figure import Figure
 from PIL import Image
 
 from periscopy_sim.evaluation.figures import (
@@ -182,11 +183,11 @@ def test_figures_can_be_pdf(tmp_path):
 BLUE, ORANGE = np.array([0, 0x72, 0xB2]), np.array([0xD5, 0x5E, 0])
 
 
-def sweep_results(errors, sbrs=(0.1, 1, 10)):
+def sweep_results(errors, sbrs=(0.1, 1, 10), methods=("first", "second")):
     """Errors over (method, background, sbr, seed) as a sweep gives them."""
     errors = np.asarray(errors, float)
     labels = {
-        "method": ["first", "second"][: len(errors)],
+        "method": list(methods)[: len(errors)],
         "background": [f"b{i}" for i in range(errors.shape[1])],
         "sbr": list(sbrs),
         "seed": list(range(errors.shape[3])),
@@ -198,7 +199,7 @@ def rows_of(pixels, colour, part):
     """Mean row at which a colour is seen, in one of three parts of the picture's width."""
     width = pixels.shape[1]
     seen = covers(pixels, colour)
-    seen[:, : width // 6] = seen[: pixels.shape[0] // 4, width // 2 :] = False  # labels, legend
+    seen[:, : width // 6] = seen[: pixels.shape[0] // 10] = False  # labels, legend
     rows, columns = np.nonzero(seen)
     third = np.digitize(columns, np.quantile(columns, [0.33, 0.67]))
     return rows[third == part].mean()
@@ -215,6 +216,38 @@ def test_sweep_shows_each_method_in_its_colour_the_greater_error_higher(tmp_path
         [rows_of(pixels, colour, part) for part in range(3)] for colour in (BLUE, ORANGE)
     )
     assert np.ptp(blue) < 5 and max(orange) < min(blue) and orange[0] < orange[1] < orange[2]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("a", "b"),
+        ("preconditioned", "differencing", "differencing-published", "truncated-svd"),
+        ("preconditioned", "differencing", "truncated-svd", "deep/my_method.py:MyOwnMethod", "e"),
+    ],
+)
+def test_legend_of_a_sweep_stands_outside_the_axes_and_inside_the_picture(
+    names, tmp_path, monkeypatch
+):
+    drawn = []
+    save = Figure.savefig
+
+    def remember(figure, *arguments, **options):
+        drawn.append(figure)
+        save(figure, *arguments, **options)
+
+    monkeypatch.setattr(Figure, "savefig", remember)
+    errors = np.random.default_rng(3).uniform(0.01, 0.1, (len(names), 5, 3, 2))
+    draw_sweep(tmp_path / "sweep.png", sweep_results(errors, methods=names))
+    (figure,) = drawn
+    (ax,) = figure.axes
+    inside = [legend for legend in [ax.get_legend()] if legend]
+    (legend,) = figure.legends + inside
+    assert [text.get_text() for text in legend.get_texts()] == list(names)
+    place, axes = legend.get_window_extent(), ax.get_window_extent()
+    assert place.y0 >= axes.y1
+    assert place.x0 >= 0 and place.x1 <= figure.bbox.x1 and place.y1 <= figure.bbox.y1
+    assert axes.height > 0.6 * axes.width  # the curves keep their room
 
 
 def test_sweep_does_not_depend_on_the_order_of_its_ratios(tmp_path):

@@ -185,6 +185,80 @@ def test_what_is_no_method_is_refused_by_one_line(name, message, mine):
         fit_methods([name], Scene(), A, B)
 
 
+BROKEN = """
+import numpy as np
+from periscopy_sim.errors import SceneError
+
+class Lost:
+    def __init__(self, scenario, A, B):
+        raise KeyError("no")
+
+class Deep:
+    def __init__(self, scenario, A, B):
+        self.inverse = self.invert(A)
+    def invert(self, A):
+        return np.linalg.inv(A)  # A is not square
+
+class Refusing:
+    def __init__(self, scenario, A, B):
+        raise SceneError("not this one")
+
+class Greedy:
+    def __init__(self, scenario, A, B):
+        raise MemoryError("too much")
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "message", "line"),
+    [
+        ("Lost", "KeyError: 'no'", 'KeyError("no")'),
+        ("Deep", "LinAlgError: Last 2 dimensions of the array must be square", "linalg.inv"),
+        ("Refusing", "SceneError: not this one", 'SceneError("not this one")'),
+    ],
+)
+@pytest.mark.parametrize("place", ["mine.py", "deep/mine.py", "mine_that_breaks"])
+def test_whatever_an_own_method_raises_while_it_is_fitted_names_it_and_its_line(
+    name, message, line, place, mine
+):
+    (mine.parent / "deep").mkdir()
+    for file in ("mine.py", "deep/mine.py", "mine_that_breaks.py"):
+        (mine.parent / file).write_text(BROKEN)
+    number = next(n for n, text in enumerate(BROKEN.splitlines(), 1) if line in text)
+    file = "mine_that_breaks.py" if place == "mine_that_breaks" else "mine.py"
+    with pytest.raises(PeriscopyError) as caught:
+        fit_methods([f"{place}:{name}"], Scene(), A, B)
+    said = str(caught.value)
+    assert said.startswith(f"method '{place}:{name}' cannot be fitted: {message}")
+    assert said.endswith(f"({file}:{number})")
+
+
+def test_a_lack_of_memory_is_not_put_on_the_method(mine):
+    mine.write_text(BROKEN)
+    with pytest.raises(MemoryError, match="too much"):
+        fit_methods(["mine.py:Greedy"], Scene(), A, B)
+
+
+def test_a_scene_that_a_built_in_method_cannot_take_stays_a_plain_value_error():
+    with pytest.raises(ValueError, match="full column rank") as caught:
+        fit_methods(["pseudoinverse"], Scene(), np.ones((48, 6)), B)
+    assert not isinstance(caught.value, PeriscopyError)
+
+
+def test_the_readmes_own_method_is_blind_to_ambient_light(mine):
+    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    (code,) = (part for part in readme.split("```python\n")[1:] if "class MyMethod" in part)
+    (mine.parent / "my_method.py").write_text(code.split("```")[0])
+    method = fit_methods(["my_method.py:MyMethod"], Scene(), A, B)["my_method.py:MyMethod"]
+    for background in (0, 5):
+        assert np.allclose(image_by(method, photograph(background), (2, 3)), TRUTH, rtol=1e-5)
+    # With noise: the hidden part of the joint least squares problem.
+    y = photograph(5) + RNG.normal(0, 0.1, (8, 6, 3))
+    joint = np.linalg.lstsq(np.hstack([A, B]), y.reshape(48, 3), rcond=None)[0][:6]
+    expected = (joint / Scene.channel_gain).reshape(2, 3, 3)
+    assert np.allclose(image_by(method, y, (2, 3)), expected, rtol=1e-5, atol=1e-6)
+
+
 class Returning:
     def __init__(self, image):
         self.image = image

@@ -162,22 +162,14 @@ def room(tmp_path: Path) -> Room:
 
 
 @pytest.fixture
-def shipped(tmp_path: Path) -> Callable[..., Scenario]:
+def shipped() -> Callable[..., Scenario]:
     """Load a shipped scene at a small size."""
 
     def load(name: str, hidden: tuple[int, int] = (6, 8), resolution: int = 24) -> Scenario:
         if name != "plant":
             return load_scenario(find_scene(name), hidden, {"resolution": resolution})
-        # The plant's film is fixed at 112 x 144.
-        text = find_scene(name).read_text()
-        size = {'"144"': resolution, '"112"': round(resolution * 112 / 144)}
-        for old, new in size.items():
-            assert text.count(old) == 1
-            text = text.replace(old, f'"{new}"')
-        meshes = find_scene(name).parent / "meshes"
-        path = tmp_path / "plant.xml"
-        path.write_text(text.replace('"meshes/', f'"{meshes}/'))
-        return load_scenario(path, hidden)
+        size = {"width": resolution, "height": round(resolution * 112 / 144)}
+        return load_scenario(find_scene(name), hidden, size)
 
     return load
 

@@ -357,6 +357,17 @@ def test_plants_parameter_turns_the_monitor():
     )
 
 
+def test_plants_photograph_has_the_size_that_is_set():
+    small, whole = (
+        load_scenario(find_scene("plant"), (1, 1), size)
+        for size in ({"width": "18", "height": "14"}, {})
+    )
+    assert (small.photograph_shape, whole.photograph_shape) == ((14, 18), (112, 144))
+    # Each of its pixels sees what 8 x 8 of the others see.
+    points = whole.wall_points.reshape(14, 8, 18, 8, 3)[:, 3:5, :, 3:5].mean(axis=(1, 3))
+    np.testing.assert_allclose(small.wall_points.reshape(14, 18, 3), points, atol=1e-4)
+
+
 def test_shapes_that_are_not_meshes_occlude_without_triangles(room):
     box = (
         '<shape type="cube" id="box"><transform name="to_world"><scale value="0.02"/>'

@@ -1,0 +1,47 @@
+"""One process at a time in a folder that a command fills over many runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from periscopy_sim.errors import OutputError
+
+LOCK = ".lock"
+"""File that the process at work holds; it stays, and means nothing by itself."""
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a folder for the duration, however this one ends.
+
+    Parameters
+    ----------
+    folder
+        Made if missing.
+
+    Raises
+    ------
+    OutputError
+        If another process is at work there, or the folder cannot be written.
+    """
+    import fcntl
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / LOCK).open("a")
+    except OSError as error:
+        raise OutputError(
+            f"cannot write {folder}: {error.strerror}; choose another place"
+        ) from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                f"another process is at work in {folder}; wait for its end or name another folder"
+            ) from None
+        except OSError:  # a file system without locks
+            pass
+        yield
