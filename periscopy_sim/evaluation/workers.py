@@ -56,7 +56,8 @@ def connect(scheduler: str | None) -> Iterator[Client]:
     with _silenced("distributed"):
         if scheduler is None:
             local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
-            with threadpool_limits(1), Client(**local, dashboard_address=None) as client:
+            # Its server cannot be switched off; on a free port it disturbs no other.
+            with threadpool_limits(1), Client(**local, dashboard_address="127.0.0.1:0") as client:
                 yield client
             return
         try:

@@ -369,7 +369,7 @@ def test_workers_elsewhere_give_the_same_bytes(done, tmp_path):
 
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, protocol="tcp://",
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
     ) as cluster:  # fmt: skip
         run_sweep(sweep_of(), tmp_path, scheduler=cluster.scheduler_address)
     assert contents(tmp_path) == contents(done[0])

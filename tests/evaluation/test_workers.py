@@ -35,7 +35,7 @@ def test_what_a_dead_worker_held_is_done_again(tmp_path):
     light = np.random.default_rng(1).uniform(1, 2, (6, 7, 3))
     sweep = Sweep(light, np.ones((3, 4, 3)), {"sun": light}, {"mortal": method}, [1, 2, 3])
     with LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
     ) as cluster:
         results = run_sweep(sweep, tmp_path, scheduler=cluster.scheduler_address)
     assert (tmp_path / "flag").exists()
@@ -56,7 +56,7 @@ def test_scheduler_without_workers_is_one_line():
     from distributed import LocalCluster
 
     with (
-        LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as cluster,
         pytest.raises(PeriscopyError, match="has no workers"),
         connect(cluster.scheduler_address),
     ):
@@ -74,7 +74,7 @@ def test_arrays_that_travel_keep_the_bits_of_their_sums():
     arrays = tuple(rng.uniform(1, 2, (126, 126, 3)) for _ in range(8))
     with (
         LocalCluster(
-            n_workers=1, processes=False, protocol="tcp://", dashboard_address=None
+            n_workers=1, processes=False, protocol="tcp://", dashboard_address="127.0.0.1:0"
         ) as cluster,
         connect(cluster.scheduler_address) as client,
     ):
@@ -125,3 +125,16 @@ def test_logging_is_as_it_was_afterwards():
     with connect(None):
         assert loggers[0].propagate is False
     assert before == [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
+
+
+def test_workers_of_this_process_start_beside_another_dask():
+    import socket
+
+    with socket.socket() as held:
+        try:
+            held.bind(("127.0.0.1", 8787))  # Dask's own port
+            held.listen()
+        except OSError:
+            pass  # another holds it, as the test wants
+        with connect(None) as client:  # any warning is an error here
+            assert client.nthreads()
