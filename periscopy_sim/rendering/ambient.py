@@ -60,7 +60,7 @@ def render_background(
     parameters: Mapping[str, str] | None = None,
     *,
     target: float = 3e-4,
-    max_rounds: int = 32,
+    max_rounds: int = 64,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Background:
