@@ -194,7 +194,7 @@ class Setting:
         scene, parameters = (GLASS, WITHOUT_BEAM) if name == NO_BEAM else (name, {})
 
         def render() -> Array:
-            return render_place(f"ambient/{scene}", parameters, size=(300, 400), samples=256)
+            return render_place(f"ambient/{scene}", parameters, size=(300, 400), samples=144)
 
         return self.kept(f"{name}_wide", f"ambient/{scene}", render)
 
