@@ -121,7 +121,7 @@ def _draw(setting: Setting, trials: Mapping[str, Trial]) -> None:
         for row, name in zip(figure.subplots(len(SHOWN), 4), SHOWN, strict=True):
             trial = trials[name]
             show_light(row[0], trial.photograph)
-            row[0].set_title(f"photograph, {name.replace('_', ' ')}")
+            row[0].set_title(name.replace("_", " ").replace(" no", ", no"))
             show_light(row[1], truth, 1)
             row[1].set_title("hidden image")
             inverses = (("P", trial.proposed), ("truncated SVD", trial.truncated))

@@ -43,8 +43,9 @@ class Background:
     photograph
         (rows, columns, 3) radiance.
     relative_error
-        Standard error of a pixel relative to its brightness, root mean square over pixels and
-        channels, after the one factor by which a composite scales the whole.
+        Error of a pixel (standard error and bias of the smoothing) relative to its brightness, root
+        mean square over pixels and channels, after the one factor by which a composite scales the
+        whole.
     brightness_error
         Relative standard error of that factor; the root of both squares' sum is the whole error.
     """
@@ -82,7 +83,7 @@ def render_background(
     target
         Relative error of a pixel, both parts together, at which to stop.
     max_rounds
-        Rounds of samples for any part of the light.
+        Most rounds of samples for each part of the light.
     seed
         Seed of every sampler. The same seed and variant give the same bytes.
     progress

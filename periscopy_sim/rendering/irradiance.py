@@ -2,8 +2,8 @@
 
 Light that has bounced comes from the same surfaces for every point of a wall. So each path serves
 all points: where another point could have found the path's first hit itself, the balance heuristic
-[1] takes that into account. The error of the whole then falls as if every point had traced all
-paths, at the price of a shadow ray for each pair.
+[1] takes that into account, at the price of a shadow ray for each pair. Further paths, which cost
+none, sharpen the mean of the points, which is where most of the noise lies.
 
 References
 ----------
@@ -141,7 +141,8 @@ def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, se
     points, normals
         (m, 3) points just off the wall and its unit normals there.
     paths
-        Paths from each point that serve all; rounded up to passes of a square number each.
+        Paths from each point that serve all, rounded up to passes of a square number each; `ALONE`
+        times as many serve the mean alone.
     seed
         Seed of the sampler.
 
