@@ -161,12 +161,10 @@ class SceneNodes:
         if image is None:
             emitter["radiance"] = mi.load_dict({"type": "rgb", "value": 1.0})
             return
-        # A bitmap's row 0 lies at v = 0, the monitor's lower edge.
-        pixels = np.ascontiguousarray(np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1])
         emitter["radiance"] = mi.load_dict(
             {
                 "type": "bitmap",
-                "bitmap": mi.Bitmap(pixels),
+                "bitmap": mi.Bitmap(monitor_texture(image, mirrored)),
                 "raw": True,
                 "filter_type": "nearest",
                 "wrap_mode": "clamp",
@@ -344,6 +342,31 @@ class SceneNodes:
                 raise SceneError(f"scene '{self.path}': {what} names an empty file '{file}'")
             # Absolute, since Mitsuba searches the folder that the process started in.
             node.props["filename"] = str(file.resolve())
+
+
+def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
+    """Lay an image out as the texture that shows it on the monitor.
+
+    A texture's row 0 lies at v = 0, the monitor's lower edge. A single row or column is doubled:
+    Mitsuba's textures have at least 2 x 2 pixels, and an update with fewer is read past its end.
+
+    Parameters
+    ----------
+    image
+        (R, C, 3) radiance as a viewer facing the monitor sees it.
+    mirrored
+        Whether the monitor's u runs to a viewer's left.
+
+    Returns
+    -------
+    ndarray
+        (max(R, 2), max(C, 2), 3) float32, contiguous.
+    """
+    texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
+    for axis in (0, 1):
+        if texture.shape[axis] == 1:
+            texture = np.repeat(texture, 2, axis)
+    return np.ascontiguousarray(texture)
 
 
 def _one_line(error: BaseException) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene_file import build_scene, camera_of
+from periscopy_sim.rendering.scene_nodes import monitor_texture
 from periscopy_sim.scenario import Scenario
 
 
@@ -65,8 +66,9 @@ def render_columns(
     for patch in range(A.shape[1]):
         image = np.zeros((A.shape[1], 3), np.float32)
         image[patch] = 1
-        image = image.reshape(hidden)[::-1, :: -1 if scenario.mirrored else 1]
-        lit["monitor.emitter.radiance.data"] = mi.TensorXf(np.ascontiguousarray(image))
+        lit["monitor.emitter.radiance.data"] = mi.TensorXf(
+            monitor_texture(image.reshape(hidden), scenario.mirrored)
+        )
         lit.update()
         # Seeds differ for every column, also those of neighbouring seeds.
         own_seed = (seed * A.shape[1] + patch) % 2**32

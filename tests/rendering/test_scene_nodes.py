@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene_file import camera_of, load_scenario
-from periscopy_sim.rendering.scene_nodes import SceneNodes, declared_defaults
+from periscopy_sim.rendering.scene_nodes import SceneNodes, declared_defaults, monitor_texture
 from periscopy_sim.scenario import EmissionProfile
 
 POINT = (
@@ -247,6 +247,18 @@ def test_mirrored_image_is_turned_left_to_right(room):
     nodes.show(image, mirrored=True)
     seen = seen_on_monitor(nodes.instantiate(), middles(2, 3))
     np.testing.assert_allclose(seen, image[:, ::-1].reshape(-1, 3), rtol=1e-5)
+
+
+@pytest.mark.parametrize("hidden", [(1, 1), (1, 3), (3, 1), (2, 3)])
+def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room, hidden):
+    image = np.random.default_rng(0).random((*hidden, 3))
+    texture = monitor_texture(image, mirrored=False)
+    assert texture.shape[:2] == tuple(max(size, 2) for size in hidden)
+    assert texture.flags.c_contiguous and min(texture.strides) > 0
+    nodes = SceneNodes(room.write())
+    nodes.show(image, mirrored=False)
+    seen = seen_on_monitor(nodes.instantiate(), middles(*hidden))
+    np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
 
 
 def test_values_beyond_one_are_shown_as_they_are(room):

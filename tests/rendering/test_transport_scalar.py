@@ -27,6 +27,15 @@ def render(scalar, tmp_path):
     return run
 
 
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("hidden", [(1, 2), (2, 1), (1, 1)])
+def test_single_rows_and_columns_of_patches_are_lit_alone(room, render, hidden):
+    path = room.write(monitor=room.monitor(room.area))
+    scalar = render(path, hidden, 1024, [0, 1, 2])
+    vectorized = render_transport(load_scenario(path, hidden), pixel_samples=16)
+    np.testing.assert_allclose(scalar, np.broadcast_to(vectorized, scalar.shape), rtol=0.05)
+
+
 def test_entry_is_the_closed_form_integral_in_absolute_scale(room, render):
     path = room.write(monitor=room.monitor(room.area))
     A = render(path, (2, 3), 4096, [0])[0]
