@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow lint validate paper clean
+.PHONY: demo test test-slow lint validate paper benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -27,6 +27,11 @@ validate: $(VENV)/installed
 # Every figure and table of the paper, as one page: out/paper/index.html.
 paper: $(VENV)/installed
 	$(BIN)/python -m experiments.paper --out out/paper
+
+# How fast it is, beside other libraries and the machine's limits: out/benchmark/index.html.
+benchmark: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
+	$(BIN)/python -m experiments.benchmark --out out/benchmark
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -13,10 +13,13 @@ from .evaluation.metrics import gain_matched, mean_squared_error, psnr, register
 from .evaluation.sweep import Sweep, flips, run_sweep
 from .measurement import Sensor, add_noise, composite
 from .reconstruction.baselines import Differencing, TruncatedSVD
+from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
 from .reconstruction.periscope import Periscope, Reconstruction
+from .reconstruction.portable import PortablePeriscope
 from .reconstruction.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.repair import repair
 from .reconstruction.total_variation import prox_total_variation
+from .reconstruction.video import Video
 from .rendering.ambient import Background, render_background
 from .rendering.photograph import render_photograph
 from .rendering.scene_file import load_scenario
@@ -24,20 +27,25 @@ from .rendering.transport import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
+from .storage.frames import open_frames
 from .storage.photographs import read_photograph
 from .storage.pictures import read_hidden_image
 
 __all__ = [
     "Background",
     "Differencing",
+    "IterativePeriscope",
+    "IterativeReconstruction",
     "Periscope",
     "PeriscopyError",
+    "PortablePeriscope",
     "Preconditioner",
     "Reconstruction",
     "Scenario",
     "Sensor",
     "Sweep",
     "TruncatedSVD",
+    "Video",
     "add_noise",
     "analytic_transport",
     "composite",
@@ -50,6 +58,7 @@ __all__ = [
     "gain_matched",
     "load_scenario",
     "mean_squared_error",
+    "open_frames",
     "paper_grid",
     "point_light_backgrounds",
     "point_light_response",

@@ -22,6 +22,7 @@ from periscopy_sim.cli import (
     reconstruct,
     sweep,
     transport,
+    video,
 )
 from periscopy_sim.cli.arguments import warn
 from periscopy_sim.errors import PeriscopyError
@@ -57,6 +58,7 @@ app.command("ambient")(ambient.ambient)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
 app.command("sweep")(sweep.sweep)
+app.command("video")(video.video)
 
 
 def main() -> None:

@@ -137,7 +137,7 @@ def reconstruct(
                 periscope = _periscope(scenario, A, B, settings)
             with timed("reconstruct"), mendable(str(photo)):
                 solution = periscope.solve(given.values)
-            image = solution.image
+            image = solution.image.astype(np.float64)
             settings |= {"background_rank": periscope.preconditioner.Q.shape[1]}
             settings |= _draw_stages(folder / "stages.png", given.values, solution, text)
         else:

@@ -263,7 +263,7 @@ class TruncatedSVD:
         self.V: Array = V
         self.singular_values: Array = np.sqrt(energy)
 
-    def reconstruct(self, photograph: Image) -> Array:
+    def reconstruct(self, photograph: Image) -> Image:
         """Recover the hidden image from one photograph.
 
         Parameters

@@ -7,13 +7,16 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import blas
 
+from periscopy_sim.reconstruction.matrix_product import times_matrix_transposed
 from periscopy_sim.reconstruction.preconditioner import (
     TOLERANCE,
     Preconditioner,
     form_preconditioner,
 )
 from periscopy_sim.reconstruction.repair import repair
+from periscopy_sim.reconstruction.threads import in_parallel
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
 from periscopy_sim.reconstruction.vectorization import vectorization_of
 
@@ -24,7 +27,7 @@ Image = NDArray[np.floating[Any]]
 class Method(Protocol):
     """Anything that turns a photograph into a hidden image."""
 
-    def reconstruct(self, photograph: Image) -> Array:
+    def reconstruct(self, photograph: Image) -> Image:
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
         ...
 
@@ -49,6 +52,25 @@ class Seen(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Estimate:
+    """What P makes of photographs, before it is denoised.
+
+    Attributes
+    ----------
+    preconditioned
+        (K, R, C, 3) P y, float32 where P is explicit.
+    noise
+        (K, 3) standard deviation of each photograph's noise, as estimated from it.
+    weight
+        (K, 3) the total-variation weight λ for each channel.
+    """
+
+    preconditioned: Image
+    noise: Array
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
     """A hidden image and the stages that led to it (Fig. 2).
 
@@ -68,9 +90,9 @@ class Reconstruction:
         The repair threshold κ used.
     """
 
-    preconditioned: Array
-    denoised: Array
-    image: Array
+    preconditioned: Image
+    denoised: Image
+    image: Image
     noise: Array
     weight: Array
     threshold: float
@@ -131,6 +153,7 @@ class Periscope:
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
+        self._mean_noise_gain = np.sqrt(self.preconditioner.noise_gain.mean())
 
     @classmethod
     def for_scene(
@@ -161,7 +184,7 @@ class Periscope:
             **settings,
         )
 
-    def reconstruct(self, photograph: Image) -> Array:
+    def reconstruct(self, photograph: Image) -> Image:
         """Recover the hidden image from one photograph.
 
         Parameters
@@ -172,7 +195,8 @@ class Periscope:
         Returns
         -------
         ndarray
-            (R, C, 3) float64, linear; negative where noise makes it so.
+            (R, C, 3), linear, negative where noise makes it so; float32, or float64 where P is
+            not explicit.
 
         Raises
         ------
@@ -183,32 +207,70 @@ class Periscope:
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        size, expected = np.shape(photograph)[:-1], self.photograph_shape
-        if expected is not None and len(size) == 2 and size != tuple(expected):
-            raise ValueError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
-                f"{expected[0]}x{expected[1]}"
-            )
-        y = self._vectorization.vectorized(photograph)
-        rejected = self.preconditioner.reject_background(y)
-        if self._matrix is None:
-            f = self.preconditioner.apply(y)
-        else:
-            # Single precision needs numbers near 1, in whatever unit the photograph is.
-            scale = np.sqrt(np.mean(rejected**2)) or 1.0
-            f = scale * (self._matrix @ (rejected / scale).astype(np.float32)).astype(np.float64)
-        noise = noise_level(self.preconditioner, rejected, f)
-        standard_error = noise * np.sqrt(self.preconditioner.noise_gain.mean())
+        estimate = self.estimate(np.asarray(photograph)[None])
         return denoise_and_repair(
-            self._vectorization.image(f),
-            noise,
-            weight=self.tv_weight * standard_error,
+            estimate.preconditioned[0],
+            estimate.noise[0],
+            weight=estimate.weight[0],
             repair_threshold=self.repair_threshold,
         )
 
+    def reconstruct_batch(self, photographs: Image) -> Image:
+        """Recover the hidden images of many photographs, P applied to all in one product.
 
-def noise_level(P: Preconditioner, rejected: Array, f: Array) -> Array:
-    """Take the standard deviation of what [A, B] leaves of the photograph, per channel.
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
+
+        Returns
+        -------
+        ndarray
+            (K, R, C, 3), what `reconstruct` gives for each, up to rounding in single precision.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct`.
+        """
+        estimate = self.estimate(photographs)
+
+        def finish(k: int) -> Image:
+            return denoise_and_repair(
+                estimate.preconditioned[k],
+                estimate.noise[k],
+                weight=estimate.weight[k],
+                repair_threshold=self.repair_threshold,
+            ).image
+
+        images = in_parallel(finish, range(len(estimate.noise)))
+        return np.array(images).reshape(-1, *self.hidden_shape, 3)
+
+    def estimate(self, photographs: Image) -> Estimate:
+        """Precondition photographs and tell the noise of each; see `reconstruct_batch`."""
+        y = self._vectorization.planar(photographs, self.photograph_shape)
+        rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
+        P = self.preconditioner
+        rejected -= (rejected @ P.Q) @ P.Q.T
+        if self._matrix is None:
+            f = P.apply(rejected.T).T
+        else:
+            # Single precision needs numbers near 1, in whatever unit the photograph is.
+            scale = np.sqrt(np.mean(rejected**2, axis=1, keepdims=True))
+            scale[scale == 0] = 1
+            near_one = (rejected / scale).astype(np.float32)
+            f = scale * times_matrix_transposed(near_one, self._matrix)
+        noise = noise_level(P, rejected.T, f.T).reshape(-1, 3)
+        precision = np.float64 if self._matrix is None else np.float32
+        return Estimate(
+            np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(precision),
+            noise,
+            self.tv_weight * self._mean_noise_gain * noise,
+        )
+
+
+def noise_level(P: Preconditioner, rejected: Array, f: Image) -> Array:
+    """Take the standard deviation of what [A, B] leaves of photographs, channel by channel.
 
     By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
 
@@ -217,16 +279,16 @@ def noise_level(P: Preconditioner, rejected: Array, f: Array) -> Array:
     P
         The preconditioner.
     rejected
-        (M, 3) the photograph y⊥, range(B) projected out.
+        (M, K) photographs y⊥, range(B) projected out.
     f
-        (N, 3) the estimate P y.
+        (N, K) the estimate P y.
 
     Returns
     -------
     ndarray
-        (3,) in units of the photograph.
+        (K,) in units of the photograph.
     """
-    explained = np.sum((P.cholesky @ f) ** 2, axis=0)
+    explained = np.sum(blas.dtrmm(1.0, P.cholesky, f) ** 2, axis=0)
     residual = np.maximum(np.sum(rejected**2, axis=0) - explained, 0)
     freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
     noise: Array = np.sqrt(residual / max(freedom, 1))
@@ -254,9 +316,31 @@ def denoise_and_repair(
     Reconstruction
     """
     denoised = prox_total_variation(estimate, weight)
-    magnitude = np.linalg.norm(denoised, axis=2)
-    threshold = repair_threshold
-    if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
-        threshold *= float(np.percentile(magnitude, 99))
-    image = repair(denoised, threshold)
+    image, threshold = repaired(denoised, repair_threshold)
     return Reconstruction(estimate, denoised, image, noise, weight, threshold)
+
+
+def repaired(
+    denoised: Image, relative_threshold: float, previous: Image | None = None
+) -> tuple[Image, float]:
+    """Repair with a threshold that follows the image (Algorithm 2).
+
+    Parameters
+    ----------
+    denoised
+        (R, C, 3).
+    relative_threshold
+        κ as a part of the 99th percentile of the magnitudes; infinity repairs nothing.
+    previous
+        (R, C, 3) the previous frame of a video, see `repair`.
+
+    Returns
+    -------
+    tuple
+        The repaired image and κ.
+    """
+    threshold = relative_threshold
+    if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
+        magnitude = np.linalg.norm(denoised, axis=2)
+        threshold *= float(np.percentile(magnitude, 99))
+    return repair(denoised, threshold, previous), threshold

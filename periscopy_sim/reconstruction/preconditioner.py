@@ -24,6 +24,15 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""
 
+SKETCH = 96
+"""Random mixtures of B's columns that are tried first: several times its usual rank of 44."""
+
+PROBES = 8
+"""Random vectors of ±1 on which I − P A is looked at."""
+
+UNREFINED = 1e-9
+"""Largest entry of (I − P A) times a probe, the root of a sum of N squares, that may stay."""
+
 
 def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE) -> Array:
     """Find an orthonormal basis of the numerical range of B.
@@ -58,6 +67,9 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     scaled = B[:, norms > 0] / norms[norms > 0]
     if scaled.shape[1] == 0:
         return np.zeros((B.shape[0], 0))
+    sketched = _sketched_basis(scaled, tolerance)
+    if sketched is not None:
+        return sketched
     # SVD of the triangular factor of a QR decomposition: several times faster than of B itself.
     (reflectors, tau), R = linalg.qr(scaled, mode="raw", check_finite=False)
     U, σ, _ = linalg.svd(R[: len(tau)], full_matrices=False)
@@ -69,6 +81,22 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     )
     assert info == 0
     return np.asarray(Q)
+
+
+def _sketched_basis(B: Array, tolerance: float) -> Array | None:
+    """Find the basis from the products of B with a few random vectors, if so few suffice.
+
+    Halko, Martinsson, Tropp, "Finding structure with randomness", 2011, Sec. 1.5: where the last
+    singular value within the sketch is far below the tolerance, nothing above it lies outside.
+    """
+    if B.shape[1] <= 2 * SKETCH:
+        return None
+    mixtures = B @ np.random.default_rng(0).standard_normal((B.shape[1], SKETCH))
+    S, _ = linalg.qr(mixtures, mode="economic", overwrite_a=True, check_finite=False)
+    U, σ, _ = linalg.svd(S.T @ B, full_matrices=False, check_finite=False)
+    if σ[-1] > 1e-3 * tolerance * σ[0]:
+        return None
+    return np.asarray(S @ U[:, σ > tolerance * σ[0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,17 +162,26 @@ class Preconditioner:
 
     def matrix(self) -> Array:
         """Form P itself, (N, M) float64."""
-        P = self.solve(self.reject_background(self.A).T)
-        # The same refinement, for all columns: P ← P + (I − P A) P.
-        refined: Array = P + (P - (P @ self.A) @ P)
-        return refined
+        A, Q = self.A, self.Q
+        inverse = self._inverse_gram()
+        P: Array = inverse @ A.T
+        P -= (inverse @ (Q.T @ A).T) @ Q.T
+        # Where the Gram matrix, which squares A's condition number, has lost too much, the
+        # refinement of `apply`, for all columns: P ← P + (I − P A) P.
+        probes = np.random.default_rng(0).choice([-1.0, 1.0], (A.shape[1], PROBES))
+        if np.abs(P @ (A @ probes) - probes).max() > UNREFINED:
+            P += (np.eye(len(P)) - P @ A) @ P
+        return P
+
+    def _inverse_gram(self) -> Array:
+        inverse, _ = linalg.lapack.dpotri(self.cholesky)
+        full: Array = inverse + np.triu(inverse, 1).T
+        return full
 
     @cached_property
     def noise_gain(self) -> Array:
         """(N,) diagonal of P Pᵀ = (A⊥ᵀ A⊥)⁻¹: each patch's Cramér-Rao bound for unit noise."""
-        inverse_factor = linalg.solve_triangular(
-            self.cholesky, np.eye(len(self.cholesky)), check_finite=False
-        )
+        inverse_factor, _ = linalg.lapack.dtrtri(self.cholesky)
         gain: Array = np.sum(inverse_factor**2, axis=1)
         return gain
 

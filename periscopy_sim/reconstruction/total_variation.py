@@ -1,16 +1,6 @@
-"""Isotropic total variation and its proximal operator, Eq. 11.
+"""Isotropic total variation and its proximal operators: Eq. 11, its video form, and Eq. 12.
 
-The proximal operator is computed through its dual. With τ = λ/2, the minimizer of
-½‖f − g‖₂² + τ‖f‖_TV is f = g + div q, where the field q, of length at most τ at each pixel,
-minimizes ½‖g + div q‖₂² (Chambolle 2004). The projected gradient method on q is accelerated
-(FGP, Beck and Teboulle 2009), its momentum restarted whenever it points uphill
-(O'Donoghue and Candès 2015), and stopped by the duality gap Σ(τ|∇f| − ∇f·q), whose terms are
-all non-negative.
-
-In the compiled loops a field has one row and one column of zeros before its first entries, and
-an image repeats its last row and column once: then differences need no case for the border. The
-acceleration does not depend on the number of dimensions; the stencils do, and stand apart in
-`_apply_dual`, `_descend` and `_objectives`.
+`solve_total_variation` tells how they are computed; the loops are in `dual_ascent`.
 
 References
 ----------
@@ -23,30 +13,21 @@ O'Donoghue, Candès, "Adaptive restart for accelerated gradient schemes", 2015.
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from periscopy_sim.reconstruction.checked_image import checked_companion, checked_image
+from periscopy_sim.reconstruction.dual_ascent import denoise_channels
+from periscopy_sim.reconstruction.threads import in_parallel, ranges
+
 Array = NDArray[np.float64]
+Image = NDArray[Any]  # of the type of the image given
 
-# 1 / ‖∇‖²: the squared norm of the gradient is below 4 for each dimension.
-_STEP = 1 / 8
-_GAP_INTERVAL = 10
-
-Function = TypeVar("Function", bound=Callable[..., object])
-
-
-def _compiled(function: Function) -> Function:
-    """Compile; sums may be reordered and errors are IEEE's, so that the loops vectorize."""
-    fast = {"reassoc", "nsz", "contract"}
-    compiled: Function = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fast)(
-        function
-    )
-    return compiled
+_SMALL = 1 << 14
+"""Values in all below which waking threads takes longer than the work they share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +39,16 @@ class TotalVariationResult:
     image
         The minimizer f̂, the shape of the input.
     iterations
-        The iterations taken; with channels, by the slowest. 0 where the answer is known: the
-        image itself for a weight of zero, its mean for a large one.
+        The iterations taken, by the slowest channel. 0 where the answer is known: the image
+        itself for a weight of zero, its mean for a large one.
     gap
-        The duality gap as a fraction of the objective ‖f̂ − g‖₂² + λ‖f̂‖_TV; with channels, the
-        largest. The squared distance ‖f̂ − f‖₂² to the exact minimizer f is at most this fraction
-        of that objective.
+        The duality gap as a fraction of the objective, the largest of the channels. The squared
+        distance ‖f̂ − f‖₂² to the exact minimizer f is at most this fraction of the objective.
     converged
         Whether `gap` is within the tolerance asked for.
     """
 
-    image: Array
+    image: Image
     iterations: int
     gap: float
     converged: bool
@@ -148,21 +128,32 @@ def total_variation(image: ArrayLike) -> float:
 
 
 def prox_total_variation(
-    image: ArrayLike, weight: ArrayLike, *, tolerance: float = 1e-4, max_iterations: int = 10_000
-) -> Array:
+    image: ArrayLike,
+    weight: ArrayLike,
+    *,
+    temporal_weight: float | None = None,
+    tolerance: float = 1e-4,
+    max_iterations: int = 10_000,
+) -> Image:
     """Proximal operator of the total variation: argmin_f ‖f − g‖₂² + λ‖f‖_TV (Eq. 11).
 
     The data term has no factor one half. Where it has one, as in most of the literature, the
     same image belongs to the weight λ/2.
 
+    With a temporal weight w the images are the frames of one video, and total variation is that
+    in three dimensions, Σ √(dx² + dy² + w² dt²) (Sec. 3.2, where w = 1).
+
     Parameters
     ----------
     image
-        g, (rows, columns) or (rows, columns, channels), of a floating-point type, finite; each
-        channel is denoised on its own.
+        g, of a floating-point type, finite: (rows, columns), (rows, columns, channels) or a stack
+        (images, rows, columns, channels), all denoised on their own. With a temporal weight
+        (frames, rows, columns) or (frames, rows, columns, channels), each channel on its own.
     weight
-        λ ≥ 0 in units of the image, one number or one for each channel. Zero returns the image,
-        infinity its mean.
+        λ ≥ 0 in units of the image: one number, one for each channel, or, for a stack,
+        (images, channels). Zero returns the image, infinity its mean.
+    temporal_weight
+        w ≥ 0, finite; zero denoises each frame on its own. None for images without time.
     tolerance
         Stop when the duality gap is at most this fraction of the objective. Scaling image and
         weight together does not change when that is.
@@ -171,15 +162,15 @@ def prox_total_variation(
 
     Returns
     -------
-    f, the shape of the image, float64.
+    f, the shape and the type of the image, float32 at least and float64 at most.
 
     Raises
     ------
     TypeError
         The image is not of a real floating-point type.
     ValueError
-        The image is empty, not finite or of another dimension; a weight is negative, NaN or not
-        one for each channel; the tolerance or the number of iterations is not positive.
+        The image is empty, not finite or of another dimension; a weight is negative, NaN or of
+        another shape; the tolerance or the number of iterations is not positive.
 
     Warns
     -----
@@ -187,191 +178,184 @@ def prox_total_variation(
         The tolerance was not reached.
     """
     result = solve_total_variation(
-        image, weight, tolerance=tolerance, max_iterations=max_iterations
+        image,
+        weight,
+        temporal_weight=temporal_weight,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
     )
-    if not result.converged:
-        warnings.warn(
-            f"total variation stopped after {result.iterations} iterations at a relative duality "
-            f"gap of {result.gap:.1e}, above {tolerance:.1e}: raise max_iterations or tolerance",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+    _warn_unless_converged(result, tolerance)
+    return result.image
+
+
+def prox_total_variation_l1(
+    image: ArrayLike,
+    previous: ArrayLike,
+    weight: ArrayLike,
+    l1_weight: ArrayLike,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 10_000,
+) -> Image:
+    """Denoise a frame towards the previous one: argmin_f ‖f − g‖₂² + λ‖f‖_TV + λ₂‖f − p‖₁ (Eq. 12).
+
+    Parameters
+    ----------
+    image
+        g, as in `prox_total_variation` without time.
+    previous
+        p, the previous frame, of the shape of the image, finite.
+    weight, l1_weight
+        λ ≥ 0, finite, and λ₂ ≥ 0 in units of the image, each of a shape that
+        `prox_total_variation` knows. Without the one, f is g shrunk towards p by λ₂/2; without
+        the other, `prox_total_variation`; for a large λ₂ it is p.
+    tolerance, max_iterations
+        As in `prox_total_variation`.
+
+    Returns
+    -------
+    f, the shape and the type of the image.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As in `prox_total_variation`; the previous frame is not finite or not of the image's shape.
+
+    Warns
+    -----
+    RuntimeWarning
+        The tolerance was not reached.
+    """
+    result = solve_total_variation(
+        image,
+        weight,
+        previous=previous,
+        l1_weight=l1_weight,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+    )
+    _warn_unless_converged(result, tolerance)
     return result.image
 
 
 def solve_total_variation(
-    image: ArrayLike, weight: ArrayLike, *, tolerance: float = 1e-4, max_iterations: int = 10_000
+    image: ArrayLike,
+    weight: ArrayLike,
+    *,
+    temporal_weight: float | None = None,
+    previous: ArrayLike | None = None,
+    l1_weight: ArrayLike = 0.0,
+    tolerance: float = 1e-4,
+    max_iterations: int = 10_000,
 ) -> TotalVariationResult:
-    """`prox_total_variation` with an account of its convergence, and no warning.
+    """Give a proximal operator's image with an account of its convergence, and no warning.
 
-    Parameters, errors and the problem solved are those of `prox_total_variation`.
+    The dual problem (Chambolle 2004) is solved by accelerated projected gradient ascent (FGP, Beck
+    and Teboulle 2009) with restarts (O'Donoghue and Candès 2015), until the duality gap is small.
+    A float32 image is denoised in single precision, which resolves relative gaps of about 2e-6;
+    where rounding could keep it from the tolerance, it is denoised in double precision, and the
+    result rounded. Large stacks and images are shared among threads, with the same result.
+
+    Parameters
+    ----------
+    image, weight, temporal_weight, tolerance, max_iterations
+        As in `prox_total_variation`, which is solved for where there is no previous image.
+    previous, l1_weight
+        As in `prox_total_variation_l1`; with a temporal weight, a video beside a video.
 
     Returns
     -------
     The image, the iterations taken, the relative duality gap and whether it met the tolerance.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As in `prox_total_variation` and `prox_total_variation_l1`.
     """
-    values = _checked_image(image)
     if not 0 < tolerance < math.inf:
         raise ValueError(f"tolerance is {tolerance}: give a positive number")
     if max_iterations < 1:
         raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+    if temporal_weight is not None and not 0 <= temporal_weight < math.inf:
+        raise ValueError(f"temporal_weight is {temporal_weight}: give a number of at least 0")
+    values = checked_image(image)
+    g = _stacked(values, temporal_weight)
+    p = g
+    if previous is not None:
+        p = checked_companion(previous, "previous", values).reshape(g.shape)
+    weights = _weight_of_each_channel(weight, "weight", g)
+    l1_weights = _weight_of_each_channel(l1_weight, "l1_weight", g)
+    if l1_weights.any() and (previous is None or np.isinf(weights).any()):
+        raise ValueError("an l1_weight needs a previous image and a finite weight beside it")
 
-    channels = values.reshape(*values.shape[:2], -1)
-    weights = _weight_of_each_channel(weight, values)
-    solved = [
-        _denoise_channel(np.ascontiguousarray(channels[..., c]), λ, tolerance, max_iterations)
-        for c, λ in enumerate(weights)
-    ]
-    gap = max(result.gap for result in solved)
+    denoised = np.empty_like(g)
+    iterations = np.zeros(len(weights), dtype=np.int64)
+    gaps = np.zeros(len(weights))
+    w = float(temporal_weight) if temporal_weight and g.shape[1] > 1 else None
+
+    def denoise(part: tuple[int, int]) -> None:
+        denoise_channels(
+            g,
+            p,
+            weights,
+            l1_weights,
+            w,
+            float(tolerance),
+            int(max_iterations),
+            *part,
+            denoised,
+            iterations,
+            gaps,
+        )
+
+    if g.size < _SMALL:
+        denoise((0, len(weights)))
+    else:
+        in_parallel(denoise, ranges(len(weights)))
+    gap = float(gaps.max())
     return TotalVariationResult(
-        image=np.stack([result.image for result in solved], axis=-1).reshape(values.shape),
-        iterations=max(result.iterations for result in solved),
+        image=denoised.reshape(values.shape),
+        iterations=int(iterations.max()),
         gap=gap,
         converged=gap <= tolerance,
     )
 
 
-def _checked_image(image: ArrayLike) -> Array:
-    values = np.asarray(image)
-    if not np.issubdtype(values.dtype, np.floating):
-        raise TypeError(f"image is of type {values.dtype}: convert it to floating point")
-    if values.ndim not in (2, 3) or values.size == 0:
-        raise ValueError(
-            f"image has shape {values.shape}: give (rows, columns) or (rows, columns, channels)"
+def _warn_unless_converged(result: TotalVariationResult, tolerance: float) -> None:
+    if not result.converged:
+        warnings.warn(
+            f"total variation stopped after {result.iterations} iterations at a relative duality "
+            f"gap of {result.gap:.1e}, above {tolerance:.1e}: raise max_iterations or tolerance",
+            RuntimeWarning,
+            stacklevel=3,
         )
-    if not np.isfinite(values).all():
-        raise ValueError("image holds NaN or infinity: replace those values first")
-    return values.astype(np.float64)
 
 
-def _weight_of_each_channel(weight: ArrayLike, image: Array) -> list[float]:
-    channels = image.shape[2:]
-    weights = np.asarray(weight, dtype=np.float64)
-    if weights.shape not in ((), channels):
+def _stacked(image: Image, temporal_weight: float | None) -> Image:
+    """View as (stack, frames, rows, columns, channels); the stack holds what is independent."""
+    known = (2, 3, 4) if temporal_weight is None else (3, 4)
+    if image.ndim not in known or image.size == 0:
         raise ValueError(
-            f"weight has shape {weights.shape} for an image of shape {image.shape}: "
-            "give one number, or one for each channel"
+            f"image has shape {image.shape}: give (rows, columns[, channels]) or (images, rows, "
+            "columns, channels), or with a temporal_weight (frames, rows, columns[, channels])"
+        )
+    with_channels = image.ndim > known[0]
+    *leading, rows, columns, channels = image.shape if with_channels else (*image.shape, 1)
+    count = math.prod(leading)
+    stack, frames = (1, count) if temporal_weight else (count, 1)
+    return image.reshape(stack, frames, rows, columns, channels)
+
+
+def _weight_of_each_channel(weight: ArrayLike, name: str, stack: Image) -> Array:
+    images, *_, channels = stack.shape
+    weights = np.asarray(weight, dtype=np.float64)
+    if weights.shape not in ((), (channels,), (images, channels)):
+        raise ValueError(
+            f"{name} has shape {weights.shape} for {images} images of {channels} channels: give "
+            "one number, one for each channel, or (images, channels)"
         )
     if not (weights >= 0).all():
-        raise ValueError(f"weight is {weights}: give a number that is not negative")
-    return [float(λ) for λ in np.broadcast_to(weights, channels).ravel()]
-
-
-def _denoise_channel(
-    image: Array, weight: float, tolerance: float, max_iterations: int
-) -> TotalVariationResult:
-    """Shift and scale one channel to mean 0 and peak 1, where no sum can over- or underflow."""
-    if np.ptp(image) == 0:
-        return TotalVariationResult(image, 0, 0.0, True)
-    mean = image.mean()
-    deviation = image - mean
-    peak = float(np.abs(deviation).max())
-    deviation /= peak
-    bound = weight / peak / 2
-    if 4 * bound < np.finfo(np.float64).eps:  # |f − g| = |div q| ≤ 4τ: g itself, to rounding
-        return TotalVariationResult(image, 0, 0.0, True)
-    if bound >= _flattening_bound(deviation):
-        return TotalVariationResult(np.full_like(image, mean), 0, 0.0, True)
-    denoised, iterations, gap = _minimize(deviation, bound, tolerance, max_iterations)
-    return TotalVariationResult(mean + peak * denoised, iterations, gap, gap <= tolerance)
-
-
-def _flattening_bound(deviation: Array) -> float:
-    """Return a τ from which on the minimizer is the mean, for an image of mean zero.
-
-    Any field q with div q = −g makes f = g + div q = 0 optimal for τ ≥ max|q| (Meyer's G-norm is
-    the least such τ). Up to its sign, this q carries each row's deviations along the row, and what
-    its mean leaves over down the rows.
-    """
-    row_means = deviation.mean(axis=1, keepdims=True)
-    across = np.cumsum(deviation - row_means, axis=1)
-    down = np.cumsum(row_means, axis=0)
-    return float(np.hypot(across, down).max())
-
-
-@_compiled
-def _minimize(
-    image: Array, bound: float, tolerance: float, max_iterations: int
-) -> tuple[Array, int, float]:
-    """FGP with restart: the minimizer of ½‖f − g‖₂² + τ‖f‖_TV, iterations and relative gap."""
-    rows, columns = image.shape
-    dual = np.zeros((2, rows + 1, columns + 1))
-    extrapolated = np.zeros_like(dual)
-    denoised = np.empty((rows + 1, columns + 1))
-    t = 1.0
-    gap, objective = math.inf, 1.0
-    iteration = 0
-    while iteration < max_iterations and gap > tolerance * objective:
-        iteration += 1
-        t_next = (1 + math.sqrt(1 + 4 * t * t)) / 2
-        uphill = _descend(image, bound, (t - 1) / t_next, dual, extrapolated, denoised)
-        t = t_next
-        if uphill > 0:
-            extrapolated[:] = dual
-            t = 1.0
-        if iteration % _GAP_INTERVAL == 0 or iteration == max_iterations:
-            gap, objective = _objectives(image, bound, dual, denoised)
-    return denoised[:rows, :columns].copy(), iteration, gap / objective
-
-
-@_compiled
-def _apply_dual(image: Array, dual: Array, primal: Array) -> None:
-    """Set f = g + div q."""
-    rows, columns = image.shape
-    for i in range(rows):
-        for j in range(columns):
-            primal[i, j] = (
-                image[i, j]
-                + (dual[0, i + 1, j + 1] - dual[0, i, j + 1])
-                + (dual[1, i + 1, j + 1] - dual[1, i + 1, j])
-            )
-        primal[i, columns] = primal[i, columns - 1]
-    primal[rows] = primal[rows - 1]
-
-
-@_compiled
-def _descend(
-    image: Array, bound: float, momentum: float, dual: Array, extrapolated: Array, primal: Array
-) -> float:
-    """Take one step, q ← Π(r + ∇(g + div r)/8) and r ← q + momentum · (change of q).
-
-    Π shortens what is longer than τ. Returns ⟨r − q, change of q⟩, positive where the momentum
-    points uphill.
-    """
-    rows, columns = image.shape
-    _apply_dual(image, extrapolated, primal)
-    uphill = 0.0
-    for i in range(rows):
-        for j in range(columns):
-            k, m = i + 1, j + 1
-            down = extrapolated[0, k, m] + _STEP * (primal[k, j] - primal[i, j])
-            across = extrapolated[1, k, m] + _STEP * (primal[i, m] - primal[i, j])
-            shrink = bound / max(bound, math.sqrt(down * down + across * across))
-            down *= shrink
-            across *= shrink
-            change_down = down - dual[0, k, m]
-            change_across = across - dual[1, k, m]
-            uphill += (extrapolated[0, k, m] - down) * change_down
-            uphill += (extrapolated[1, k, m] - across) * change_across
-            dual[0, k, m] = down
-            dual[1, k, m] = across
-            extrapolated[0, k, m] = down + momentum * change_down
-            extrapolated[1, k, m] = across + momentum * change_across
-    return uphill
-
-
-@_compiled
-def _objectives(image: Array, bound: float, dual: Array, primal: Array) -> tuple[float, float]:
-    """Return the duality gap and the primal objective at f = g + div q, which is set."""
-    rows, columns = image.shape
-    _apply_dual(image, dual, primal)
-    gap = 0.0
-    objective = 0.0
-    for i in range(rows):
-        for j in range(columns):
-            down = primal[i + 1, j] - primal[i, j]
-            across = primal[i, j + 1] - primal[i, j]
-            variation = bound * math.sqrt(down * down + across * across)
-            gap += variation - down * dual[0, i + 1, j + 1] - across * dual[1, i + 1, j + 1]
-            objective += variation + (primal[i, j] - image[i, j]) ** 2 / 2
-    return max(gap, 0.0), objective
+        raise ValueError(f"{name} is {weights}: give a number that is not negative")
+    each = np.empty((images, channels))
+    each[:] = weights
+    return each.ravel()

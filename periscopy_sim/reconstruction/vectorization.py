@@ -61,6 +61,45 @@ class Vectorization:
             raise ValueError("the photograph must be finite")
         return y
 
+    def planar(self, photographs: Image, photograph_shape: tuple[int, int] | None = None) -> Array:
+        """Turn many photographs into planes, each channel's pixels side by side in memory.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3).
+        photograph_shape
+            (rows, columns) that they must have; None checks the number of pixels alone.
+
+        Returns
+        -------
+        ndarray
+            (K, 3, M) float64, each channel divided by its gain.
+
+        Raises
+        ------
+        ValueError
+            If a photograph has another size or is not finite.
+        """
+        photographs = np.asarray(photographs)
+        size = photographs.shape[1:-1]
+        if photograph_shape is not None and len(size) == 2 and size != tuple(photograph_shape):
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
+                f"{photograph_shape[0]}x{photograph_shape[1]}"
+            )
+        count = len(photographs)
+        if photographs.shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
+            raise ValueError(
+                f"the photograph has shape {photographs.shape[1:]}; A has {self.pixels} rows, so "
+                f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
+            )
+        planes = np.moveaxis(photographs.reshape(count, self.pixels, 3), -1, 1)
+        y: Array = np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64)
+        if not np.isfinite(y).all():
+            raise ValueError("the photograph must be finite")
+        return y
+
     def image(self, f: Array) -> Array:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
         return f.reshape(*self.hidden_shape, 3)

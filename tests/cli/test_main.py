@@ -36,6 +36,12 @@ OPTIONS = {
         *("--ambient", "--flips", "--methods", "--snr", "--seeds", "--scheduler", "--samples"),
         *("--seed", "-D"),
     },
+    "video": {
+        *("FRAMES", "--scene", "--hidden", "--out", "--coupling", "--temporal-weight"),
+        *("--l1-weight", "--samples", "--model", "--transport", "--tv-weight"),
+        *("--repair-threshold", "--rank-tolerance", "--truth", "--rate", "--batch"),
+        *("--seed", "-D"),
+    },
 }
 
 

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from periscopy_sim.reconstruction.dual_ascent import denoise_channels
 from periscopy_sim.reconstruction.total_variation import (
     divergence,
     gradient,
@@ -250,12 +251,95 @@ def test_result_reports_the_slowest_channel():
     assert both.gap == max(result.gap for result in alone)
 
 
-def test_layout_and_precision_of_the_input_do_not_matter():
-    g = blocks().astype(np.float32)
+def test_layout_of_the_input_does_not_matter():
+    g = blocks()
     f = prox_total_variation(g, 0.3)
-    assert f.dtype == np.float64
-    np.testing.assert_array_equal(prox_total_variation(np.asfortranarray(g), 0.3), f)
-    np.testing.assert_array_equal(prox_total_variation(g.astype(np.float64), 0.3), f)
+    wide = np.zeros((24, 30))
+    wide[::2, ::2] = g
+    fixed = g.copy()
+    fixed.flags.writeable = False
+    for same in (np.asfortranarray(g), wide[::2, ::2], fixed, g.tolist(), g.astype(">f8")):
+        np.testing.assert_array_equal(prox_total_variation(same, 0.3), f)
+
+
+def test_no_layout_has_the_loops_compiled_anew():
+    g = blocks()
+    prox_total_variation(g, 0.3)
+    before = len(denoise_channels.signatures)
+    fixed = g.copy()
+    fixed.flags.writeable = False
+    odd = np.frombuffer(b"x" + g.tobytes(), offset=1).reshape(g.shape)
+    for same in (fixed, odd, np.asfortranarray(g), g.astype(">f8")):
+        prox_total_variation(same, 0.3)
+    assert len(denoise_channels.signatures) == before
+
+
+@pytest.mark.parametrize(
+    ("given", "returned"),
+    [("f2", np.float32), ("f4", np.float32), ("f8", np.float64), ("g", np.float64)],
+)
+@pytest.mark.parametrize("weight", [0, 0.3, np.inf])
+def test_the_result_has_the_precision_of_the_image(given, returned, weight):
+    assert prox_total_variation(blocks().astype(given), weight).dtype == returned
+
+
+@pytest.mark.parametrize("weight", [0.01, 0.1, 0.5, 2.0, 7.0, 20.0])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
+def test_single_precision_agrees_with_double_precision_up_to_their_gaps(weight, tolerance):
+    g = np.kron(blocks(), np.ones((2, 2))) + 0.2 * random_image(24, 30)
+    single = solve_total_variation(g.astype(np.float32), weight, tolerance=tolerance)
+    double = solve_total_variation(g, weight, tolerance=tolerance)
+    assert single.converged
+    allowed = np.sqrt(objective(double.image, g, weight))
+    allowed *= np.sqrt(single.gap) + np.sqrt(double.gap)
+    assert np.linalg.norm(single.image - double.image) <= allowed + 1e-6 * np.linalg.norm(g)
+    # The reported gap is the image's own, whose objective is that much above the least at most.
+    reached = objective(single.image.astype(np.float64), g, weight)
+    assert reached <= objective(double.image, g, weight) / (1 - single.gap) * (1 + 2e-6)
+
+
+@pytest.mark.parametrize("weight", [0.02, 0.3, 3.0, 25.0])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
+def test_single_precision_takes_the_iterations_of_double_precision(weight, tolerance):
+    g = np.kron(blocks(), np.ones((3, 3))) + 0.2 * random_image(36, 45)
+    g = g.astype(np.float32)
+    single = solve_total_variation(g, weight, tolerance=tolerance)
+    double = solve_total_variation(g.astype(np.float64), weight, tolerance=tolerance)
+    assert single.converged
+    assert single.iterations == pytest.approx(double.iterations, rel=0.2, abs=10)
+
+
+@pytest.mark.parametrize(("weight", "tolerance"), [(8.0, 1e-5), (30.0, 1e-4)])
+def test_roundings_of_a_strong_dual_field_do_not_keep_single_precision_from_converging(
+    weight, tolerance
+):
+    g = np.repeat([0.0, 1.0], 36) + 0.05 * random_image(58, 72)
+    single = solve_total_variation(g.astype(np.float32), weight, tolerance=tolerance)
+    double = solve_total_variation(g, weight, tolerance=tolerance)
+    assert single.iterations <= double.iterations + 20
+
+
+def test_a_tolerance_beyond_single_precision_is_met_in_double_precision():
+    g = blocks().astype(np.float32)
+    expected = prox_total_variation(g.astype(np.float64), 0.3, tolerance=1e-11)
+    f = prox_total_variation(g, 0.3, tolerance=1e-11)
+    np.testing.assert_array_equal(f, expected.astype(np.float32))
+
+
+@pytest.mark.parametrize("scale", [1e37, 1e-36])
+def test_single_precision_neither_overflows_nor_underflows(scale):
+    g = blocks().astype(np.float32)
+    f = prox_total_variation(np.float32(scale) * g, scale * 0.3)
+    np.testing.assert_allclose(f / scale, prox_total_variation(g, 0.3), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(5, 12, 15, 2), (9, 40, 30, 3), (40, 40, 30, 1)])
+def test_each_image_of_a_stack_is_denoised_on_its_own(shape):
+    images = np.cumsum(random_image(*shape), axis=2)
+    weights = np.random.default_rng(1).uniform(0, 1, (shape[0], shape[3]))
+    alone = [prox_total_variation(g, λ) for g, λ in zip(images, weights, strict=True)]
+    np.testing.assert_array_equal(prox_total_variation(images, weights), np.stack(alone))
+    np.testing.assert_array_equal(prox_total_variation(images, weights[0])[0], alone[0])
 
 
 def test_the_input_is_left_as_it_was():
@@ -295,6 +379,9 @@ def test_no_warning_when_the_tolerance_is_met():
         (np.ones((3, 3)), [1, 2, 3], {}, "one number"),
         (np.ones((3, 3, 3)), [1, 2], {}, "one for each channel"),
         (np.ones((3, 3, 3)), [1, 2, -3], {}, "not negative"),
+        (np.ones((2, 3, 3, 3)), [1, 2], {}, "one for each channel"),
+        (np.ones((2, 3, 3, 3)), np.ones((3, 3)), {}, "one for each channel"),
+        (np.ones((2, 2, 3, 3, 3)), 1, {}, "shape"),
         (np.ones(3), 1, {}, "shape"),
         (np.ones((0, 3)), 1, {}, "shape"),
         (np.ones((3, 3, 0)), 1, {}, "shape"),

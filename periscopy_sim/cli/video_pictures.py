@@ -1,0 +1,108 @@
+"""Pictures of a reconstructed video: its frames, the animation and the contact sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from periscopy_sim.cli.arguments import progress
+from periscopy_sim.cli.video_metrics import Record
+
+if TYPE_CHECKING:
+    from periscopy_sim.evaluation.figures import Image
+
+SHEET_COLUMNS = 8
+"""Most frames on the contact sheet."""
+
+MOST_VALUES = 2**24
+"""Most values that the white of a sequence is taken from."""
+
+
+def picture_names(count: int) -> list[str]:
+    """Name the picture of each frame: 0000.png and so on."""
+    digits = max(4, len(str(count - 1)))
+    return [f"{k:0{digits}}.png" for k in range(count)]
+
+
+def white_of(frames: Image) -> float:
+    """Choose one white for a whole sequence, so that its brightness does not flicker.
+
+    The 99.5th percentile; of a long sequence, that of frames evenly chosen.
+    """
+    from periscopy_sim.evaluation.contact_sheet import evenly_chosen
+
+    most = max(2, MOST_VALUES // frames[0].size)
+    return float(np.percentile(frames[evenly_chosen(len(frames), most)], 99.5))
+
+
+def draw_frames(folder: Path, images: Image, white: float, text: dict[str, str]) -> None:
+    """Draw each frame as a picture of its own, with one white for all."""
+    from periscopy_sim.evaluation import figures
+    from periscopy_sim.storage.pictures import write_png
+
+    folder.mkdir()
+    names = picture_names(len(images))
+    with progress("drawing the frames") as report:
+        for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
+            write_png(folder / name, figures.enlarged(figures.displayable(image, white)), text)
+            report(k / len(images))
+
+
+def draw_sheet(
+    path: Path,
+    photographs: Image,
+    known: Image,
+    images: Image,
+    records: Sequence[Record],
+    text: dict[str, str],
+) -> None:
+    """Draw measurement, truth and gain-matched reconstruction of evenly chosen frames (Fig. 7)."""
+    from periscopy_sim.evaluation import contact_sheet, figures, metrics
+
+    chosen = contact_sheet.evenly_chosen(len(records), SHEET_COLUMNS)
+    white = white_of(photographs)
+    contact_sheet.draw_contact_sheet(
+        path,
+        [
+            ("measurement", [figures.displayable(photographs[k], white) for k in chosen]),
+            ("truth", [figures.displayable(known[k], 1) for k in chosen]),
+            ("reconstruction", [metrics.gain_matched(images[k], known[k]) for k in chosen]),
+        ],
+        titles=[f"frame {k}" for k in chosen],
+        notes=[f"MSE {records[k]['mean_squared_error']:.4f}" for k in chosen],
+        metadata=text,
+    )
+
+
+def draw_video(
+    path: Path,
+    photographs: Image,
+    images: Image,
+    known: Image | None,
+    white: float,
+    rate: float,
+    text: dict[str, str],
+) -> None:
+    """Draw photograph, reconstruction and, where it is known, the truth side by side in time."""
+    from periscopy_sim.evaluation import figures
+    from periscopy_sim.evaluation.animation import draw_animation
+
+    columns = [
+        ("photograph", photographs, white_of(photographs)),
+        ("reconstruction", images, white),
+    ]
+    if known is not None:
+        columns.append(("truth", known, 1.0))
+    count = len(images)
+    with progress("drawing the animation") as report:
+
+        def moments() -> Iterator[list[Image]]:
+            for k in range(count):
+                yield [figures.displayable(shown[k], level) for _, shown, level in columns]
+                report((k + 1) / count)
+
+        titles = [title for title, _, _ in columns]
+        draw_animation(path, titles, moments(), count=count, rate=rate, metadata=text)

@@ -1,0 +1,192 @@
+"""The paper's method in the array API standard: for PyTorch, CuPy and other arrays.
+
+Everything stays in the arrays' own library and on their device, from A to the hidden image.
+`Periscope`, whose loops are compiled, is the fast path for NumPy arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+from array_api_compat import array_namespace, device
+
+from periscopy_sim.reconstruction.periscope import Seen
+from periscopy_sim.reconstruction.portable_denoising import (
+    Array,
+    percentile,
+    prox_total_variation,
+    repair,
+)
+from periscopy_sim.reconstruction.preconditioner import TOLERANCE
+
+
+class PortablePeriscope:
+    """`Periscope` for arrays of any library that keeps the array API standard.
+
+    P is formed in double precision on the arrays' device and kept in single precision.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds, of the same library and device; None for none.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall; None for a grey wall.
+    tolerance
+        Relative tolerance on B's singular values, see `background_basis`.
+    tv_weight, repair_threshold
+        As in `Periscope`.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or A has not full column rank beside B.
+    """
+
+    def __init__(
+        self,
+        A: Array,
+        B: Array | None = None,
+        *,
+        hidden_shape: tuple[int, int],
+        channel_gain: Any = None,
+        tolerance: float = TOLERANCE,
+        tv_weight: float = 1.0,
+        repair_threshold: float = 0.1,
+        photograph_shape: tuple[int, int] | None = None,
+    ) -> None:
+        xp = array_namespace(A)
+        if A.ndim != 2 or A.shape[0] < A.shape[1] or A.shape[1] != math.prod(hidden_shape):
+            raise ValueError(
+                f"A has shape {tuple(A.shape)}: it must have a column for each of the "
+                f"{hidden_shape[0]}x{hidden_shape[1]} patches, and no fewer rows"
+            )
+        self.hidden_shape = hidden_shape
+        self.tv_weight = tv_weight
+        self.repair_threshold = repair_threshold
+        self.photograph_shape = photograph_shape
+        self._gain = self._double(xp, A, [1.0] * 3 if channel_gain is None else channel_gain)
+        transport = xp.astype(A, xp.float64)
+        self._basis = _background_basis(xp, transport, B, tolerance)
+        rejected = transport - self._basis @ (self._basis.T @ transport)
+        gram = rejected.T @ rejected
+        self._cholesky = _cholesky(xp, gram, transport)
+        inverse = xp.linalg.inv(gram)
+        P = inverse @ rejected.T
+        # The Gram matrix squares A's condition number: one step of refinement.
+        eye = xp.eye(A.shape[1], dtype=xp.float64, device=device(A))
+        P = P + (eye - P @ transport) @ P
+        self._mean_noise_gain = float(xp.mean(xp.sum(P * P, axis=1))) ** 0.5
+        self._matrix = xp.astype(P, xp.float32)
+
+    @classmethod
+    def for_scene(cls, scene: Seen, A: Array, B: Array | None = None, **settings: Any) -> Self:
+        """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
+        return cls(
+            A,
+            B,
+            hidden_shape=scene.hidden_shape,
+            photograph_shape=scene.photograph_shape,
+            channel_gain=scene.channel_gain.tolist(),
+            **settings,
+        )
+
+    def reconstruct(self, photograph: Array) -> Array:
+        """Recover the hidden image, (R, C, 3) float32, from a photograph, (rows, columns, 3)."""
+        return self.reconstruct_batch(photograph[None, ...])[0, ...]
+
+    def reconstruct_batch(self, photographs: Array) -> Array:
+        """Recover the hidden images of many photographs at once.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3) of A's library and device, linear.
+
+        Returns
+        -------
+        array
+            (K, R, C, 3) float32, on the same device.
+
+        Raises
+        ------
+        ValueError
+            If a photograph has not M pixels of 3 channels or is not finite.
+        """
+        xp = array_namespace(photographs, self._matrix)
+        estimate, weight = self._estimate(xp, photographs)
+        denoised = xp.moveaxis(prox_total_variation(estimate, weight), 1, -1)
+        if math.isinf(self.repair_threshold):
+            return denoised
+        magnitude = xp.sqrt(xp.sum(denoised * denoised, axis=-1))
+        rows = xp.reshape(magnitude, (photographs.shape[0], -1))
+        return repair(denoised, self.repair_threshold * percentile(rows, 99))
+
+    def _estimate(self, xp: Any, photographs: Array) -> tuple[Array, Array]:
+        """P y, (K, 3, R, C), and λ, (K, 3)."""
+        M = self._matrix.shape[1]
+        expected = self.photograph_shape
+        given = tuple(photographs.shape[1:])
+        if math.prod(given) != 3 * M or given[-1] != 3:
+            raise ValueError(f"the photograph has shape {given}; A has {M} rows")
+        if expected is not None and len(given) == 3 and given[:2] != tuple(expected):
+            raise ValueError(
+                f"the photograph has {given[0]}x{given[1]} pixels, the scene's camera "
+                f"{expected[0]}x{expected[1]}"
+            )
+        y = xp.astype(xp.reshape(photographs, (-1, M, 3)), xp.float64) / self._gain
+        if not bool(xp.all(xp.isfinite(y))):
+            raise ValueError("the photograph must be finite")
+        y = xp.reshape(xp.moveaxis(y, -1, 1), (-1, M))  # a row for each channel
+        y = y - (y @ self._basis) @ self._basis.T
+        scale = float(xp.mean(y * y)) ** 0.5 or 1.0
+        f = scale * (xp.astype(y / scale, xp.float32) @ self._matrix.T)
+        explained = xp.sum((xp.astype(f, xp.float64) @ self._cholesky) ** 2, axis=1)
+        residual = xp.sum(y * y, axis=1) - explained
+        freedom = max(M - self._matrix.shape[0] - self._basis.shape[1], 1)
+        noise = xp.sqrt(xp.where(residual > 0, residual, xp.zeros_like(residual)) / freedom)
+        weight = xp.astype(self.tv_weight * self._mean_noise_gain * noise, xp.float32)
+        shape = (-1, 3, *self.hidden_shape)
+        return xp.reshape(f, shape), xp.reshape(weight, (-1, 3))
+
+    @staticmethod
+    def _double(xp: Any, like: Array, values: Any) -> Array:
+        return xp.asarray(values, dtype=xp.float64, device=device(like))
+
+
+def _background_basis(xp: Any, A: Array, B: Array | None, tolerance: float) -> Array:
+    """Orthonormal basis of the numerical range of B; see `preconditioner.background_basis`."""
+    if B is None or B.shape[1] == 0:
+        return xp.zeros((A.shape[0], 0), dtype=xp.float64, device=device(A))
+    if B.ndim != 2 or B.shape[0] != A.shape[0]:
+        raise ValueError(f"B has shape {tuple(B.shape)}; its rows must match the {A.shape[0]} of A")
+    B = xp.astype(B, xp.float64)
+    norms = xp.sqrt(xp.sum(B * B, axis=0))
+    Q, R = xp.linalg.qr(B / xp.where(norms > 0, norms, xp.ones_like(norms)))
+    U, σ, _ = xp.linalg.svd(R, full_matrices=False)
+    rank = int(xp.sum(xp.astype(σ > tolerance * σ[0], xp.int64)))
+    return Q @ U[:, :rank]
+
+
+def _cholesky(xp: Any, gram: Array, A: Array) -> Array:
+    """Lower triangular factor; see `form_preconditioner` for what is refused."""
+    norms = xp.sqrt(xp.sum(A * A, axis=0))
+    try:
+        factor = xp.linalg.cholesky(gram)
+        ranked = bool(xp.all(xp.linalg.diagonal(factor) > 1e-6 * norms))
+    except Exception as error:  # each library has an error of its own for this
+        if type(error).__name__ not in ("LinAlgError", "_LinAlgError"):
+            raise
+        ranked = False
+    if not ranked:
+        raise ValueError(
+            "A with the backgrounds projected out has not full column rank: use fewer patches or "
+            "a smaller monitor"
+        )
+    return factor

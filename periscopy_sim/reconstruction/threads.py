@@ -1,0 +1,83 @@
+"""Independent pieces of work on threads, for compiled functions that release the GIL."""
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_PARTS_PER_CORE = 4
+
+_here = threading.local()
+
+
+def core_count() -> int:
+    """Count the processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_parallel(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Call a function with each item, on as many threads as there are cores.
+
+    The threads are started once and kept; waking them takes some 50 µs. With one item, on one
+    core, or when called from one of the threads itself, the calls are made one after another.
+
+    Parameters
+    ----------
+    function
+        Safe to call from several threads; it only runs faster where it releases the GIL.
+    items
+        What to call it with.
+
+    Returns
+    -------
+    list
+        The results, in the order of the items.
+
+    Raises
+    ------
+    Exception
+        What the function raises, for the first of the items whose call fails.
+    """
+    if len(items) < 2 or core_count() < 2 or getattr(_here, "is_worker", False):
+        return [function(item) for item in items]
+    return list(_executor().map(function, items))
+
+
+def ranges(count: int) -> list[tuple[int, int]]:
+    """Split range(count) into a few parts a core, which evens out parts of unequal work.
+
+    Parameters
+    ----------
+    count
+        Not negative.
+
+    Returns
+    -------
+    list of tuple
+        (start, stop) of each part, none of them empty, in order.
+    """
+    parts = min(count, _PARTS_PER_CORE * core_count())
+    return [(part * count // parts, (part + 1) * count // parts) for part in range(parts)]
+
+
+@cache
+def _executor() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(core_count(), "periscopy", initializer=_mark_as_worker)
+
+
+def _mark_as_worker() -> None:
+    # A worker that waited for others could wait for itself.
+    _here.is_worker = True
+
+
+if hasattr(os, "register_at_fork"):
+    # Threads do not survive a fork; the child starts its own, the thread that forked is no worker.
+    os.register_at_fork(after_in_child=_executor.cache_clear)
+    os.register_at_fork(after_in_child=lambda: setattr(_here, "is_worker", False))

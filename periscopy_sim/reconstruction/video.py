@@ -1,0 +1,140 @@
+"""Video (Sec. 3.2): each frame is denoised and repaired together with the one before it."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.periscope import Estimate, Periscope, Reconstruction, repaired
+from periscopy_sim.reconstruction.total_variation import (
+    prox_total_variation,
+    prox_total_variation_l1,
+)
+
+Image = NDArray[np.floating[Any]]
+Coupling = Literal["total-variation", "l1", "none"]
+
+
+class Video:
+    """The paper's method for video, fitted to one scene: frames one at a time, or many at once.
+
+    The first frame is a still. Each later one is, by `coupling`:
+
+    - ``"total-variation"``, as the paper does it: the new P y and the previous frame are stacked
+      and denoised by the proximal operator of three-dimensional total variation;
+    - ``"l1"``, Eq. 12 as written: argmin_f ‖f − P y‖² + λ‖f‖_TV + λ₂‖f − f_prev‖₁;
+    - ``"none"``: denoised on its own.
+
+    Repair follows, its window widened to the previous frame (not with ``"none"``).
+
+    Parameters
+    ----------
+    periscope
+        The method for stills, whose P, λ and κ serve every frame.
+    coupling
+        How a frame is tied to the previous one.
+    temporal_weight
+        Weight of the difference in time within three-dimensional total variation; the paper's is 1.
+    l1_weight
+        λ₂ over λ.
+
+    Attributes
+    ----------
+    previous
+        (R, C, 3) the latest frame; None before the first and after `restart`.
+
+    Raises
+    ------
+    ValueError
+        If the coupling is not known, or a weight is negative.
+    """
+
+    def __init__(
+        self,
+        periscope: Periscope,
+        *,
+        coupling: Coupling = "total-variation",
+        temporal_weight: float = 1.0,
+        l1_weight: float = 0.4,
+    ) -> None:
+        if coupling not in ("total-variation", "l1", "none"):
+            raise ValueError(
+                f"coupling '{coupling}' is not known; use 'total-variation', 'l1' or 'none'"
+            )
+        if not (temporal_weight >= 0 and l1_weight >= 0):
+            raise ValueError(
+                f"weights {temporal_weight} and {l1_weight}: give numbers that are not negative"
+            )
+        self.periscope = periscope
+        self.coupling = coupling
+        self.temporal_weight = temporal_weight
+        self.l1_weight = l1_weight
+        self.previous: Image | None = None
+
+    def restart(self) -> None:
+        """Forget the latest frame: the next one is a first one."""
+        self.previous = None
+
+    def next_frame(self, photograph: Image) -> Image:
+        """Recover the frame that follows the latest one.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3), linear, in the unit of the photographs before it.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3), linear; float32, or float64 where P is not explicit.
+
+        Raises
+        ------
+        ValueError
+            If the photograph has not M pixels of 3 channels or is not finite.
+        """
+        return self.solve_next(photograph).image
+
+    def solve_next(self, photograph: Image) -> Reconstruction:
+        """Recover the next frame and keep the stages; see `next_frame`."""
+        return self.finish(self.periscope.estimate(np.asarray(photograph)[None]), 0)
+
+    def frames(self, photographs: Image) -> Image:
+        """Recover the frames that follow the latest one, P applied to all in one product.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3), linear, in time's order.
+
+        Returns
+        -------
+        ndarray
+            (K, R, C, 3), what `next_frame` gives one after the other, up to rounding in
+            single precision.
+
+        Raises
+        ------
+        ValueError
+            As `next_frame`.
+        """
+        estimate = self.periscope.estimate(photographs)
+        images = [self.finish(estimate, k).image for k in range(len(estimate.noise))]
+        return np.array(images).reshape(-1, *self.periscope.hidden_shape, 3)
+
+    def finish(self, estimate: Estimate, k: int) -> Reconstruction:
+        """Denoise and repair the k-th of the preconditioned photographs as the next frame."""
+        g, weight = estimate.preconditioned[k], estimate.weight[k]
+        previous = None if self.coupling == "none" else self.previous
+        if previous is None:
+            denoised = prox_total_variation(g, weight)
+        elif self.coupling == "l1":
+            denoised = prox_total_variation_l1(g, previous, weight, self.l1_weight * weight)
+        else:
+            pair = np.stack([previous, g])
+            denoised = prox_total_variation(pair, weight, temporal_weight=self.temporal_weight)[1]
+        image, threshold = repaired(denoised, self.periscope.repair_threshold, previous)
+        self.previous = image
+        return Reconstruction(g, denoised, image, estimate.noise[k], weight, threshold)

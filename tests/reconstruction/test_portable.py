@@ -1,0 +1,100 @@
+"""The portable method against `Periscope`, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.reconstruction.periscope import Periscope
+from periscopy_sim.reconstruction.portable import PortablePeriscope
+
+HIDDEN = (5, 6)
+PHOTOGRAPH = (20, 20)
+RNG = np.random.default_rng(0)
+A = RNG.random((400, 30))
+B = RNG.random((400, 5))
+TRUTH = RNG.random((4, 30, 3))
+SIGNAL = np.stack([A @ f + 3 * B @ RNG.random((5, 3)) for f in TRUTH])
+PHOTOGRAPHS = (SIGNAL + 1e-2 * RNG.standard_normal(SIGNAL.shape)).reshape(4, *PHOTOGRAPH, 3)
+
+
+@pytest.fixture(params=["numpy", "array_api_strict", "torch"])
+def xp(request):
+    return pytest.importorskip(request.param)
+
+
+def fitted(xp, **settings):
+    return PortablePeriscope(xp.asarray(A), xp.asarray(B), hidden_shape=HIDDEN, **settings)
+
+
+def relative_error(value, truth):
+    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"channel_gain": [1.0, 0.5, 2.0]},
+        {"tv_weight": 0.0, "repair_threshold": float("inf")},
+        {"tv_weight": 3.0, "repair_threshold": 0.02},
+        {"tolerance": 1e-3},
+    ],
+)
+def test_images_are_those_of_the_compiled_method(xp, settings):
+    compiled = Periscope(A, B, hidden_shape=HIDDEN, **settings)
+    images = fitted(xp, **settings).reconstruct_batch(xp.asarray(PHOTOGRAPHS))
+    assert type(images) is type(xp.asarray(PHOTOGRAPHS)) and images.dtype == xp.float32
+    for image, photograph in zip(np.asarray(images), PHOTOGRAPHS, strict=True):
+        assert relative_error(image, compiled.reconstruct(photograph)) < 1e-3
+
+
+def test_one_photograph_is_that_of_the_batch(xp):
+    periscope = fitted(xp)
+    images = np.asarray(periscope.reconstruct_batch(xp.asarray(PHOTOGRAPHS)))
+    single = np.asarray(periscope.reconstruct(xp.asarray(PHOTOGRAPHS[2])))
+    assert relative_error(single, images[2]) < 1e-3
+
+
+def test_hidden_image_is_recovered_without_noise(xp):
+    periscope = fitted(xp, repair_threshold=float("inf"))
+    image = np.asarray(periscope.reconstruct(xp.asarray(SIGNAL[0])))
+    assert relative_error(image.reshape(-1, 3), TRUTH[0]) < 1e-3
+
+
+def test_no_background_model_is_the_pseudoinverse(xp):
+    periscope = PortablePeriscope(
+        xp.asarray(A), hidden_shape=HIDDEN, tv_weight=0, repair_threshold=float("inf")
+    )
+    image = np.asarray(periscope.reconstruct(xp.asarray(PHOTOGRAPHS[0])))
+    expected = np.linalg.pinv(A) @ PHOTOGRAPHS[0].reshape(-1, 3)
+    assert relative_error(image.reshape(-1, 3), expected) < 1e-5
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_photograph_that_is_not_finite_is_refused(xp, value):
+    spoilt = PHOTOGRAPHS[0].copy()
+    spoilt[3, 4, 1] = value
+    with pytest.raises(ValueError, match="must be finite"):
+        fitted(xp).reconstruct(xp.asarray(spoilt))
+
+
+def test_sizes_that_do_not_fit_are_refused(xp):
+    with pytest.raises(ValueError, match="5x7 patches"):
+        PortablePeriscope(xp.asarray(A), hidden_shape=(5, 7))
+    with pytest.raises(ValueError, match="rows must match the 400"):
+        PortablePeriscope(xp.asarray(A), xp.asarray(B[1:]), hidden_shape=HIDDEN)
+    with pytest.raises(ValueError, match="A has 400 rows"):
+        fitted(xp).reconstruct(xp.asarray(PHOTOGRAPHS[0, 1:]))
+    with pytest.raises(ValueError, match=r"40x10 pixels.*20x20"):
+        fitted(xp, photograph_shape=PHOTOGRAPH).reconstruct(
+            xp.asarray(PHOTOGRAPHS[0].reshape(40, 10, 3))
+        )
+
+
+def test_patches_that_cannot_be_told_apart_are_refused(xp):
+    spoilt = A.copy()
+    spoilt[:, 3] = spoilt[:, 5] + 0.5 * spoilt[:, 7]
+    with pytest.raises(ValueError, match="not full column rank"):
+        PortablePeriscope(xp.asarray(spoilt), xp.asarray(B), hidden_shape=HIDDEN)
+    spoilt[:, 3] = 0
+    with pytest.raises(ValueError, match="not full column rank"):
+        PortablePeriscope(xp.asarray(spoilt), hidden_shape=HIDDEN)
