@@ -3,7 +3,7 @@
 `python -m experiments.sparse_preconditioner --out DIR` reconstructs a rendered photograph of the
 chair scene under ambient light with the full P and with sparser and sparser ones, writes a table
 and draws the error over the density. Entries of P merely set to zero, and rows of least ‖p‖₁, stand
-beside them. It takes some minutes.
+beside them. It takes some twenty minutes on one core, four with `--hidden 20x25`.
 """
 
 from __future__ import annotations

@@ -168,7 +168,10 @@ class Differencing:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         Dy = self._differenced(self._vectorization.vectorized(photograph))
         h = self._inverse.A.T @ Dy
-        noise = noise_level(self._inverse, Dy, self._inverse.solve(h))
+        least_squares = self._inverse.solve(h)
+        noise = noise_level(
+            self._inverse, *(np.ascontiguousarray(part.T) for part in (Dy, least_squares))
+        )
         weight = self.tv_weight * noise * np.sqrt(np.trace(self._least_squares.gram) / len(h))
         minimize = self._minimizer(h)
         minima = [

@@ -76,7 +76,7 @@ class LeastSquares:
 
     def solve(self, h: Array) -> Array:
         """Apply G⁻¹ to (N,) or (N, K): the unregularized least squares."""
-        solution: Array = linalg.cho_solve((self.cholesky, False), h, check_finite=False)
+        solution: Array = linalg.cho_solve((self.cholesky.T, True), h, check_finite=False)
         return solution
 
     @cached_property

@@ -73,16 +73,16 @@ class IterativeReconstruction:
 class IterativePeriscope:
     """The paper's problem solved by iterations, without P and without an N x N matrix.
 
-    Fitting to a scene takes one pass over A, and some 150 with the first photograph for the
+    Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
     `PATTERNS` that the wall shows best. Each photograph then takes two stages:
 
     - Conjugate gradients for the least squares, which stop as soon as their estimate of the noise
-      σ has settled (`SETTLED`).
+      σ has settled (`SETTLED`): some 40 passes.
     - From there, accelerated proximal gradient steps for ‖W(A⊥f − y⊥)‖² + λ‖f‖_TV, see
       `matrix_free`, with λ = `tv_weight` σ ‖A⊥‖_F. That follows the photograph's noise and units,
       and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of the same image
       doubles. They stop when a step, momentum aside, changes f by less than `tolerance` of its
-      norm.
+      norm: some 100 passes.
 
     With `tv_weight` 0 the conjugate gradients alone go on until the gradient is below `tolerance`
     times the first, and give P y.

@@ -1,9 +1,12 @@
-"""Products with a few vectors of a matrix too large for the cache, at the speed of memory.
+"""Products of photographs with large matrices, at the speed of memory or of the cores.
 
-BLAS packs the matrix anew for each product, which for three vectors costs more than the product.
+For the three channels of one photograph BLAS packs the matrix anew, which costs more than the
+product, and its threads then spin for milliseconds on the cores that the next stage needs.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,65 +14,142 @@ from numpy.typing import NDArray
 from periscopy_sim.reconstruction.compiled import compiled_reordered
 from periscopy_sim.reconstruction.threads import in_parallel, ranges
 
-Array = NDArray[np.float32]
+Array = NDArray[Any]
 
 VECTORS = 3
-"""Vectors that share one pass over the matrix: a photograph's channels."""
+"""Vectors taken together, a photograph's channels; the loops below name them."""
 
 ROWS = 4
 """Rows read side by side, which keeps more of memory's requests under way than one alone."""
 
+CHUNK = 1024
+"""Columns at a time where there are many vectors: theirs and the rows' then stay in the cache."""
 
-def times_matrix_transposed(vectors: Array, matrix: Array) -> Array:
+SMALL = 1 << 20
+"""Entries of a matrix below which waking threads takes longer than the product."""
+
+
+def times_rows(vectors: Array, matrix: Array, *, upper: bool = False) -> Array:
     """Multiply vectors by the rows of a matrix: `vectors @ matrix.T`.
 
     Parameters
     ----------
     vectors
-        (K, M) float32, C-contiguous.
+        (K, M), C-contiguous, K a multiple of 3.
     matrix
-        (N, M) float32, C-contiguous.
+        (N, M) of the same type or a narrower one, C-contiguous.
+    upper
+        Whether the matrix is upper triangular: what is left of its diagonal is not read.
 
     Returns
     -------
     ndarray
-        (K, N) float32.
+        (K, N), of the vectors' type.
     """
-    if len(vectors) != VECTORS or len(matrix) < ROWS:
+    if len(vectors) % VECTORS or len(matrix) < ROWS:
         return np.asarray(vectors @ matrix.T)
-    product = np.empty((len(vectors), len(matrix)), np.float32)
-    blocks = ranges(len(matrix) // ROWS)
+    product = np.zeros((len(vectors), len(matrix)), vectors.dtype)
+    chunk = matrix.shape[1] if len(vectors) == VECTORS else CHUNK
+    blocks = len(matrix) // ROWS
 
     def multiply(block: tuple[int, int]) -> None:
         start, stop = (ROWS * edge for edge in block)
-        _multiply_rows(vectors, matrix, product, start, stop)
+        _multiply(vectors, matrix, chunk, upper, start, stop, product)
 
-    in_parallel(multiply, blocks)
-    # The last four rows again, if some are left over.
-    _multiply_rows(vectors, matrix, product, len(matrix) - ROWS, len(matrix))
+    if matrix.size < SMALL:
+        multiply((0, blocks))
+    else:
+        in_parallel(multiply, ranges(blocks))
+    # The last rows of a number that is no multiple of four.
+    rest = slice(ROWS * blocks, None)
+    if len(matrix[rest]):
+        product[:, rest] = vectors @ matrix[rest].T
     return product
 
 
 @compiled_reordered
-def _multiply_rows(vectors: Array, matrix: Array, product: Array, start: int, stop: int) -> None:
-    u, v, w = vectors[0], vectors[1], vectors[2]
-    for row in range(start, stop, 4):
-        a, b, c, d = matrix[row], matrix[row + 1], matrix[row + 2], matrix[row + 3]
-        au = av = aw = bu = bv = bw = np.float32(0)
-        cu = cv = cw = du = dv = dw = np.float32(0)
-        for m in range(matrix.shape[1]):
-            au += a[m] * u[m]
-            av += a[m] * v[m]
-            aw += a[m] * w[m]
-            bu += b[m] * u[m]
-            bv += b[m] * v[m]
-            bw += b[m] * w[m]
-            cu += c[m] * u[m]
-            cv += c[m] * v[m]
-            cw += c[m] * w[m]
-            du += d[m] * u[m]
-            dv += d[m] * v[m]
-            dw += d[m] * w[m]
-        product[0, row : row + 4] = au, bu, cu, du
-        product[1, row : row + 4] = av, bv, cv, dv
-        product[2, row : row + 4] = aw, bw, cw, dw
+def _multiply(
+    vectors: Array,
+    matrix: Array,
+    chunk: int,
+    upper: bool,
+    start: int,
+    stop: int,
+    product: Array,
+) -> None:
+    """Add the products with four rows and three vectors at a time."""
+    columns = matrix.shape[1]
+    for first in range(0, columns, chunk):
+        last = min(first + chunk, columns)
+        for row in range(start, stop, 4):
+            left = max(first, row) if upper else first
+            if left >= last:
+                continue
+            a, b = matrix[row, left:last], matrix[row + 1, left:last]
+            c, d = matrix[row + 2, left:last], matrix[row + 3, left:last]
+            for k in range(0, len(vectors), 3):
+                u = vectors[k, left:last]
+                v = vectors[k + 1, left:last]
+                w = vectors[k + 2, left:last]
+                au = av = aw = bu = bv = bw = product.dtype.type(0)
+                cu = cv = cw = du = dv = dw = product.dtype.type(0)
+                for m in range(last - left):
+                    au += a[m] * u[m]
+                    av += a[m] * v[m]
+                    aw += a[m] * w[m]
+                    bu += b[m] * u[m]
+                    bv += b[m] * v[m]
+                    bw += b[m] * w[m]
+                    cu += c[m] * u[m]
+                    cv += c[m] * v[m]
+                    cw += c[m] * w[m]
+                    du += d[m] * u[m]
+                    dv += d[m] * v[m]
+                    dw += d[m] * w[m]
+                sums = ((au, bu, cu, du), (av, bv, cv, dv), (aw, bw, cw, dw))
+                for n in range(3):
+                    for r in range(4):
+                        product[k + n, row + r] += sums[n][r]
+
+
+def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> None:
+    """Subtract combinations of rows from vectors, in place: `vectors -= coefficients @ rows`.
+
+    Parameters
+    ----------
+    vectors
+        (K, M), C-contiguous; receives the result.
+    coefficients
+        (K, r), of the same type.
+    rows
+        (r, M), likewise.
+    """
+
+    def subtract(part: tuple[int, int]) -> None:
+        _subtract(vectors, coefficients, rows, *part)
+
+    if len(vectors) == VECTORS:
+        subtract((0, VECTORS))
+    else:
+        in_parallel(subtract, ranges(len(vectors)))
+
+
+@compiled_reordered
+def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop: int) -> None:
+    columns = vectors.shape[1]
+    for first in range(0, columns, 1024):
+        last = min(first + 1024, columns)
+        for k in range(start, stop):
+            v = vectors[k, first:last]
+            whole = len(rows) // 4 * 4
+            for r in range(0, whole, 4):
+                a, b = coefficients[k, r], coefficients[k, r + 1]
+                c, d = coefficients[k, r + 2], coefficients[k, r + 3]
+                p, q = rows[r, first:last], rows[r + 1, first:last]
+                s, t = rows[r + 2, first:last], rows[r + 3, first:last]
+                for m in range(last - first):
+                    v[m] -= a * p[m] + b * q[m] + c * s[m] + d * t[m]
+            for r in range(whole, len(rows)):
+                a, p = coefficients[k, r], rows[r, first:last]
+                for m in range(last - first):
+                    v[m] -= a * p[m]

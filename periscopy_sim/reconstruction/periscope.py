@@ -7,9 +7,8 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas
 
-from periscopy_sim.reconstruction.matrix_product import times_matrix_transposed
+from periscopy_sim.reconstruction.matrix_product import subtract_combinations, times_rows
 from periscopy_sim.reconstruction.preconditioner import (
     TOLERANCE,
     Preconditioner,
@@ -153,6 +152,9 @@ class Periscope:
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
+        # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
+        self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
+        self._background = np.ascontiguousarray(self.preconditioner.Q.T)
         self._mean_noise_gain = np.sqrt(self.preconditioner.noise_gain.mean())
 
     @classmethod
@@ -251,7 +253,7 @@ class Periscope:
         y = self._vectorization.planar(photographs, self.photograph_shape)
         rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
         P = self.preconditioner
-        rejected -= (rejected @ P.Q) @ P.Q.T
+        subtract_combinations(rejected, times_rows(rejected, self._background), self._background)
         if self._matrix is None:
             f = P.apply(rejected.T).T
         else:
@@ -259,8 +261,8 @@ class Periscope:
             scale = np.sqrt(np.mean(rejected**2, axis=1, keepdims=True))
             scale[scale == 0] = 1
             near_one = (rejected / scale).astype(np.float32)
-            f = scale * times_matrix_transposed(near_one, self._matrix)
-        noise = noise_level(P, rejected.T, f.T).reshape(-1, 3)
+            f = scale * times_rows(near_one, self._matrix)
+        noise = noise_level(P, rejected, f, self._factor).reshape(-1, 3)
         precision = np.float64 if self._matrix is None else np.float32
         return Estimate(
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(precision),
@@ -269,7 +271,9 @@ class Periscope:
         )
 
 
-def noise_level(P: Preconditioner, rejected: Array, f: Image) -> Array:
+def noise_level(
+    P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None
+) -> Array:
     """Take the standard deviation of what [A, B] leaves of photographs, channel by channel.
 
     By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
@@ -279,20 +283,29 @@ def noise_level(P: Preconditioner, rejected: Array, f: Image) -> Array:
     P
         The preconditioner.
     rejected
-        (M, K) photographs y⊥, range(B) projected out.
+        (K, M) photographs y⊥, range(B) projected out.
     f
-        (N, K) the estimate P y.
+        (K, N) the estimates P y.
+    factor
+        R, such as in single precision; None takes it from the preconditioner.
 
     Returns
     -------
     ndarray
         (K,) in units of the photograph.
     """
-    explained = np.sum(blas.dtrmm(1.0, P.cholesky, f) ** 2, axis=0)
-    residual = np.maximum(np.sum(rejected**2, axis=0) - explained, 0)
+    R = P.cholesky if factor is None else factor
+    explained = _energies(times_rows(f, R, upper=True))
+    residual = np.maximum(_energies(rejected) - explained, 0)
     freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
     noise: Array = np.sqrt(residual / max(freedom, 1))
     return noise
+
+
+def _energies(rows: Array) -> Array:
+    """Squared norm of each row."""
+    energies: Array = np.einsum("km,km->k", rows, rows)
+    return energies
 
 
 def denoise_and_repair(

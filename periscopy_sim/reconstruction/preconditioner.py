@@ -112,7 +112,7 @@ class Preconditioner:
     Q
         (M, r) orthonormal basis of the backgrounds.
     cholesky
-        (N, N) upper triangular R with RᵀR = A⊥ᵀ A⊥.
+        (N, N) upper triangular R with RᵀR = A⊥ᵀ A⊥, C-contiguous.
     """
 
     A: Array
@@ -137,7 +137,7 @@ class Preconditioner:
 
     def solve(self, g: Array) -> Array:
         """Apply (A⊥ᵀ A⊥)⁻¹ to (N,) or (N, K)."""
-        solution: Array = linalg.cho_solve((self.cholesky, False), g, check_finite=False)
+        solution: Array = linalg.cho_solve((self.cholesky.T, True), g, check_finite=False)
         return solution
 
     def apply(self, y: NDArray[np.floating[Any]]) -> Array:
@@ -174,15 +174,15 @@ class Preconditioner:
         return P
 
     def _inverse_gram(self) -> Array:
-        inverse, _ = linalg.lapack.dpotri(self.cholesky)
-        full: Array = inverse + np.triu(inverse, 1).T
+        inverse, _ = linalg.lapack.dpotri(self.cholesky.T, lower=True)
+        full: Array = inverse + np.tril(inverse, -1).T
         return full
 
     @cached_property
     def noise_gain(self) -> Array:
         """(N,) diagonal of P Pᵀ = (A⊥ᵀ A⊥)⁻¹: each patch's Cramér-Rao bound for unit noise."""
-        inverse_factor, _ = linalg.lapack.dtrtri(self.cholesky)
-        gain: Array = np.sum(inverse_factor**2, axis=1)
+        inverse_factor, _ = linalg.lapack.dtrtri(self.cholesky.T, lower=True)
+        gain: Array = np.sum(inverse_factor**2, axis=0)
         return gain
 
 
@@ -226,7 +226,8 @@ def form_preconditioner(
     Q = background_basis(B, tolerance)
     gram = _gram(transport, Q)
     try:
-        cholesky = linalg.cholesky(gram, check_finite=False)
+        # LAPACK's triangles are Fortran's, whose transpose lies in C order.
+        cholesky = linalg.cholesky(gram, lower=True, overwrite_a=True, check_finite=False).T
     except linalg.LinAlgError:
         cholesky = None
     # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
@@ -242,11 +243,11 @@ def form_preconditioner(
 
 
 def _gram(A: Array, Q: Array) -> Array:
-    """A⊥ᵀ A⊥ = AᵀA − (QᵀA)ᵀ(QᵀA), upper triangle, by symmetric rank-k updates."""
+    """A⊥ᵀ A⊥ = AᵀA − (QᵀA)ᵀ(QᵀA), lower triangle, by symmetric rank-k updates."""
     from scipy.linalg.blas import dsyrk
 
     # dsyrk wants Fortran order; A.T is that without a copy.
-    gram = dsyrk(1.0, A.T)
+    gram = dsyrk(1.0, A.T, lower=True)
     C = Q.T @ A
-    gram = dsyrk(-1.0, C.T, beta=1.0, c=gram, overwrite_c=True)
+    gram = dsyrk(-1.0, C.T, beta=1.0, c=gram, lower=True, overwrite_c=True)
     return np.asarray(gram)

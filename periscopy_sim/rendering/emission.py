@@ -36,8 +36,18 @@ def falloff(across: Any, up: Any, normal: Any, exponents: tuple[float, float]) -
     n2 = dr.square(normal)
     cos2_vertical = n2 / (n2 + dr.square(up))
     cos2_horizontal = n2 / (n2 + dr.square(across))
-    value = dr.power(cos2_vertical, 0.5 * vertical) * dr.power(cos2_horizontal, 0.5 * horizontal)
+    value = _root_power(cos2_vertical, vertical) * _root_power(cos2_horizontal, horizontal)
     return dr.select(normal > 0, value, 0)
+
+
+def _root_power(square: Any, exponent: float) -> Any:
+    """Raise the root of a square to a power: by products where the exponent is a whole number."""
+    import drjit as dr
+
+    if exponent != int(exponent):
+        return dr.power(square, 0.5 * exponent)
+    whole = dr.power(square, int(exponent) // 2)
+    return whole * dr.sqrt(square) if int(exponent) % 2 else whole
 
 
 def register_lcd() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.emission import falloff
 from periscopy_sim.rendering.scene_file import build_scene, camera_of, patch_uv, shape_of
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
@@ -141,7 +142,7 @@ def _make_kernel(
     scene = build_scene(scenario)
     camera = camera_of(scene)
     wall, monitor = shape_of(scene, "wall"), shape_of(scene, "monitor")
-    bsdf, emitter = wall.bsdf(), monitor.emitter()
+    bsdf, profile = wall.bsdf(), _profile(scenario, monitor.emitter())
     rows, columns = scenario.photograph_shape
     hidden_rows, hidden_columns = scenario.hidden_shape
     strata_down, strata_across = _factor(samples)
@@ -151,8 +152,7 @@ def _make_kernel(
     def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
         """Position in the unit square of sample number `index` of down x across strata."""
         if jittered and (down > 1 or across > 1 or salt == 0):
-            r0, r1 = _hash(mi, key, 2 * index + salt)
-            jitter = _unit(mi, r0), _unit(mi, r1)
+            jitter = _two_units(mi, _scrambled(mi, key, 2 * index + salt))
         else:
             jitter = (mi.Float(0.5), mi.Float(0.5))
         return (
@@ -160,11 +160,19 @@ def _make_kernel(
             (mi.Float(index % across) + jitter[1]) / across,
         )
 
-    def wall_point(pixel: Any, index: Any, key: Any) -> Any:
-        y, x = within(index, pixels_down, pixels_across, key, 1)
+    def seen_at(pixel: Any, y: Any, x: Any) -> Any:
         film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)
         ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
         return scene.ray_intersect(ray, +mi.RayFlags.All, True)
+
+    # The centres of the pixels serve every patch: found once.
+    centres = seen_at(dr.arange(mi.UInt32, rows * columns), 0.5, 0.5)
+    dr.eval(centres)
+
+    def wall_point(pixel: Any, index: Any, key: Any) -> Any:
+        if pixel_samples == 1:
+            return dr.gather(type(centres), centres, pixel)
+        return seen_at(pixel, *within(index, pixels_down, pixels_across, key, 1))
 
     def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
         """Integrand at one sample of the patch, per unit of the monitor's UV square."""
@@ -179,20 +187,19 @@ def _make_kernel(
         light = monitor.eval_parameterization(mi.Point2f(*uv), +mi.RayFlags.All)
         to_light = light.p - si.p
         squared_distance = dr.squared_norm(to_light)
-        distance = dr.sqrt(squared_distance)
-        direction = to_light / distance
+        direction = to_light * dr.rcp(dr.sqrt(squared_distance))
         cos_emission = -dr.dot(light.n, direction)
         area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
         # Not dr.mean: it writes the number of lanes into the kernel, and into the last bit.
         value = dr.sum(bsdf.eval(mi.BSDFContext(), si, si.to_local(direction))) / 3
-        value *= _profile(emitter, light, -direction) * cos_emission * area / squared_distance
-        active = light.is_valid() & (cos_emission > 0) & (value > 0)
+        value *= profile(light, -direction) * cos_emission * area / squared_distance
         # The segment, shortened at both ends. Mitsuba's spawn_ray_to would lift its start off the
         # wall by some 0.2 mm, which shifts every shadow's edge.
         start = dr.fma(to_light, SHADOW_EPSILON, si.p)
-        length = distance * (1 - 2 * SHADOW_EPSILON)
-        blocked = scene.ray_test(mi.Ray3f(start, direction, length, 0.0, []), active)
-        return dr.select(active & ~blocked, value, 0)
+        segment = mi.Ray3f(start, to_light, 1 - 2 * SHADOW_EPSILON, 0.0, [])
+        # Traced for every lane: a mask costs more than the few rays that it saves.
+        visible = ~scene.ray_test(segment)
+        return dr.select(visible & light.is_valid() & (cos_emission > 0) & (value > 0), value, 0)
 
     def entries(pixel: Any, patch: Any, seed: Any) -> Any:
         key, _ = _hash(mi, pixel, seed)
@@ -222,18 +229,28 @@ def _sum(count: int, term: Callable[[Any], Any]) -> Any:
     return total
 
 
-def _profile(emitter: Any, light: Any, direction: Any) -> Any:
-    """Radiance in a direction relative to the normal's, about the monitor's own axes."""
+def _profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
+    """Return the radiance of a point of the monitor in a direction, relative to the normal's."""
     import drjit as dr
     import mitsuba as mi
 
-    # eval_parameterization leaves the tangents unnormalized.
-    across = dr.normalize(light.dp_du)
-    light.sh_frame = mi.Frame3f(across, dr.cross(light.n, across), light.n)
-    light.wi = light.to_local(direction)
-    towards = emitter.eval(light).x
-    light.wi = mi.Vector3f(0, 0, 1)
-    return towards / emitter.eval(light).x
+    def closed_form(light: Any, direction: Any) -> Any:
+        axes = dr.normalize(light.dp_du), dr.normalize(light.dp_dv), light.n
+        return falloff(*(dr.dot(direction, axis) for axis in axes), exponents)
+
+    def evaluated(light: Any, direction: Any) -> Any:
+        # eval_parameterization leaves the tangents unnormalized.
+        across = dr.normalize(light.dp_du)
+        light.sh_frame = mi.Frame3f(across, dr.cross(light.n, across), light.n)
+        light.wi = light.to_local(direction)
+        towards = emitter.eval(light).x
+        light.wi = mi.Vector3f(0, 0, 1)
+        return towards / emitter.eval(light).x
+
+    if scenario.emission is None:
+        return evaluated
+    exponents = scenario.emission.vertical, scenario.emission.horizontal
+    return closed_form
 
 
 def _factor(count: int) -> tuple[int, int]:
@@ -248,6 +265,19 @@ def _hash(mi: Any, a: Any, b: Any) -> Any:
     return mi.sample_tea_32(a, b, 6)
 
 
-def _unit(mi: Any, bits: Any) -> Any:
-    """Turn 32 random bits into a float in [0, 1)."""
-    return mi.Float(bits >> 8) * (1 / (1 << 24))
+def _scrambled(mi: Any, key: Any, index: Any) -> Any:
+    """Turn the index of a sample into random bits, the key being random already.
+
+    A multiply and xor-shift hash (C. Wellons, "Prospecting for hash functions", 2018) of numbers a
+    golden ratio apart: a tenth of `_hash`'s work, once for each ray.
+    """
+    bits = key + index * mi.UInt32(0x9E3779B9)
+    bits = (bits ^ (bits >> 16)) * mi.UInt32(0x7FEB352D)
+    bits = (bits ^ (bits >> 15)) * mi.UInt32(0x846CA68B)
+    return bits ^ (bits >> 16)
+
+
+def _two_units(mi: Any, bits: Any) -> tuple[Any, Any]:
+    """Turn 32 random bits into two floats in (0, 1)."""
+    halves = bits >> 16, bits & 0xFFFF
+    return tuple((mi.Float(half) + 0.5) * (1 / (1 << 16)) for half in halves)

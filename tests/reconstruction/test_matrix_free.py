@@ -10,7 +10,7 @@ from periscopy_sim.reconstruction.matrix_free import (
 )
 from periscopy_sim.reconstruction.preconditioner import background_basis, form_preconditioner
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
-from periscopy_sim.reconstruction.transport_operator import TransportOperator
+from periscopy_sim.reconstruction.transport_operator import Patterns, TransportOperator
 
 SHAPE = (5, 6)
 M, N = 300, 30
@@ -46,10 +46,14 @@ def test_as_many_iterations_as_distinct_singular_values_are_enough():
     assert least_squares(TransportOperator(A), y, tolerance=1e-12).iterations <= N
 
 
-def test_account_of_the_end_is_what_the_dense_matrix_says():
+@pytest.mark.parametrize("count", [0, 5])
+def test_account_of_the_end_is_what_the_dense_matrix_says(count):
     A, B, y = problem(decay=1e-2)
     transport = operator(A, B)
-    solved = least_squares(transport, y, max_iterations=7)
+    # Any orthonormal vectors are a start, even if they are no eigenvectors.
+    V = np.linalg.qr(np.random.default_rng(6).normal(size=(N, 5)))[0]
+    crude = Patterns(np.full(5, 0.3), V) if count else None
+    solved = least_squares(transport, y, max_iterations=7, patterns=crude)
     y = transport.reject_background(y)
     dense = transport @ np.eye(N)
     residual = y - dense @ solved.f
@@ -59,7 +63,7 @@ def test_account_of_the_end_is_what_the_dense_matrix_says():
     np.testing.assert_allclose(solved.misfit, np.sum(residual**2, axis=0), rtol=1e-11)
     gradient = np.linalg.norm(dense.T @ residual, axis=0) / np.linalg.norm(h, axis=0)
     np.testing.assert_allclose(solved.gradient, gradient, rtol=1e-9)
-    freedom = M - 4 - 7
+    freedom = M - 4 - 7 - count
     np.testing.assert_allclose(solved.noise, np.sqrt(np.sum(residual**2, 0) / freedom), rtol=1e-11)
 
 
@@ -175,6 +179,32 @@ def test_a_start_from_the_strongest_patterns_takes_fewer_iterations_to_the_same_
     assert deflated.iterations < 0.9 * from_zero.iterations
     np.testing.assert_allclose(deflated.f, from_zero.f, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(deflated.misfit, from_zero.misfit, rtol=1e-9)
+
+
+def test_without_a_weight_the_steps_are_nesterovs():
+    A, B, y = problem(decay=1e-1)
+    transport = operator(A, B)
+    dense = transport @ np.eye(N)
+    G, h = dense.T @ dense, dense.T @ transport.reject_background(y)
+    patterns = transport.strongest_patterns(1)
+    L = 1.01 * patterns.energy[0]
+    f = z = np.zeros((N, 3))
+    t = 1.0
+    for _ in range(6):
+        previous, f = f, z - (G @ z - h) / L
+        following = (1 + np.sqrt(1 + 4 * t**2)) / 2
+        z, t = f + (t - 1) / following * (f - previous), following
+    solved = total_variation_least_squares(
+        transport,
+        patterns,
+        h,
+        np.zeros(3),
+        np.zeros((N, 3)),
+        image_shape=SHAPE,
+        tolerance=1e-12,
+        max_iterations=6,
+    )
+    np.testing.assert_allclose(solved.f, f, rtol=1e-9, atol=1e-12)
 
 
 def test_iterations_stop_where_they_are_told():

@@ -110,6 +110,15 @@ def test_going_on_from_a_denser_result_only_leaves_entries_out():
     np.testing.assert_allclose(thinner @ A, np.eye(10), atol=1e-9)
 
 
+def test_entries_that_the_start_has_not_stay_zero():
+    A, _, P = random_problem(120, 10, 3)
+    allowed = np.zeros((10, 120))
+    allowed[:, 40:] = 1
+    thinner = sparse_preconditioner(P, 0.2, start=sparse.csr_array(allowed)).toarray()
+    assert not thinner[:, :40].any()
+    np.testing.assert_allclose(thinner @ A, np.eye(10), atol=1e-9)
+
+
 def test_progress_ends_at_one():
     _, _, P = random_problem(40, 5, 2)
     seen = []
