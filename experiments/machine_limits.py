@@ -81,9 +81,10 @@ def _ray_rate(scenario: Scenario) -> float:
 
     scene = build_scene(scenario)
     rng = np.random.default_rng(0)
-    entry = np.arange(RAYS)
-    patches = len(scenario.patch_centers)
-    patch, pixel = entry % patches, entry // patches % len(scenario.wall_points)
+    patches, pixels = len(scenario.patch_centers), len(scenario.wall_points)
+    patch = np.arange(RAYS) % patches
+    # From all over the wall: rays that pass the occluder take longer.
+    pixel = np.arange(RAYS) * pixels // RAYS
     u, v = rng.random((2, RAYS, 1)) - 0.5
     light = (
         scenario.patch_centers[patch]

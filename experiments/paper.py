@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "fig4",
     "fig5",
     "fig6",
+    "fig7",
     "fig8",
     "fig9",
     "fig10",

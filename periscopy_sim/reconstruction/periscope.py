@@ -271,9 +271,7 @@ class Periscope:
         )
 
 
-def noise_level(
-    P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None
-) -> Array:
+def noise_level(P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None) -> Array:
     """Take the standard deviation of what [A, B] leaves of photographs, channel by channel.
 
     By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.

@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from periscopy_sim.reconstruction.matrix_product import subtract_combinations
+
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-10
@@ -63,13 +65,14 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     B = np.asarray(B, np.float64)
     if not np.isfinite(B).all():
         raise ValueError("B must be finite")
-    norms = np.linalg.norm(B, axis=0)
-    scaled = B[:, norms > 0] / norms[norms > 0]
-    if scaled.shape[1] == 0:
+    norms = np.sqrt(np.einsum("ij,ij->j", B, B))
+    if not norms.any():
         return np.zeros((B.shape[0], 0))
-    sketched = _sketched_basis(scaled, tolerance)
+    scale: Array = np.divide(1, norms, where=norms > 0, out=norms * 0)
+    sketched = _sketched_basis(B, scale, tolerance)
     if sketched is not None:
         return sketched
+    scaled = B[:, norms > 0] / norms[norms > 0]
     # SVD of the triangular factor of a QR decomposition: several times faster than of B itself.
     (reflectors, tau), R = linalg.qr(scaled, mode="raw", check_finite=False)
     U, σ, _ = linalg.svd(R[: len(tau)], full_matrices=False)
@@ -83,17 +86,18 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     return np.asarray(Q)
 
 
-def _sketched_basis(B: Array, tolerance: float) -> Array | None:
-    """Find the basis from the products of B with a few random vectors, if so few suffice.
+def _sketched_basis(B: NDArray[np.floating[Any]], scale: Array, tolerance: float) -> Array | None:
+    """Find the basis from the products of scaled B with a few random vectors, if so few suffice.
 
     Halko, Martinsson, Tropp, "Finding structure with randomness", 2011, Sec. 1.5: where the last
     singular value within the sketch is far below the tolerance, nothing above it lies outside.
     """
     if B.shape[1] <= 2 * SKETCH:
         return None
-    mixtures = B @ np.random.default_rng(0).standard_normal((B.shape[1], SKETCH))
-    S, _ = linalg.qr(mixtures, mode="economic", overwrite_a=True, check_finite=False)
-    U, σ, _ = linalg.svd(S.T @ B, full_matrices=False, check_finite=False)
+    random = np.random.default_rng(0).standard_normal((B.shape[1], SKETCH))
+    mixtures = B @ (scale[:, np.newaxis] * random)
+    S, _ = np.linalg.qr(mixtures)
+    U, σ, _ = np.linalg.svd((S.T @ B) * scale, full_matrices=False)
     if σ[-1] > 1e-3 * tolerance * σ[0]:
         return None
     return np.asarray(S @ U[:, σ > tolerance * σ[0]])
@@ -165,7 +169,7 @@ class Preconditioner:
         A, Q = self.A, self.Q
         inverse = self._inverse_gram()
         P: Array = inverse @ A.T
-        P -= (inverse @ (Q.T @ A).T) @ Q.T
+        subtract_combinations(P, inverse @ (Q.T @ A).T, np.ascontiguousarray(Q.T))
         # Where the Gram matrix, which squares A's condition number, has lost too much, the
         # refinement of `apply`, for all columns: P ← P + (I − P A) P.
         probes = np.random.default_rng(0).choice([-1.0, 1.0], (A.shape[1], PROBES))
@@ -224,15 +228,18 @@ def form_preconditioner(
     if not np.isfinite(A).all():
         raise ValueError("A must be finite")
     Q = background_basis(B, tolerance)
-    gram = _gram(transport, Q)
+    # NumPy's BLAS all along: the idle threads of a second one, SciPy's, would take the cores.
+    gram = transport.T @ transport
+    norms = np.sqrt(np.diag(gram))
+    C = Q.T @ transport
+    gram -= C.T @ C
+    cholesky: Array | None
     try:
-        # LAPACK's triangles are Fortran's, whose transpose lies in C order.
-        cholesky = linalg.cholesky(gram, lower=True, overwrite_a=True, check_finite=False).T
-    except linalg.LinAlgError:
+        cholesky = np.asarray(np.linalg.cholesky(gram, upper=True), np.float64)
+    except np.linalg.LinAlgError:
         cholesky = None
     # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
     # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
-    norms = np.linalg.norm(transport, axis=0)
     if cholesky is None or (np.diag(cholesky) <= 1e-6 * norms).any():
         dark = int((norms <= 1e-7 * norms.max()).sum())
         raise ValueError(
@@ -240,14 +247,3 @@ def form_preconditioner(
             f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor"
         )
     return Preconditioner(transport, Q, cholesky)
-
-
-def _gram(A: Array, Q: Array) -> Array:
-    """A⊥ᵀ A⊥ = AᵀA − (QᵀA)ᵀ(QᵀA), lower triangle, by symmetric rank-k updates."""
-    from scipy.linalg.blas import dsyrk
-
-    # dsyrk wants Fortran order; A.T is that without a copy.
-    gram = dsyrk(1.0, A.T, lower=True)
-    C = Q.T @ A
-    gram = dsyrk(-1.0, C.T, beta=1.0, c=gram, lower=True, overwrite_c=True)
-    return np.asarray(gram)

@@ -221,6 +221,8 @@ def _sum(count: int, term: Callable[[Any], Any]) -> Any:
     import drjit as dr
     import mitsuba as mi
 
+    if count == 1:
+        return term(mi.UInt32(0))  # a loop would keep the loop within it from being optimized
     total, _ = dr.while_loop(
         (mi.Float(0), mi.UInt32(0)),
         lambda _, k: k < count,
@@ -235,8 +237,9 @@ def _profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
     import mitsuba as mi
 
     def closed_form(light: Any, direction: Any) -> Any:
-        axes = dr.normalize(light.dp_du), dr.normalize(light.dp_dv), light.n
-        return falloff(*(dr.dot(direction, axis) for axis in axes), exponents)
+        across = dr.dot(direction, dr.normalize(light.dp_du))
+        up = dr.dot(direction, dr.normalize(light.dp_dv))
+        return falloff(across, up, dr.dot(direction, light.n), exponents)
 
     def evaluated(light: Any, direction: Any) -> Any:
         # eval_parameterization leaves the tangents unnormalized.

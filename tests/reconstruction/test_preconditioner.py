@@ -316,6 +316,28 @@ def test_basis_spans_what_numpys_singular_vectors_span(tolerance):
     np.testing.assert_allclose(Q @ Q.T, oracle @ oracle.T, atol=1e-8)
 
 
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-10, 1e-12])
+@pytest.mark.parametrize("bright", [0.0, 1.0, 1e9])
+def test_many_smooth_backgrounds_are_sketched_to_the_same_basis(tolerance, bright):
+    B = backgrounds(300)
+    B[:, 7] *= bright
+    oracle = kept_basis(B[:, B.any(axis=0)], tolerance)
+    Q = background_basis(B, tolerance)
+    assert Q.shape == oracle.shape
+    np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
+    # What of each background lies outside, beside what does by NumPy's singular vectors.
+    unit = B[:, B.any(axis=0)] / np.linalg.norm(B[:, B.any(axis=0)], axis=0)
+    found, expected = (np.linalg.norm(unit - q @ (q.T @ unit)) for q in (Q, oracle))
+    assert found < 1.01 * expected + 1e-13
+
+
+def test_many_unrelated_backgrounds_are_all_kept():
+    B = np.random.default_rng(8).normal(size=(M, 250))
+    Q = background_basis(B)
+    assert Q.shape == (M, 250)
+    np.testing.assert_allclose(Q @ (Q.T @ B), B, atol=1e-11)
+
+
 @pytest.mark.parametrize("shape", [(M, 9), (12, 40), (12, 12), (1, 3)])
 def test_basis_of_an_exact_rank(shape):
     rng = np.random.default_rng(6)

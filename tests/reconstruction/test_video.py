@@ -49,7 +49,7 @@ def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(periscope,
 
 
 def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previous(periscope):
-    video = Video(periscope)
+    video = Video(periscope, coupling="total-variation")
     previous = video.next_frame(PHOTOGRAPHS[0])
     found = video.solve_next(PHOTOGRAPHS[1])
     still = periscope.solve(PHOTOGRAPHS[1])
@@ -100,7 +100,7 @@ def test_scene_at_rest_is_recovered_better_than_by_stills(coupling):
 
 
 def test_no_weight_in_time_leaves_stills_repaired_with_the_previous_frame(periscope):
-    video = Video(periscope, temporal_weight=0.0)
+    video = Video(periscope, coupling="total-variation", temporal_weight=0.0)
     video.next_frame(PHOTOGRAPHS[0])
     found = video.solve_next(PHOTOGRAPHS[1])
     still = periscope.solve(PHOTOGRAPHS[1])

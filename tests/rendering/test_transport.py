@@ -256,16 +256,10 @@ def test_noise_of_entries_and_of_seeds_is_independent(room, samples, pixel_sampl
     assert abs(neighbours) < 5 / np.sqrt(noise[1:].size)
 
 
-def test_random_numbers_of_neighbouring_integers_are_uncorrelated():
-    """At 5 standard errors."""
-    import mitsuba as mi
-
-    a = np.arange(1 << 17, dtype=np.uint32)
-    first, second = (
-        np.array([transport._unit(mi, bits) for bits in transport._hash(mi, mi.UInt32(a), b)])
-        for b in (mi.UInt32(6), mi.UInt32(8))
-    )
+def uncorrelated(first, second):
+    """Two draws of two uniform numbers each, (2, n): at 5 standard errors."""
     assert abs(first.mean() - 0.5) < 5 / np.sqrt(12 * first.size)
+    assert first.min() > 0 and first.max() < 1
     for x, y in [
         (first[0], first[1]),
         (first[0], second[0]),
@@ -274,6 +268,28 @@ def test_random_numbers_of_neighbouring_integers_are_uncorrelated():
         (first[1, 1:], first[1, :-1]),
     ]:
         assert abs(np.corrcoef(x, y)[0, 1]) < 5 / np.sqrt(x.size)
+
+
+def test_random_numbers_of_neighbouring_integers_are_uncorrelated():
+    import mitsuba as mi
+
+    a = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
+    keys = [transport._hash(mi, a, mi.UInt32(b)) for b in (6, 8)]
+    uncorrelated(*(np.array([(np.array(k) + 0.5) / 2**32 for k in pair]) for pair in keys))
+
+
+def test_jitter_of_neighbouring_samples_and_of_other_keys_is_uncorrelated():
+    import mitsuba as mi
+
+    def jitter(key, index):
+        return np.array(transport._two_units(mi, transport._scrambled(mi, key, index)))
+
+    many = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
+    keys, _ = transport._hash(mi, many, mi.UInt32(3))
+    for first, second in [(0, 1), (0, 2), (5, 7), (34, 35)]:
+        uncorrelated(jitter(keys, mi.UInt32(first)), jitter(keys, mi.UInt32(second)))
+    key = mi.UInt32(123456789)
+    uncorrelated(jitter(key, many), jitter(key, many + 1))
 
 
 def test_strata_beat_independent_samples(room):
