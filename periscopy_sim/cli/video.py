@@ -46,7 +46,7 @@ BYTES_FOR_P = 24
 
 
 class Coupling(StrEnum):
-    """How a frame is tied to the one before it."""
+    """How a frame is tied to the one before it; see `Video`."""
 
     total_variation = "total-variation"
     l1 = "l1"
@@ -78,7 +78,7 @@ def video(
     out: Out,
     coupling: Annotated[
         Coupling, typer.Option(help="How each frame is denoised with the one before it.")
-    ] = Coupling.total_variation,
+    ] = Coupling.l1,
     temporal_weight: Annotated[
         float | None,
         typer.Option(

@@ -108,10 +108,13 @@ def test_hidden_video_is_recovered(light, video, tmp_path):
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
-        ((), {"coupling": "total-variation"}),
-        (("--temporal-weight", "3"), {"temporal_weight": 3.0}),
-        (("--coupling", "l1"), {"coupling": "l1"}),
-        (("--coupling", "l1", "--l1-weight", "0.2"), {"coupling": "l1", "l1_weight": 0.2}),
+        ((), {"coupling": "l1"}),
+        (("--l1-weight", "0.2"), {"l1_weight": 0.2}),
+        (("--coupling", "total-variation"), {"coupling": "total-variation"}),
+        (
+            ("--coupling", "total-variation", "--temporal-weight", "3"),
+            {"coupling": "total-variation", "temporal_weight": 3.0},
+        ),
         (("--coupling", "none"), {"coupling": "none"}),
     ],
 )
@@ -157,10 +160,10 @@ def test_couplings_and_weights_differ(few, video, tmp_path):
         video("y.npy", *options)[0]
         for options in (
             ("--coupling", "none"),
-            ("--coupling", "l1"),
-            ("--coupling", "l1", "--l1-weight", "9"),
             (),
-            ("--temporal-weight", "0.1"),
+            ("--l1-weight", "9"),
+            ("--coupling", "total-variation"),
+            ("--coupling", "total-variation", "--temporal-weight", "0.1"),
         )
     ]
     scale = np.abs(found[0]).max()
@@ -214,15 +217,15 @@ def test_folder_holds_frames_pictures_table_and_summary(light, succeeds, tmp_pat
         "tv_weight": 1.0,
         "repair_threshold": 0.1,
         "rank_tolerance": 1e-10,
-        "coupling": "total-variation",
-        "temporal_weight": Video(None).temporal_weight,
+        "coupling": "l1",
+        "l1_weight": Video(None).l1_weight,
         "batch": 16,
         "rate": 25.0,
         "warnings": [],
         "truth": None,
     }
     assert {name: summary[name] for name in expected} == expected
-    assert "l1_weight" not in summary
+    assert "temporal_weight" not in summary
     assert list(table[0]) == ["frame", "name", "seconds", "noise", "lambda", "kappa"]
     assert [row["frame"] for row in table] == [row["name"] for row in table]
     assert [int(row["frame"]) for row in table] == list(range(9))
@@ -523,7 +526,10 @@ def test_sequence_that_is_none_is_refused(refused, tmp_path):
             ("--coupling", "l1", "--temporal-weight", "1"),
             "--temporal-weight belongs to --coupling t",
         ),
-        (("--l1-weight", "1"), "--l1-weight belongs to --coupling l1, not to total-variation"),
+        (
+            ("--coupling", "total-variation", "--l1-weight", "1"),
+            "--l1-weight belongs to --coupling l1, not to total-variation",
+        ),
         (("--coupling", "none", "--l1-weight", "1"), "--l1-weight belongs to --coupling l1"),
         (("--temporal-weight", "-1"), "'--temporal-weight'"),
         (("--temporal-weight", "nan"), "'--temporal-weight'"),
