@@ -47,8 +47,8 @@ def reconstruct(
         str,
         typer.Option(
             metavar="NAME",
-            help="preconditioned, differencing, differencing-published, truncated-svd, "
-            "pseudoinverse; yours as module:callable or file.py:callable.",
+            help="preconditioned, iterative, differencing, differencing-published, "
+            "truncated-svd, pseudoinverse; yours as module:callable or file.py:callable.",
         ),
     ] = PRECONDITIONED,
     samples: Samples = 16,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
+from periscopy_sim.reconstruction.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.periscope import Method, Periscope
 from periscopy_sim.scenario import Scenario
 
@@ -59,14 +60,19 @@ def _truncated_svd(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
     return TruncatedSVD(A, hidden_shape=scenario.hidden_shape, channel_gain=scenario.channel_gain)
 
 
+def _iterative(scenario: Scenario, A: Matrix, B: Matrix) -> Method:
+    return IterativePeriscope.for_scene(scenario, A, B)
+
+
 METHODS: dict[str, Factory] = {
     "preconditioned": _preconditioned,
+    "iterative": _iterative,
     "differencing": _differencing,
     "differencing-published": _published_differencing,
     "truncated-svd": _truncated_svd,
     "pseudoinverse": _pseudoinverse,
 }
-"""The paper's method and those it compares with, each with its defaults."""
+"""The paper's method, its twin without P, and those it compares with, each with its defaults."""
 
 
 def find_method(name: str) -> Factory:

@@ -18,6 +18,7 @@ from periscopy_sim.evaluation.methods import (
     source_sha256,
 )
 from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
+from periscopy_sim.reconstruction.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.periscope import Periscope
 
 RNG = np.random.default_rng(8)
@@ -72,6 +73,7 @@ def test_the_methods_of_the_paper_and_its_comparisons_are_there():
     kinds = {name: type(method) for name, method in fitted.items()}
     assert kinds == {
         "preconditioned": Periscope,
+        "iterative": IterativePeriscope,
         "differencing": Differencing,
         "differencing-published": Differencing,
         "truncated-svd": TruncatedSVD,
