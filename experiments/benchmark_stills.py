@@ -79,7 +79,7 @@ def denoising(_limits: Limits, _out: Path) -> Section:
     scene = Scene(SMALL)
     estimate = scene.periscope.estimate(scene.photographs(1))
     g, weight = estimate.preconditioned[0].astype(np.float64), estimate.weight[0]
-    exact = ps.prox_total_variation(g, weight, tolerance=1e-11)
+    exact = ps.prox_total_variation(g, weight, tolerance=1e-8)
     ours = relative(ps.prox_total_variation(g.astype(np.float32), weight), exact)
 
     def enough(prox: Callable[[int], Array]) -> int:

@@ -15,9 +15,10 @@ from periscopy_sim.scenario import Scenario
 RAYS = 1 << 23
 
 
-def median_seconds(task: Callable[[], object], runs: int) -> float:
+def median_seconds(task: Callable[[], object], runs: int, *, warm: bool = True) -> float:
     """Give the median time of a task, after one run that compiles and warms."""
-    task()
+    if warm:
+        task()
     seconds = []
     for _ in range(runs):
         start = time.perf_counter()
