@@ -173,9 +173,9 @@ def video(limits: Limits, _out: Path) -> Section:
                     f"at least {least} frames a second",
                     f"{rate:.0f}",
                     Verdict.AGREES if rate >= least else Verdict.DIFFERS,
-                    f"Reading P at the machine's copy rate: {limits.copy / 4 * scene.A.size:.0f} "
+                    f"Reading P at the machine's copy rate: {limits.copy / (4 * scene.A.size):.0f} "
                     "a second; multiplying by it at its product rate: "
-                    f"{limits.single / (6 * 4 * scene.A.size / 4):.0f} a second.",
+                    f"{limits.single / (6 * scene.A.size):.0f} a second.",
                 )
             )
     return Section("video", "Video, 55 x 40 patches", claims=claims)
