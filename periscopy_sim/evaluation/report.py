@@ -156,6 +156,7 @@ def write_page(
     *,
     introduction: str = "",
     provenance: Mapping[str, str] | None = None,
+    stated: str = "paper",
 ) -> None:
     """Write sections as one HTML page that holds its pictures and needs nothing outside.
 
@@ -173,6 +174,8 @@ def write_page(
         A paragraph above.
     provenance
         Versions, seed and command, listed at the end.
+    stated
+        Heading of the claims' first values: who states them.
 
     Raises
     ------
@@ -180,11 +183,16 @@ def write_page(
         If the file cannot be written.
     """
     with staged_file(path) as file:
-        file.write_text("\n".join(_page(title, sections, introduction, provenance or {})), "utf-8")
+        lines = _page(title, sections, introduction, provenance or {}, stated)
+        file.write_text("\n".join(lines), "utf-8")
 
 
 def _page(
-    title: str, sections: Sequence[Section], introduction: str, provenance: Mapping[str, str]
+    title: str,
+    sections: Sequence[Section],
+    introduction: str,
+    provenance: Mapping[str, str],
+    stated: str,
 ) -> Iterator[str]:
     yield '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
     yield f"<title>{_text(title)}</title>"
@@ -197,7 +205,7 @@ def _page(
         count = Counter(claim.verdict for _, claim in claims)
         verdicts = ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict)
         yield f"<h2>{len(claims)} claims: {verdicts}</h2>"
-        yield from _claims(claims)
+        yield from _claims(claims, stated)
     for section in sections:
         yield f'<section id="{_text(section.name)}"><h2>{_text(section.title)}</h2>'
         yield f'<p class="failure">Failed: {_text(section.failure)}</p>' if section.failure else ""
@@ -207,7 +215,7 @@ def _page(
         for table in section.tables:
             yield from _table(table)
         if section.claims:
-            yield from _claims([(None, claim) for claim in section.claims])
+            yield from _claims([(None, claim) for claim in section.claims], stated)
         if section.seconds is not None:
             yield f'<p class="time">{section.seconds:.1f} s</p>'
         yield "</section>"
@@ -218,11 +226,11 @@ def _page(
     yield "</main></body></html>\n"
 
 
-def _claims(claims: Sequence[tuple[Section | None, Claim]]) -> Iterator[str]:
+def _claims(claims: Sequence[tuple[Section | None, Claim]], stated: str) -> Iterator[str]:
     linked = any(section for section, _ in claims)
-    columns = [*(["where"] if linked else []), "what", "paper", "here", "verdict", "why"]
+    columns = [*(["where"] if linked else []), "what", stated, "here", "verdict", "why"]
     yield '<div class="scroll"><table class="claims"><thead><tr>'
-    yield "".join(f"<th>{name}</th>" for name in columns)
+    yield "".join(f"<th>{_text(name)}</th>" for name in columns)
     yield "</tr></thead><tbody>"
     for section, claim in claims:
         where = f"<td>{_link(section)}</td>" if section else ""
