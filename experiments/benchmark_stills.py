@@ -140,7 +140,7 @@ def differencing(_limits: Limits, _out: Path) -> Section:
                 ours,
                 theirs,
                 1,
-                "The port is not converged by then.",
+                "The port's time includes its preparation; it is not converged by then.",
             )
         ],
     )

@@ -66,11 +66,11 @@ def _iterative(scenario: Scenario, A: Matrix, B: Matrix) -> Method:
 
 METHODS: dict[str, Factory] = {
     "preconditioned": _preconditioned,
-    "iterative": _iterative,
     "differencing": _differencing,
     "differencing-published": _published_differencing,
     "truncated-svd": _truncated_svd,
     "pseudoinverse": _pseudoinverse,
+    "iterative": _iterative,
 }
 """The paper's method, its twin without P, and those it compares with, each with its defaults."""
 

@@ -1,6 +1,8 @@
 """Recovery without P: for hidden images so fine that P, or even A, does not fit in memory.
 
-    f̂ = argmin_f ‖A⊥ f − y⊥‖₂² + λ‖f‖_TV,   A⊥ = A − Q QᵀA,   Q an orthonormal basis of range(B)
+    f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV,   A⊥ = A − Q QᵀA,   Q an orthonormal basis of range(B)
+
+where W weighs the few patterns that the wall shows best down, see `matrix_free`.
 
 Without the total variation this is P y (Eq. 8), since P is the pseudoinverse of A⊥. The paper
 applies total variation to P y instead (Eq. 10), which takes its noise for white. Where P y is

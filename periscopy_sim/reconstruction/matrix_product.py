@@ -23,7 +23,7 @@ ROWS = 4
 """Rows read side by side, which keeps more of memory's requests under way than one alone."""
 
 CHUNK = 1024
-"""Columns at a time where there are many vectors: theirs and the rows' then stay in the cache."""
+"""Columns at a time: with many vectors, theirs and the rows' then stay in the cache."""
 
 SMALL = 1 << 20
 """Entries of a matrix below which waking threads takes longer than the product."""
@@ -39,31 +39,33 @@ def times_rows(vectors: Array, matrix: Array, *, upper: bool = False) -> Array:
     matrix
         (N, M) of the same type or a narrower one, C-contiguous.
     upper
-        Whether the matrix is upper triangular: what is left of its diagonal is not read.
+        Whether the matrix is upper triangular, zero left of its diagonal: that half is skipped.
 
     Returns
     -------
     ndarray
         (K, N), of the vectors' type.
     """
-    if len(vectors) % VECTORS or len(matrix) < ROWS:
+    if len(vectors) % VECTORS:
         return np.asarray(vectors @ matrix.T)
     product = np.zeros((len(vectors), len(matrix)), vectors.dtype)
-    chunk = matrix.shape[1] if len(vectors) == VECTORS else CHUNK
     blocks = len(matrix) // ROWS
 
     def multiply(block: tuple[int, int]) -> None:
         start, stop = (ROWS * edge for edge in block)
-        _multiply(vectors, matrix, chunk, upper, start, stop, product)
+        _multiply(vectors, matrix, upper, start, stop, product)
 
     if matrix.size < SMALL:
         multiply((0, blocks))
     else:
         in_parallel(multiply, ranges(blocks))
-    # The last rows of a number that is no multiple of four.
-    rest = slice(ROWS * blocks, None)
-    if len(matrix[rest]):
-        product[:, rest] = vectors @ matrix[rest].T
+    rest = matrix[ROWS * blocks :]
+    if len(rest):  # of a number of rows that is no multiple of four
+        padded = np.zeros((ROWS, matrix.shape[1]), matrix.dtype)
+        padded[: len(rest)] = rest
+        last = np.zeros((len(vectors), ROWS), vectors.dtype)
+        _multiply(vectors, padded, False, 0, ROWS, last)
+        product[:, ROWS * blocks :] = last[:, : len(rest)]
     return product
 
 
@@ -71,45 +73,61 @@ def times_rows(vectors: Array, matrix: Array, *, upper: bool = False) -> Array:
 def _multiply(
     vectors: Array,
     matrix: Array,
-    chunk: int,
     upper: bool,
     start: int,
     stop: int,
     product: Array,
 ) -> None:
-    """Add the products with four rows and three vectors at a time."""
+    """Add the products with four rows at a time.
+
+    Each sum runs over the same chunks in the same order, whichever loop is the outer one, so that
+    a photograph's products do not depend on how many others there are.
+    """
     columns = matrix.shape[1]
-    for first in range(0, columns, chunk):
-        last = min(first + chunk, columns)
+    if len(vectors) == 3:  # memory is read in order
         for row in range(start, stop, 4):
-            left = max(first, row) if upper else first
-            if left >= last:
-                continue
-            a, b = matrix[row, left:last], matrix[row + 1, left:last]
-            c, d = matrix[row + 2, left:last], matrix[row + 3, left:last]
-            for k in range(0, len(vectors), 3):
-                u = vectors[k, left:last]
-                v = vectors[k + 1, left:last]
-                w = vectors[k + 2, left:last]
-                au = av = aw = bu = bv = bw = product.dtype.type(0)
-                cu = cv = cw = du = dv = dw = product.dtype.type(0)
-                for m in range(last - left):
-                    au += a[m] * u[m]
-                    av += a[m] * v[m]
-                    aw += a[m] * w[m]
-                    bu += b[m] * u[m]
-                    bv += b[m] * v[m]
-                    bw += b[m] * w[m]
-                    cu += c[m] * u[m]
-                    cv += c[m] * v[m]
-                    cw += c[m] * w[m]
-                    du += d[m] * u[m]
-                    dv += d[m] * v[m]
-                    dw += d[m] * w[m]
-                sums = ((au, bu, cu, du), (av, bv, cv, dv), (aw, bw, cw, dw))
-                for n in range(3):
-                    for r in range(4):
-                        product[k + n, row + r] += sums[n][r]
+            for first in range(row // CHUNK * CHUNK if upper else 0, columns, CHUNK):
+                _add_chunk(vectors, matrix, upper, row, first, product)
+    else:  # chunks of all vectors stay in the cache
+        for first in range(0, columns, CHUNK):
+            for row in range(start, stop, 4):
+                _add_chunk(vectors, matrix, upper, row, first, product)
+
+
+@compiled_reordered
+def _add_chunk(
+    vectors: Array, matrix: Array, upper: bool, row: int, first: int, product: Array
+) -> None:
+    """Add the products of one chunk of four rows, with three vectors at a time."""
+    last = min(first + CHUNK, matrix.shape[1])
+    left = max(first, row) if upper else first
+    if left >= last:
+        return
+    a, b = matrix[row, left:last], matrix[row + 1, left:last]
+    c, d = matrix[row + 2, left:last], matrix[row + 3, left:last]
+    for k in range(0, len(vectors), 3):
+        u = vectors[k, left:last]
+        v = vectors[k + 1, left:last]
+        w = vectors[k + 2, left:last]
+        au = av = aw = bu = bv = bw = product.dtype.type(0)
+        cu = cv = cw = du = dv = dw = product.dtype.type(0)
+        for m in range(last - left):
+            au += a[m] * u[m]
+            av += a[m] * v[m]
+            aw += a[m] * w[m]
+            bu += b[m] * u[m]
+            bv += b[m] * v[m]
+            bw += b[m] * w[m]
+            cu += c[m] * u[m]
+            cv += c[m] * v[m]
+            cw += c[m] * w[m]
+            du += d[m] * u[m]
+            dv += d[m] * v[m]
+            dw += d[m] * w[m]
+        sums = ((au, bu, cu, du), (av, bv, cv, dv), (aw, bw, cw, dw))
+        for n in range(3):
+            for r in range(4):
+                product[k + n, row + r] += sums[n][r]
 
 
 def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> None:

@@ -109,7 +109,7 @@ class Periscope:
     Parameters
     ----------
     A
-        (M, N) light transport matrix.
+        (M, N) light transport matrix; kept, and not copied where it is float64 already.
     B
         (M, L) prototype backgrounds; None for none.
     hidden_shape
@@ -128,8 +128,8 @@ class Periscope:
     Raises
     ------
     ValueError
-        If the shapes do not fit, A has not full column rank beside B, or the wall reflects nothing
-        in a channel.
+        If the shapes do not fit, A has not full column rank beside B, the wall reflects nothing
+        in a channel, or a weight is negative or NaN.
     """
 
     def __init__(
@@ -145,6 +145,11 @@ class Periscope:
         explicit: bool = True,
         photograph_shape: tuple[int, int] | None = None,
     ) -> None:
+        if not (tv_weight >= 0 and repair_threshold >= 0):
+            raise ValueError(
+                f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
+                "are not negative"
+            )
         self.photograph_shape = photograph_shape
         self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
         self.hidden_shape = hidden_shape
@@ -228,7 +233,7 @@ class Periscope:
         Returns
         -------
         ndarray
-            (K, R, C, 3), what `reconstruct` gives for each, up to rounding in single precision.
+            (K, R, C, 3), what `reconstruct` gives for each.
 
         Raises
         ------
@@ -352,6 +357,6 @@ def repaired(
     """
     threshold = relative_threshold
     if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
-        magnitude = np.linalg.norm(denoised, axis=2)
+        magnitude = np.linalg.norm(np.asarray(denoised, np.float64), axis=2)
         threshold *= float(np.percentile(magnitude, 99))
     return repair(denoised, threshold, previous), threshold

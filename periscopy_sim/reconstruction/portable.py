@@ -14,6 +14,7 @@ from array_api_compat import array_namespace, device
 from periscopy_sim.reconstruction.periscope import Seen
 from periscopy_sim.reconstruction.portable_denoising import (
     Array,
+    magnitudes,
     percentile,
     prox_total_variation,
     repair,
@@ -61,7 +62,15 @@ class PortablePeriscope:
         repair_threshold: float = 0.1,
         photograph_shape: tuple[int, int] | None = None,
     ) -> None:
-        xp = array_namespace(A)
+        xp = array_namespace(A) if B is None else array_namespace(A, B)
+        if not (tv_weight >= 0 and repair_threshold >= 0 and 0 < tolerance < 1):
+            raise ValueError(
+                f"tv_weight {tv_weight}, repair_threshold {repair_threshold}, tolerance "
+                f"{tolerance}: the first two must not be negative, the last lie between 0 and 1"
+            )
+        for name, values in {"A": A, "B": B}.items():
+            if values is not None and not bool(xp.all(xp.isfinite(values))):
+                raise ValueError(f"{name} must be finite")
         if A.ndim != 2 or A.shape[0] < A.shape[1] or A.shape[1] != math.prod(hidden_shape):
             raise ValueError(
                 f"A has shape {tuple(A.shape)}: it must have a column for each of the "
@@ -71,7 +80,10 @@ class PortablePeriscope:
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         self.photograph_shape = photograph_shape
-        self._gain = self._double(xp, A, [1.0] * 3 if channel_gain is None else channel_gain)
+        gain = [1.0] * 3 if channel_gain is None else [float(value) for value in channel_gain]
+        if len(gain) != 3 or not all(value > 0 for value in gain):
+            raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
+        self._gain = xp.asarray(gain, dtype=xp.float64, device=device(A))
         transport = xp.astype(A, xp.float64)
         self._basis = _background_basis(xp, transport, B, tolerance)
         rejected = transport - self._basis @ (self._basis.T @ transport)
@@ -124,8 +136,7 @@ class PortablePeriscope:
         denoised = xp.moveaxis(prox_total_variation(estimate, weight), 1, -1)
         if math.isinf(self.repair_threshold):
             return denoised
-        magnitude = xp.sqrt(xp.sum(denoised * denoised, axis=-1))
-        rows = xp.reshape(magnitude, (photographs.shape[0], -1))
+        rows = xp.reshape(magnitudes(denoised), (photographs.shape[0], -1))
         return repair(denoised, self.repair_threshold * percentile(rows, 99))
 
     def _estimate(self, xp: Any, photographs: Array) -> tuple[Array, Array]:
@@ -145,19 +156,16 @@ class PortablePeriscope:
             raise ValueError("the photograph must be finite")
         y = xp.reshape(xp.moveaxis(y, -1, 1), (-1, M))  # a row for each channel
         y = y - (y @ self._basis) @ self._basis.T
-        scale = float(xp.mean(y * y)) ** 0.5 or 1.0
-        f = scale * (xp.astype(y / scale, xp.float32) @ self._matrix.T)
-        explained = xp.sum((xp.astype(f, xp.float64) @ self._cholesky) ** 2, axis=1)
+        scale = xp.sqrt(xp.mean(y * y, axis=1, keepdims=True))
+        scale = xp.where(scale > 0, scale, xp.ones_like(scale))
+        f = scale * xp.astype(xp.astype(y / scale, xp.float32) @ self._matrix.T, xp.float64)
+        explained = xp.sum((f @ self._cholesky) ** 2, axis=1)
         residual = xp.sum(y * y, axis=1) - explained
         freedom = max(M - self._matrix.shape[0] - self._basis.shape[1], 1)
         noise = xp.sqrt(xp.where(residual > 0, residual, xp.zeros_like(residual)) / freedom)
         weight = xp.astype(self.tv_weight * self._mean_noise_gain * noise, xp.float32)
         shape = (-1, 3, *self.hidden_shape)
-        return xp.reshape(f, shape), xp.reshape(weight, (-1, 3))
-
-    @staticmethod
-    def _double(xp: Any, like: Array, values: Any) -> Array:
-        return xp.asarray(values, dtype=xp.float64, device=device(like))
+        return xp.reshape(xp.astype(f, xp.float32), shape), xp.reshape(weight, (-1, 3))
 
 
 def _background_basis(xp: Any, A: Array, B: Array | None, tolerance: float) -> Array:

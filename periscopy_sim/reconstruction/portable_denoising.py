@@ -1,7 +1,8 @@
 """Total variation and repair in the array API standard, for arrays on any device.
 
-The same problems, steps and rules as in `dual_ascent` and `repair`, whose compiled loops are faster
-on a processor; here all images of a batch advance together, as suits a graphics card.
+The same problems as in `total_variation` and `repair`, whose compiled loops are faster on a
+processor; here all images of a batch advance together, as suits a graphics card, until the last
+has converged.
 """
 
 from __future__ import annotations
@@ -102,10 +103,10 @@ def repair(images: Array, threshold: Array, previous: Array | None = None) -> Ar
         The repaired images, see `repair.repair` for the rules.
     """
     xp = array_namespace(images)
-    magnitude = xp.sqrt(xp.sum(images * images, axis=-1))
+    magnitude = magnitudes(images)
     around = list(_window(xp, magnitude))
     total = sum(xp.where(inside, values, 0.0) for values, inside, centre in around if not centre)
-    count = sum(xp.astype(inside, images.dtype) for _, inside, centre in around if not centre)
+    count = sum(xp.astype(inside, magnitude.dtype) for _, inside, centre in around if not centre)
     alone = count == 0
     mean = total / xp.where(alone, xp.ones_like(count), count)
     far = (xp.abs(magnitude - mean) > threshold[:, None, None]) & ~alone
@@ -114,6 +115,13 @@ def repair(images: Array, threshold: Array, previous: Array | None = None) -> Ar
         window = [part[:2] for part in _window(xp, images) if not part[2]]
         window += [part[:2] for part in _window(xp, previous)]
     return xp.where(far[..., None], _median(xp, window), images)
+
+
+def magnitudes(images: Array) -> Array:
+    """Norm of each patch over the channels, (K, R, C) float64: squares of any unit fit in it."""
+    xp = array_namespace(images)
+    wide = xp.astype(images, xp.float64)
+    return xp.sqrt(xp.sum(wide * wide, axis=-1))
 
 
 def percentile(values: Array, percent: float) -> Array:

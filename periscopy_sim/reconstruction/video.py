@@ -115,8 +115,7 @@ class Video:
         Returns
         -------
         ndarray
-            (K, R, C, 3), what `next_frame` gives one after the other, up to rounding in
-            single precision.
+            (K, R, C, 3), what `next_frame` gives one after the other.
 
         Raises
         ------
@@ -139,5 +138,5 @@ class Video:
             pair = np.stack([previous, g])
             denoised = prox_total_variation(pair, weight, temporal_weight=self.temporal_weight)[1]
         image, threshold = repaired(denoised, self.periscope.repair_threshold, previous)
-        self.previous = image
+        self.previous = image.copy()  # the caller may change what is returned
         return Reconstruction(g, denoised, image, estimate.noise[k], weight, threshold)

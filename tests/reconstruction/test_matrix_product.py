@@ -60,3 +60,13 @@ def test_combinations_of_rows_are_subtracted(vectors, rows, columns):
     expected = x - coefficients @ matrix
     subtract_combinations(x, coefficients, matrix)
     np.testing.assert_allclose(x, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("upper", [False, True])
+def test_products_of_three_vectors_are_the_same_bytes_among_many(upper):
+    x, matrix = draw((24, 3100), (3100, 3100), dtype=np.float32)
+    matrix = np.triu(matrix) if upper else matrix[:41].copy()
+    among_many = times_rows(x, matrix, upper=upper)
+    for k in range(0, 24, 3):
+        alone = times_rows(x[k : k + 3].copy(), matrix, upper=upper)
+        np.testing.assert_array_equal(alone, among_many[k : k + 3])

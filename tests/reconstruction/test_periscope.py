@@ -353,3 +353,22 @@ def test_photograph_of_as_many_pixels_in_another_shape_is_refused():
     with pytest.raises(ValueError, match="10x40 pixels, the scene's camera 20x20"):
         fitted.reconstruct(np.ones((10, 40, 3)))
     fitted.reconstruct(np.ones((M, 3)))
+
+
+@pytest.mark.parametrize("unit", [1e-22, 1e18])
+def test_extreme_units_do_not_matter_either(unit):
+    periscope = Periscope(A, B, hidden_shape=HIDDEN)
+    speckled = two_halves()
+    speckled[2, 1] = 0.0
+    y = photograph_of(speckled, noise=1e-3, background=2.0)
+    expected = periscope.reconstruct(y).astype(np.float64)
+    found = periscope.reconstruct(unit * y).astype(np.float64) / unit
+    assert relative_error(found, expected) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "settings", [{"tv_weight": -1}, {"tv_weight": np.nan}, {"repair_threshold": -1}]
+)
+def test_weights_out_of_range_are_refused_at_once(settings):
+    with pytest.raises(ValueError, match="not negative"):
+        Periscope(A, B, hidden_shape=HIDDEN, **settings)

@@ -98,3 +98,36 @@ def test_patches_that_cannot_be_told_apart_are_refused(xp):
     spoilt[:, 3] = 0
     with pytest.raises(ValueError, match="not full column rank"):
         PortablePeriscope(xp.asarray(spoilt), hidden_shape=HIDDEN)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"tv_weight": -1.0},
+        {"tv_weight": float("nan")},
+        {"repair_threshold": -0.1},
+        {"tolerance": 0.0},
+        {"tolerance": 2.0},
+        {"channel_gain": [1.0, 0.0, 1.0]},
+        {"channel_gain": [1.0, 1.0]},
+    ],
+)
+def test_numbers_out_of_range_are_refused(xp, settings):
+    with pytest.raises(ValueError, match=r"must not be negative|three positive numbers"):
+        fitted(xp, **settings)
+
+
+def test_matrices_that_are_not_finite_are_refused(xp):
+    for which in range(2):
+        arrays = [A.copy(), B.copy()]
+        arrays[which][3, 2] = np.nan
+        with pytest.raises(ValueError, match=f"{'AB'[which]} must be finite"):
+            PortablePeriscope(*(xp.asarray(part) for part in arrays), hidden_shape=HIDDEN)
+
+
+@pytest.mark.parametrize("unit", [1e-22, 1e18])
+def test_unit_of_the_photograph_does_not_matter(xp, unit):
+    periscope = fitted(xp)
+    expected = np.asarray(periscope.reconstruct(xp.asarray(PHOTOGRAPHS[0])), np.float64)
+    found = np.asarray(periscope.reconstruct(xp.asarray(unit * PHOTOGRAPHS[0])), np.float64)
+    assert relative_error(found / unit, expected) < 1e-3

@@ -115,6 +115,15 @@ def test_unknown_coupling_and_negative_weights_are_refused(periscope):
             Video(periscope, **weights)
 
 
+def test_changing_a_frame_does_not_change_the_next(periscope):
+    careful, careless = Video(periscope), Video(periscope)
+    careless.next_frame(PHOTOGRAPHS[0])[:] = 7
+    careful.next_frame(PHOTOGRAPHS[0])
+    np.testing.assert_array_equal(
+        careless.next_frame(PHOTOGRAPHS[1]), careful.next_frame(PHOTOGRAPHS[1])
+    )
+
+
 def test_refused_photograph_leaves_the_video_as_it_was(periscope):
     video = Video(periscope)
     before = video.next_frame(PHOTOGRAPHS[0])
