@@ -27,7 +27,7 @@ TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""
 
 SKETCH = 96
-"""Random mixtures of B's columns that are tried first: several times its usual rank of 44."""
+"""Random mixtures of B's columns that are tried first: twice its usual rank of 44."""
 
 PROBES = 8
 """Random vectors of ±1 on which I − P A is looked at."""

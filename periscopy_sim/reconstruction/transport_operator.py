@@ -9,16 +9,16 @@ blocks of rows that are made anew in every pass. The number of threads does not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from periscopy_sim.reconstruction.compiled import compiled_reordered
 from periscopy_sim.reconstruction.threads import in_parallel
 
 Array = NDArray[np.float64]
@@ -33,8 +33,6 @@ CONVERTED_ROWS = 256
 ROWS, COLUMNS = 8, 1024
 """Tile of A that the compiled loops take at a time; 8 rows of 25,000 patches fill a cache of 1 MB.
 """
-
-Function = TypeVar("Function", bound=Callable[..., object])
 
 
 class RowBlocks(Protocol):
@@ -195,14 +193,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                 yield slice(first, first + len(part)), part
 
 
-def _compiled(function: Function) -> Function:
-    """Compile; sums may be reordered, so that the loops vectorize."""
-    fast = {"reassoc", "nsz", "contract"}
-    compiled: Function = numba.njit(cache=True, nogil=True, fastmath=fast)(function)
-    return compiled
-
-
-@_compiled
+@compiled_reordered
 def _gram_product(A: Image, Q: Array, background: Array, f: Array) -> Array:
     """Compute (A fᵀ − Q backgroundᵀ)ᵀA for (m, N) A, (m, r) Q, (K, r) background and (K, N) f."""
     m, N = A.shape
@@ -227,7 +218,7 @@ def _gram_product(A: Image, Q: Array, background: Array, f: Array) -> Array:
 
 
 # Loops over whole slices: only these vectorize.
-@_compiled
+@compiled_reordered
 def _dot(a: Image, b: Array) -> float:
     total = 0.0
     for j in range(len(a)):
@@ -235,7 +226,7 @@ def _dot(a: Image, b: Array) -> float:
     return total
 
 
-@_compiled
+@compiled_reordered
 def _add_rows(w: Array, A: Image, total: Array) -> None:
     """Add wᵀA, four rows at a time where there are so many."""
     single = len(A) % 4
