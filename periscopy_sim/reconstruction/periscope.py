@@ -160,7 +160,7 @@ class Periscope:
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
         self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
         self._background = np.ascontiguousarray(self.preconditioner.Q.T)
-        self._mean_noise_gain = np.sqrt(self.preconditioner.noise_gain.mean())
+        self._unit_error = np.sqrt(self.preconditioner.noise_gain.mean())
 
     @classmethod
     def for_scene(
@@ -272,7 +272,7 @@ class Periscope:
         return Estimate(
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(precision),
             noise,
-            self.tv_weight * self._mean_noise_gain * noise,
+            self.tv_weight * self._unit_error * noise,
         )
 
 

@@ -94,7 +94,7 @@ class PortablePeriscope:
         # The Gram matrix squares A's condition number: one step of refinement.
         eye = xp.eye(A.shape[1], dtype=xp.float64, device=device(A))
         P = P + (eye - P @ transport) @ P
-        self._mean_noise_gain = float(xp.mean(xp.sum(P * P, axis=1))) ** 0.5
+        self._unit_error = float(xp.mean(xp.sum(P * P, axis=1))) ** 0.5
         self._matrix = xp.astype(P, xp.float32)
 
     @classmethod
@@ -163,7 +163,7 @@ class PortablePeriscope:
         residual = xp.sum(y * y, axis=1) - explained
         freedom = max(M - self._matrix.shape[0] - self._basis.shape[1], 1)
         noise = xp.sqrt(xp.where(residual > 0, residual, xp.zeros_like(residual)) / freedom)
-        weight = xp.astype(self.tv_weight * self._mean_noise_gain * noise, xp.float32)
+        weight = xp.astype(self.tv_weight * self._unit_error * noise, xp.float32)
         shape = (-1, 3, *self.hidden_shape)
         return xp.reshape(xp.astype(f, xp.float32), shape), xp.reshape(weight, (-1, 3))
 
