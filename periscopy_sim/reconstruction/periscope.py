@@ -357,6 +357,7 @@ def repaired(
     """
     threshold = relative_threshold
     if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
-        magnitude = np.linalg.norm(np.asarray(denoised, np.float64), axis=2)
+        wide = np.asarray(denoised, np.float64)
+        magnitude = np.sqrt(np.einsum("rcz,rcz->rc", wide, wide))
         threshold *= float(np.percentile(magnitude, 99))
     return repair(denoised, threshold, previous), threshold

@@ -1,6 +1,6 @@
 """Isotropic total variation and its proximal operators: Eq. 11, its video form, and Eq. 12.
 
-`solve_total_variation` tells how they are computed; the loops are in `dual_ascent`.
+`solve_total_variation` tells how they are computed; the loops are in `gradient_projection`.
 
 References
 ----------
@@ -26,7 +26,7 @@ from periscopy_sim.reconstruction.threads import in_parallel, ranges
 Array = NDArray[np.float64]
 Image = NDArray[Any]  # of the type of the image given
 
-_SMALL = 1 << 14
+_SMALL = 1 << 13
 """Values in all below which waking threads takes longer than the work they share."""
 
 
@@ -46,12 +46,26 @@ class TotalVariationResult:
         distance ‖f̂ − f‖₂² to the exact minimizer f is at most this fraction of the objective.
     converged
         Whether `gap` is within the tolerance asked for.
+    dual
+        The dual field over its largest length λ/2, (channels in all, axes, pixels), to start a
+        similar problem from.
     """
 
     image: Image
     iterations: int
     gap: float
     converged: bool
+    dual: Image
+
+    def warn_unless_converged(self) -> None:
+        """Warn, in the name of the caller's caller, that the tolerance was not reached."""
+        if not self.converged:
+            warnings.warn(
+                f"total variation stopped after {self.iterations} iterations at a relative duality "
+                f"gap of {self.gap:.1e}, above the tolerance: raise max_iterations or tolerance",
+                RuntimeWarning,
+                stacklevel=3,
+            )
 
 
 def gradient(image: ArrayLike) -> Array:
@@ -184,7 +198,7 @@ def prox_total_variation(
         tolerance=tolerance,
         max_iterations=max_iterations,
     )
-    _warn_unless_converged(result, tolerance)
+    result.warn_unless_converged()
     return result.image
 
 
@@ -234,7 +248,7 @@ def prox_total_variation_l1(
         tolerance=tolerance,
         max_iterations=max_iterations,
     )
-    _warn_unless_converged(result, tolerance)
+    result.warn_unless_converged()
     return result.image
 
 
@@ -247,6 +261,7 @@ def solve_total_variation(
     l1_weight: ArrayLike = 0.0,
     tolerance: float = 1e-4,
     max_iterations: int = 10_000,
+    start: Image | None = None,
 ) -> TotalVariationResult:
     """Give a proximal operator's image with an account of its convergence, and no warning.
 
@@ -262,10 +277,13 @@ def solve_total_variation(
         As in `prox_total_variation`, which is solved for where there is no previous image.
     previous, l1_weight
         As in `prox_total_variation_l1`; with a temporal weight, a video beside a video.
+    start
+        The `dual` of a problem of the same sizes, from where fewer iterations remain the more the
+        two are alike. None, or one of other sizes, starts from zero.
 
     Returns
     -------
-    The image, the iterations taken, the relative duality gap and whether it met the tolerance.
+    The image, with an account of how well it was solved for.
 
     Raises
     ------
@@ -288,10 +306,13 @@ def solve_total_variation(
     if l1_weights.any() and (previous is None or np.isinf(weights).any()):
         raise ValueError("an l1_weight needs a previous image and a finite weight beside it")
 
+    w = float(temporal_weight) if temporal_weight and g.shape[1] > 1 else None
     denoised = np.empty_like(g)
+    dual = np.zeros((len(weights), 2 if w is None else 3, g[0, ..., 0].size), g.dtype)
+    if start is not None and start.shape == dual.shape:
+        dual[:] = start
     iterations = np.zeros(len(weights), dtype=np.int64)
     gaps = np.zeros(len(weights))
-    w = float(temporal_weight) if temporal_weight and g.shape[1] > 1 else None
 
     def denoise(part: tuple[int, int]) -> None:
         denoise_channels(
@@ -304,6 +325,7 @@ def solve_total_variation(
             int(max_iterations),
             *part,
             denoised,
+            dual,
             iterations,
             gaps,
         )
@@ -318,17 +340,8 @@ def solve_total_variation(
         iterations=int(iterations.max()),
         gap=gap,
         converged=gap <= tolerance,
+        dual=dual,
     )
-
-
-def _warn_unless_converged(result: TotalVariationResult, tolerance: float) -> None:
-    if not result.converged:
-        warnings.warn(
-            f"total variation stopped after {result.iterations} iterations at a relative duality "
-            f"gap of {result.gap:.1e}, above {tolerance:.1e}: raise max_iterations or tolerance",
-            RuntimeWarning,
-            stacklevel=3,
-        )
 
 
 def _stacked(image: Image, temporal_weight: float | None) -> Image:

@@ -410,3 +410,33 @@ def test_gradient_and_divergence_refuse_other_dimensions():
         total_variation(np.ones(3))
     with pytest.raises(ValueError, match="shape"):
         divergence(np.ones((3, 3, 3)))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("temporal_weight", [None, 1.0])
+def test_starting_from_a_similar_problems_dual_takes_fewer_iterations(dtype, temporal_weight):
+    rng = np.random.default_rng(5)
+    scene = np.kron(rng.random((2, 5, 4, 3)), np.ones((1, 6, 6, 1)))
+    images = (scene + 0.3 * rng.standard_normal(scene.shape)).astype(dtype)
+    settings = {"temporal_weight": temporal_weight, "tolerance": 1e-5}
+    first = solve_total_variation(images, 1.0, **settings)
+    changed = (images + 0.02 * rng.standard_normal(scene.shape)).astype(dtype)
+    cold = solve_total_variation(changed, 1.1, **settings)
+    warm = solve_total_variation(changed, 1.1, start=first.dual, **settings)
+    assert warm.converged
+    assert warm.iterations < 0.8 * cold.iterations
+    assert warm.dual.dtype == warm.image.dtype == dtype
+    np.testing.assert_allclose(warm.image, cold.image, atol=2e-2)
+    again = solve_total_variation(images, 1.0, start=first.dual, **settings)
+    assert again.iterations <= 10  # until the gap is looked at first
+    lengths = np.sqrt(np.sum(warm.dual.astype(np.float64) ** 2, axis=1))
+    assert lengths.max() <= 1 + 1e-6
+
+
+def test_start_of_another_size_is_no_start():
+    image = np.random.default_rng(6).random((8, 9))
+    other = solve_total_variation(image[:, :5], 0.3)
+    cold = solve_total_variation(image, 0.3)
+    np.testing.assert_array_equal(
+        solve_total_variation(image, 0.3, start=other.dual).image, cold.image
+    )

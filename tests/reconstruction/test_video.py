@@ -65,14 +65,21 @@ def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previ
     assert not np.array_equal(found.image, still.image)
 
 
-def test_eq_12_as_written_pulls_towards_the_previous_frame(periscope):
-    video = Video(periscope, coupling="l1", l1_weight=0.5)
-    previous = video.next_frame(PHOTOGRAPHS[0])
-    found = video.solve_next(PHOTOGRAPHS[1])
-    expected = prox_total_variation_l1(
-        found.preconditioned, previous, found.weight, 0.5 * found.weight
-    )
-    np.testing.assert_array_equal(found.denoised, expected)
+@pytest.mark.parametrize("coupling", ["total-variation", "l1"])
+def test_every_frame_is_its_problems_minimizer_wherever_it_starts_from(periscope, coupling):
+    video = Video(periscope, coupling=coupling, l1_weight=3.0, temporal_weight=2.0)
+    video.next_frame(PHOTOGRAPHS[0])
+    for photograph in PHOTOGRAPHS[1:]:
+        previous = video.previous
+        found = video.solve_next(photograph)
+        g, weight = found.preconditioned.astype(np.float64), found.weight
+        if coupling == "l1":
+            exact = prox_total_variation_l1(g, previous, weight, 3 * weight, tolerance=1e-9)
+        else:
+            pair = np.stack([previous, g])
+            exact = prox_total_variation(pair, weight, temporal_weight=2.0, tolerance=1e-9)[1]
+        still = prox_total_variation(g, weight, tolerance=1e-9)
+        assert np.linalg.norm(found.denoised - exact) < 0.1 * np.linalg.norm(still - exact)
 
 
 def test_without_coupling_every_frame_is_a_still(periscope):
@@ -105,6 +112,14 @@ def test_no_weight_in_time_leaves_stills_repaired_with_the_previous_frame(perisc
     found = video.solve_next(PHOTOGRAPHS[1])
     still = periscope.solve(PHOTOGRAPHS[1])
     np.testing.assert_allclose(found.denoised, still.denoised, atol=1e-3)
+
+
+def test_flat_frames_cannot_be_coupled():
+    flat = Periscope(A, B, hidden_shape=HIDDEN, tv_weight=np.inf)
+    for coupling in ("total-variation", "l1"):
+        with pytest.raises(ValueError, match="infinite tv_weight"):
+            Video(flat, coupling=coupling)
+    assert np.ptp(Video(flat, coupling="none").frames(PHOTOGRAPHS)[1], axis=(0, 1)).max() < 1e-6
 
 
 def test_unknown_coupling_and_negative_weights_are_refused(periscope):
