@@ -94,7 +94,7 @@ def large(_limits: Limits, out: Path) -> Section:
                 "iterations of conjugate gradients and of the proximal gradient method",
                 "",
                 " + ".join(str(n) for n in solution.iterations),
-                Verdict.AGREES if solution.converged else Verdict.DIFFERS,
+                Verdict.MEASURED if solution.converged else Verdict.DIFFERS,
             ),
         ],
         pictures=[Picture(out / "large.png", "The photograph is A f plus light of B.")],

@@ -39,32 +39,37 @@ def pyproximal_tv(image: Array, weight: Array, iterations: int) -> Array:
     return np.stack(channels, axis=-1)
 
 
-def numpy_differencing(
-    A: Array, y: Array, shape: tuple[int, int], hidden: tuple[int, int], λ: float, iterations: int
-) -> Array:
+class NumpyDifferencing:
     """Minimize ‖D(A f − y)‖² + λ‖f‖_TV, the method of [15], by FISTA in NumPy, one channel.
 
     D differences the photograph's columns, wrapped; the prox is scikit-image's. A fixed step, the
     reciprocal of the gradient's Lipschitz constant.
     """
-    from skimage.restoration import denoise_tv_chambolle
 
-    def difference(values: Array) -> Array:
+    def __init__(self, A: Array, shape: tuple[int, int], hidden: tuple[int, int]) -> None:
+        self.shape, self.hidden = shape, hidden
+        self.DA = self._difference(A)
+        self.gram = self.DA.T @ self.DA
+        self.step = 1 / (2 * np.linalg.norm(self.gram, 2))
+
+    def _difference(self, values: Array) -> Array:
         # Column by column, as the published code stacks a photograph.
-        pixels = values.reshape(*shape, -1).transpose(1, 0, 2).reshape(values.shape[0], -1)
+        pixels = values.reshape(*self.shape, -1).transpose(1, 0, 2).reshape(values.shape[0], -1)
         return np.diff(pixels, axis=0)
 
-    DA, Dy = difference(A), difference(y[:, None])[:, 0]
-    gram, correlation = DA.T @ DA, DA.T @ Dy
-    step = 1 / (2 * np.linalg.norm(gram, 2))
-    f = extrapolated = np.zeros(A.shape[1])
-    t = 1.0
-    for _ in range(iterations):
-        moved = extrapolated - step * 2 * (gram @ extrapolated - correlation)
-        new = denoise_tv_chambolle(
-            moved.reshape(hidden), weight=step * λ / 2, eps=1e-6, max_num_iter=500
-        ).ravel()
-        t_next = (1 + np.sqrt(1 + 4 * t * t)) / 2
-        extrapolated = new + (t - 1) / t_next * (new - f)
-        f, t = new, t_next
-    return f
+    def solve(self, y: Array, λ: float, iterations: int) -> Array:
+        """Take a number of iterations from zero; y (M,), the result (N,)."""
+        from skimage.restoration import denoise_tv_chambolle
+
+        correlation = self.DA.T @ self._difference(y[:, None])[:, 0]
+        f = extrapolated = np.zeros(len(self.gram))
+        t = 1.0
+        for _ in range(iterations):
+            moved = extrapolated - self.step * 2 * (self.gram @ extrapolated - correlation)
+            new = denoise_tv_chambolle(
+                moved.reshape(self.hidden), weight=self.step * λ / 2, eps=1e-6, max_num_iter=500
+            ).ravel()
+            t_next = (1 + np.sqrt(1 + 4 * t * t)) / 2
+            extrapolated = new + (t - 1) / t_next * (new - f)
+            f, t = new, t_next
+        return f

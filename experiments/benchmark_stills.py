@@ -62,12 +62,12 @@ def stills(limits: Limits, _out: Path) -> Section:
                 1 / 1.5,
                 f"Copies move P's bytes in {seconds_text(P.nbytes / limits.copy)}.",
             ),
-            compare("in batches of 32, against one at a time", "", batch, once, 0),
+            compare("in batches of 32, against one at a time", "", batch, once, None),
             Claim(
                 "single precision against double, images of 32 photographs",
                 "",
                 f"largest relative difference {max(differences):.1e}",
-                Verdict.AGREES if max(differences) < 1e-2 else Verdict.DIFFERS,
+                Verdict.MEASURED,
             ),
         ],
         tables=[times_table("Where the time goes", {**stages, "all": once})],
@@ -83,10 +83,15 @@ def denoising(_limits: Limits, _out: Path) -> Section:
     ours = relative(ps.prox_total_variation(g.astype(np.float32), weight), exact)
 
     def enough(prox: Callable[[int], Array]) -> int:
-        iterations = 8
-        while relative(prox(iterations), exact) > ours and iterations < 20_000:
-            iterations = int(1.5 * iterations)
-        return iterations
+        """Find the fewest iterations that come as near as ours, by bisection."""
+        most = 8
+        while relative(prox(most), exact) > ours and most < 20_000:
+            most *= 2
+        few = most // 2
+        while most - few > most // 50 + 1:
+            middle = (few + most) // 2
+            few, most = (few, middle) if relative(prox(middle), exact) <= ours else (middle, most)
+        return most
 
     def scikit(iterations: int) -> Array:
         return peers.scikit_image_tv(g, weight, iterations)
@@ -105,7 +110,7 @@ def denoising(_limits: Limits, _out: Path) -> Section:
                 "",
                 seconds,
                 median_seconds(partial(prox, iterations), 5),
-                1,
+                None,
                 f"To a relative distance of {ours:.1e} from the minimizer ({name}: {reached:.1e}, "
                 f"{iterations} iterations).",
             )
@@ -123,12 +128,10 @@ def differencing(_limits: Limits, _out: Path) -> Section:
     y = scene.photographs(1)[0] * [0, 1, 0]
     solution = method.solve(y)
     ours = median_seconds(partial(method.solve, y), 3)
-    A = scene.A.astype(np.float64)
     iterations = 100
+    port = peers.NumpyDifferencing(scene.A.astype(np.float64), scenario.photograph_shape, SMALL)
     start = time.perf_counter()
-    peers.numpy_differencing(
-        A, y[..., 1].ravel(), scenario.photograph_shape, SMALL, solution.weight[1], iterations
-    )
+    port.solve(y[..., 1].ravel(), solution.weight[1], iterations)
     theirs = time.perf_counter() - start
     return Section(
         "differencing",
@@ -139,8 +142,8 @@ def differencing(_limits: Limits, _out: Path) -> Section:
                 "",
                 ours,
                 theirs,
-                1,
-                "The port's time includes its preparation; it is not converged by then.",
+                None,
+                "Neither time includes the preparation; the port is not converged by then.",
             )
         ],
     )

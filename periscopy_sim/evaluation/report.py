@@ -22,6 +22,8 @@ class Verdict(StrEnum):
     AGREES = "agrees"
     BETTER = "better"
     DIFFERS = "differs"
+    MEASURED = "measured"
+    """No value was stated."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,7 @@ def _page(
     claims = [(section, claim) for section in sections for claim in section.claims]
     if claims:
         count = Counter(claim.verdict for _, claim in claims)
-        verdicts = ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict)
+        verdicts = ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict if count[verdict])
         yield f"<h2>{len(claims)} claims: {verdicts}</h2>"
         yield from _claims(claims, stated)
     for section in sections:

@@ -13,6 +13,7 @@ Result = TypeVar("Result")
 _PARTS_PER_CORE = 4
 
 _here = threading.local()
+_starting = threading.Lock()
 
 
 def core_count() -> int:
@@ -67,8 +68,13 @@ def ranges(count: int) -> list[tuple[int, int]]:
     return [(part * count // parts, (part + 1) * count // parts) for part in range(parts)]
 
 
-@cache
 def _executor() -> ThreadPoolExecutor:
+    with _starting:  # or two callers at once would start two sets of threads
+        return _started_executor()
+
+
+@cache
+def _started_executor() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(core_count(), "periscopy", initializer=_mark_as_worker)
 
 
@@ -78,6 +84,11 @@ def _mark_as_worker() -> None:
 
 
 if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_starting.acquire,
+        after_in_parent=_starting.release,
+        after_in_child=_starting.release,
+    )
     # Threads do not survive a fork; the child starts its own, the thread that forked is no worker.
-    os.register_at_fork(after_in_child=_executor.cache_clear)
+    os.register_at_fork(after_in_child=_started_executor.cache_clear)
     os.register_at_fork(after_in_child=lambda: setattr(_here, "is_worker", False))

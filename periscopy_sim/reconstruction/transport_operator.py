@@ -93,6 +93,12 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     """
 
     def __init__(self, A: Matrix, Q: Array | None = None) -> None:
+        if not hasattr(A, "row_blocks"):
+            A = np.asanyarray(A)  # what other libraries keep in memory; a memory map stays one
+            if A.ndim != 2 or A.dtype not in (np.float32, np.float64):
+                raise ValueError(
+                    f"A has shape {A.shape} and type {A.dtype}: give (M, N) of float32 or float64"
+                )
         super().__init__(np.dtype(np.float64), A.shape)
         self.A = A
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)

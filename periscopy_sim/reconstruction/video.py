@@ -124,9 +124,14 @@ class Video:
         ValueError
             As `next_frame`.
         """
-        estimate = self.periscope.estimate(photographs)
-        images = [self.finish(estimate, k).image for k in range(len(estimate.noise))]
-        return np.array(images).reshape(-1, *self.periscope.hidden_shape, 3)
+        periscope = self.periscope
+        images = [
+            self.finish(estimate, k).image
+            for estimate in periscope.estimates(photographs)
+            for k in range(len(estimate.noise))
+        ]
+        stack: Image = np.array(images, periscope.precision)
+        return stack.reshape(-1, *periscope.hidden_shape, 3)
 
     def finish(self, estimate: Estimate, k: int) -> Reconstruction:
         """Denoise and repair the k-th of the preconditioned photographs as the next frame."""

@@ -9,7 +9,7 @@ with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -97,7 +97,17 @@ def render_transport(
 
         render_columns(scenario, A, samples=samples, seed=seed, progress=report)
     else:
-        _render_blocks(scenario, A, samples, strata, pixel_samples, seed, report)
+        blocks = rendered_rows(
+            scenario,
+            samples=samples,
+            strata=strata,
+            pixel_samples=pixel_samples,
+            seed=seed,
+            lanes=LANES,
+        )
+        for rows, block in blocks:
+            A[rows] = block
+            report(rows.stop / len(A))
     if not A.any():
         raise SceneError(
             f"scene '{scenario.path}': no light of the monitor reaches the wall; look for what "
@@ -106,30 +116,42 @@ def render_transport(
     return A
 
 
-def _render_blocks(
+def rendered_rows(
     scenario: Scenario,
-    A: NDArray[np.float32],
+    *,
     samples: int,
     strata: Strata,
     pixel_samples: int,
     seed: int,
-    progress: Progress,
-) -> None:
+    lanes: int,
+) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+    """Render the transport matrix block by block, in a vectorized variant.
+
+    Parameters
+    ----------
+    scenario, samples, strata, pixel_samples, seed
+        As in `render_transport`.
+    lanes
+        Entries rendered at once.
+
+    Yields
+    ------
+    tuple
+        The rows, in order, and their entries, (rows, N) float32.
+    """
     import drjit as dr
     import mitsuba as mi
 
     entries = _make_kernel(scenario, samples, strata, pixel_samples)
-    pixels, patches = A.shape
-    lanes = min(LANES, RAYS // (samples * pixel_samples))
-    block = max(1, lanes // patches)
-    for start in range(0, pixels, block):
-        stop = min(start + block, pixels)
-        lane = dr.arange(mi.UInt32, (stop - start) * patches)
+    pixels, patches = scenario.transport_shape
+    height = max(1, min(lanes, RAYS // (samples * pixel_samples)) // patches)
+    for start in range(0, pixels, height):
+        rows = slice(start, min(start + height, pixels))
+        lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
         # Opaque, so that all blocks share one compiled kernel.
         pixel = lane // patches + dr.opaque(mi.UInt32, start)
         values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, seed))
-        A[start:stop] = np.array(values).reshape(stop - start, patches)
-        progress(stop / pixels)
+        yield rows, np.array(values).reshape(-1, patches)
 
 
 def _make_kernel(

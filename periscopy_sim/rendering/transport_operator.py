@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import VariantError
-from periscopy_sim.rendering.transport import LANES, RAYS, Strata, _make_kernel
+from periscopy_sim.rendering.transport import LANES, Strata, rendered_rows
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
 
@@ -78,17 +78,11 @@ class RenderedTransport:
                 "rows of the transport matrix are rendered in llvm_ad_rgb or cuda_ad_rgb only; in "
                 "scalar variants store the whole of it: render_transport(..., out=memory_map)"
             )
-        import drjit as dr
-        import mitsuba as mi
-
-        entries = _make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
-        pixels, patches = self.shape
-        lanes = min(self.lanes, RAYS // (self.samples * self.pixel_samples))
-        height = max(1, lanes // patches)
-        for start in range(0, pixels, height):
-            rows = slice(start, min(start + height, pixels))
-            lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
-            # Opaque, so that all blocks and passes share one compiled kernel.
-            pixel = lane // patches + dr.opaque(mi.UInt32, start)
-            values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
-            yield rows, np.array(values).reshape(-1, patches)
+        yield from rendered_rows(
+            self.scenario,
+            samples=self.samples,
+            strata=self.strata,
+            pixel_samples=self.pixel_samples,
+            seed=self.seed,
+            lanes=self.lanes,
+        )

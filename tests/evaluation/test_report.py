@@ -84,7 +84,7 @@ def test_every_claim_stands_with_its_verdict_linked_to_its_section(tmp_path, sec
     assert page.rows[1] == row
     assert [row[-2] for row in page.rows[1:3]] == ["differs", "agrees"]
     assert row[1:] in page.rows[3:]  # again, within the section
-    assert "2 claims: 1 agrees, 0 better, 1 differs" in page.text
+    assert "2 claims: 1 agrees, 1 differs" in page.text
 
 
 def test_every_link_leads_to_something_on_the_page(tmp_path, sections):

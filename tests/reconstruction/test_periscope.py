@@ -372,3 +372,22 @@ def test_extreme_units_do_not_matter_either(unit):
 def test_weights_out_of_range_are_refused_at_once(settings):
     with pytest.raises(ValueError, match="not negative"):
         Periscope(A, B, hidden_shape=HIDDEN, **settings)
+
+
+@pytest.mark.parametrize("explicit", [True, False])
+def test_no_photographs_give_no_images_of_the_usual_type(explicit):
+    A = np.random.default_rng(0).random((20, 6))
+    periscope = Periscope(A, hidden_shape=(2, 3), explicit=explicit)
+    none = periscope.reconstruct_batch(np.zeros((0, 20, 3)))
+    assert none.shape == (0, 2, 3, 3)
+    assert none.dtype == periscope.reconstruct(np.ones((20, 3))).dtype
+
+
+def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch):
+    monkeypatch.setattr("periscopy_sim.reconstruction.periscope.BATCH", 2)
+    rng = np.random.default_rng(1)
+    periscope = Periscope(rng.random((20, 6)), hidden_shape=(2, 3))
+    photographs = rng.random((5, 20, 3))
+    batch = periscope.reconstruct_batch(photographs)
+    np.testing.assert_array_equal(batch, [periscope.reconstruct(y) for y in photographs])
+    assert [len(e.noise) for e in periscope.estimates(photographs)] == [2, 2, 1]

@@ -2,6 +2,8 @@ import os
 import subprocess
 import sys
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -15,10 +17,10 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def four_cores(monkeypatch):
     monkeypatch.setattr(threads, "core_count", lambda: 4)
-    threads._executor.cache_clear()
+    threads._started_executor.cache_clear()
     yield
     threads._executor().shutdown()
-    threads._executor.cache_clear()
+    threads._started_executor.cache_clear()
 
 
 @pytest.mark.usefixtures("four_cores")
@@ -131,3 +133,24 @@ def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count):
     assert all(size > 0 for size in sizes)
     assert max(sizes, default=0) - min(sizes, default=0) <= 1
     assert len(parts) <= 16
+
+
+def test_callers_at_once_share_one_set_of_threads(monkeypatch):
+    started = []
+
+    def slow_pool(*arguments, **settings):
+        time.sleep(0.05)  # long enough for the others to come
+        started.append(ThreadPoolExecutor(*arguments, **settings))
+        return started[-1]
+
+    monkeypatch.setattr(threads, "ThreadPoolExecutor", slow_pool)
+    monkeypatch.setattr(threads, "core_count", lambda: 2)
+    threads._started_executor.cache_clear()
+    callers = [threading.Thread(target=threads.in_parallel, args=(abs, [1, -2])) for _ in range(4)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    threads._started_executor.cache_clear()
+    assert len(started) == 1
+    started[0].shutdown()

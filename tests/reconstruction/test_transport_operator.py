@@ -155,3 +155,25 @@ def test_a_matrix_that_the_backgrounds_explain_is_refused():
     Q = basis()
     with pytest.raises(ValueError, match="B explains all of it"):
         TransportOperator(Q @ np.ones((4, 6)), Q)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.int32, np.complex64])
+def test_types_that_the_passes_do_not_know_are_refused_by_name(dtype):
+    with pytest.raises(ValueError, match=f"type {np.dtype(dtype)}: give"):
+        TransportOperator(np.ones((6, 3), dtype))
+
+
+def test_array_of_another_library_is_taken_as_numpys():
+    class Foreign:
+        def __init__(self, values):
+            self.values = values
+            self.shape = values.shape
+
+        def __array__(self, dtype=None, copy=None):
+            return self.values if dtype is None else self.values.astype(dtype)
+
+    A = matrix(patches=5)
+    f = np.ones((5, 1))
+    np.testing.assert_array_equal(
+        TransportOperator(Foreign(A)).gram_product(f), TransportOperator(A).gram_product(f)
+    )
