@@ -20,6 +20,7 @@ from periscopy_sim.reconstruction.portable_denoising import (
     repair,
 )
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE
+from periscopy_sim.reconstruction.video import Coupling, check_coupling
 
 
 class PortablePeriscope:
@@ -133,11 +134,68 @@ class PortablePeriscope:
         """
         xp = array_namespace(photographs, self._matrix)
         estimate, weight = self._estimate(xp, photographs)
-        denoised = xp.moveaxis(prox_total_variation(estimate, weight), 1, -1)
+        return self._repaired(xp, xp.moveaxis(prox_total_variation(estimate, weight), 1, -1))
+
+    def reconstruct_next(
+        self,
+        photograph: Array,
+        previous: Array,
+        *,
+        coupling: Coupling = "l1",
+        temporal_weight: float = 1.0,
+        l1_weight: float = 0.4,
+    ) -> Array:
+        """Recover the frame of a video that follows another, as `Video` does.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3) of A's library and device, linear.
+        previous
+            (R, C, 3) what was recovered from the photograph before it.
+        coupling, temporal_weight, l1_weight
+            As in `Video`.
+
+        Returns
+        -------
+        array
+            (R, C, 3) float32, on the same device.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct_batch`; the previous frame has another shape or is not finite; the
+            coupling is not known, or a weight negative.
+        """
+        check_coupling(coupling, temporal_weight, l1_weight, self.tv_weight)
+        xp = array_namespace(photograph, previous, self._matrix)
+        if tuple(previous.shape) != (*self.hidden_shape, 3) or not bool(
+            xp.all(xp.isfinite(previous))
+        ):
+            raise ValueError(
+                f"the previous frame has shape {tuple(previous.shape)}: it must be finite and "
+                f"{(*self.hidden_shape, 3)}"
+            )
+        if coupling == "none":
+            return self.reconstruct(photograph)
+        estimate, weight = self._estimate(xp, photograph[None, ...])
+        planes = xp.astype(xp.moveaxis(previous, -1, 0), xp.float32)[None, ...]
+        if coupling == "total-variation":
+            pair = xp.stack([planes, estimate], axis=2)  # (1, 3, 2, R, C)
+            both = prox_total_variation(pair, weight, temporal_weight=temporal_weight)
+            denoised = both[:, :, 1, ...]
+        else:
+            denoised = prox_total_variation(
+                estimate, weight, previous=planes, l1_weight=l1_weight * weight
+            )
+        return self._repaired(xp, xp.moveaxis(denoised, 1, -1), previous[None, ...])[0, ...]
+
+    def _repaired(self, xp: Any, denoised: Array, previous: Array | None = None) -> Array:
+        """Repair (K, R, C, 3) with thresholds that follow the images, see `repaired`."""
         if math.isinf(self.repair_threshold):
             return denoised
-        rows = xp.reshape(magnitudes(denoised), (photographs.shape[0], -1))
-        return repair(denoised, self.repair_threshold * percentile(rows, 99))
+        rows = xp.reshape(magnitudes(denoised), (denoised.shape[0], -1))
+        return repair(denoised, self.repair_threshold * percentile(rows, 99), previous)
 
     def _estimate(self, xp: Any, photographs: Array) -> tuple[Array, Array]:
         """P y, (K, 3, R, C), and λ, (K, 3)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,28 @@ from periscopy_sim.reconstruction.total_variation import solve_total_variation
 
 Image = NDArray[np.floating[Any]]
 Coupling = Literal["total-variation", "l1", "none"]
+
+
+def check_coupling(
+    coupling: str, temporal_weight: float, l1_weight: float, tv_weight: float
+) -> None:
+    """Refuse what cannot tie the frames of a video; see `Video`.
+
+    Raises
+    ------
+    ValueError
+        Naming what is wrong.
+    """
+    if coupling not in get_args(Coupling):
+        raise ValueError(
+            f"coupling '{coupling}' is not known; use 'total-variation', 'l1' or 'none'"
+        )
+    if not (0 <= temporal_weight < np.inf and 0 <= l1_weight < np.inf):
+        raise ValueError(
+            f"weights {temporal_weight} and {l1_weight}: give finite numbers, not negative"
+        )
+    if np.isinf(tv_weight) and coupling != "none":
+        raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
 
 
 class Video:
@@ -61,16 +83,7 @@ class Video:
         temporal_weight: float = 1.0,
         l1_weight: float = 0.4,
     ) -> None:
-        if coupling not in ("total-variation", "l1", "none"):
-            raise ValueError(
-                f"coupling '{coupling}' is not known; use 'total-variation', 'l1' or 'none'"
-            )
-        if not (temporal_weight >= 0 and l1_weight >= 0):
-            raise ValueError(
-                f"weights {temporal_weight} and {l1_weight}: give numbers that are not negative"
-            )
-        if np.isinf(periscope.tv_weight) and coupling != "none":
-            raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
+        check_coupling(coupling, temporal_weight, l1_weight, periscope.tv_weight)
         self.periscope = periscope
         self.coupling = coupling
         self.temporal_weight = temporal_weight

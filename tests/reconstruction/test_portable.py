@@ -5,6 +5,7 @@ import pytest
 
 from periscopy_sim.reconstruction.periscope import Periscope
 from periscopy_sim.reconstruction.portable import PortablePeriscope
+from periscopy_sim.reconstruction.video import Video
 
 HIDDEN = (5, 6)
 PHOTOGRAPH = (20, 20)
@@ -131,3 +132,27 @@ def test_unit_of_the_photograph_does_not_matter(xp, unit):
     expected = np.asarray(periscope.reconstruct(xp.asarray(PHOTOGRAPHS[0])), np.float64)
     found = np.asarray(periscope.reconstruct(xp.asarray(unit * PHOTOGRAPHS[0])), np.float64)
     assert relative_error(found / unit, expected) < 1e-3
+
+
+@pytest.mark.parametrize("coupling", ["l1", "total-variation", "none"])
+@pytest.mark.parametrize("threshold", [0.02, float("inf")])
+def test_frames_of_a_video_are_those_of_the_compiled_method(xp, coupling, threshold):
+    weights = {"coupling": coupling, "temporal_weight": 2.0, "l1_weight": 3.0}
+    compiled = Video(Periscope(A, B, hidden_shape=HIDDEN, repair_threshold=threshold), **weights)
+    periscope = fitted(xp, repair_threshold=threshold)
+    previous = periscope.reconstruct(xp.asarray(PHOTOGRAPHS[0]))
+    compiled.next_frame(PHOTOGRAPHS[0])
+    for photograph in PHOTOGRAPHS[1:]:
+        previous = periscope.reconstruct_next(xp.asarray(photograph), previous, **weights)
+        assert type(previous) is type(xp.asarray(PHOTOGRAPHS)) and previous.dtype == xp.float32
+        assert relative_error(np.asarray(previous), compiled.next_frame(photograph)) < 3e-3
+
+
+def test_previous_frames_that_do_not_fit_are_refused(xp):
+    periscope = fitted(xp)
+    y = xp.asarray(PHOTOGRAPHS[0])
+    for previous in (np.zeros((6, 5, 3)), np.full((5, 6, 3), np.nan)):
+        with pytest.raises(ValueError, match="previous frame has shape"):
+            periscope.reconstruct_next(y, xp.asarray(previous))
+    with pytest.raises(ValueError, match="coupling 'flow' is not known"):
+        periscope.reconstruct_next(y, periscope.reconstruct(y), coupling="flow")

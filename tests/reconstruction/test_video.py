@@ -125,8 +125,9 @@ def test_flat_frames_cannot_be_coupled():
 def test_unknown_coupling_and_negative_weights_are_refused(periscope):
     with pytest.raises(ValueError, match="coupling 'optical-flow' is not known"):
         Video(periscope, coupling="optical-flow")
-    for weights in ({"temporal_weight": -1}, {"l1_weight": -1}, {"l1_weight": np.nan}):
-        with pytest.raises(ValueError, match="not negative"):
+    wrong = [("temporal_weight", -1), ("l1_weight", -1), ("l1_weight", np.nan), ("l1_weight", np.inf)]
+    for weights in ({name: value} for name, value in wrong):
+        with pytest.raises(ValueError, match="finite numbers, not negative"):
             Video(periscope, **weights)
 
 
