@@ -6,9 +6,13 @@ Exit codes: 0; 2 with one clear line for what a user can mend; 130 after Ctrl-C.
 from __future__ import annotations
 
 import io
+import os
 import signal
 import sys
+import threading
 import warnings
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -67,6 +71,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
     signal.signal(signal.SIGTERM, _interrupt)  # as batch queues send it
+    sys.unraisablehook = partial(_keep_interrupts, sys.unraisablehook)
     try:
         arguments = sys.argv[1:] or ["--help"]
         code = app(arguments, prog_name="periscopy", standalone_mode=False)
@@ -91,6 +96,14 @@ def main() -> None:
 
 def _interrupt(*_: Any) -> NoReturn:
     raise KeyboardInterrupt
+
+
+def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:
+    """Interrupt again where a callback from compiled code, such as numba's compiler, ignored it."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        otherwise(lost)
 
 
 def _fail(message: str, code: int) -> NoReturn:

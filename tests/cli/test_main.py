@@ -235,3 +235,29 @@ def test_termination_leaves_nothing_half_written(tmp_path):
     )
     assert ended.returncode == 130
     assert list(tmp_path.iterdir()) == []
+
+
+LOST_INTERRUPT = """
+import ctypes, os, signal, time
+import periscopy_sim.cli as cli
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):
+        pass
+
+def app(*_, **__):
+    callback()  # ctypes cannot raise through compiled code
+    time.sleep(20)
+    print("finished")
+
+cli.app = app
+cli.main()
+"""
+
+
+def test_interrupt_that_a_callback_swallows_still_interrupts():
+    run = subprocess.run([sys.executable, "-c", LOST_INTERRUPT], capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (130, "")
+    assert run.stderr == "periscopy: error: interrupted; nothing was written\n"

@@ -125,8 +125,8 @@ def test_flat_frames_cannot_be_coupled():
 def test_unknown_coupling_and_negative_weights_are_refused(periscope):
     with pytest.raises(ValueError, match="coupling 'optical-flow' is not known"):
         Video(periscope, coupling="optical-flow")
-    wrong = [("temporal_weight", -1), ("l1_weight", -1), ("l1_weight", np.nan), ("l1_weight", np.inf)]
-    for weights in ({name: value} for name, value in wrong):
+    wrong = {"temporal_weight": [-1, np.inf], "l1_weight": [-1, np.nan, np.inf]}
+    for weights in ({name: value} for name, values in wrong.items() for value in values):
         with pytest.raises(ValueError, match="finite numbers, not negative"):
             Video(periscope, **weights)
 
