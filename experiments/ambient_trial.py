@@ -1,4 +1,4 @@
-"""Rendered backgrounds, each twice, and photographs taken in them: what choices of B are tried on."""
+"""Rendered backgrounds, each of them twice, and the photographs that are taken in them."""
 
 from __future__ import annotations
 

@@ -1,15 +1,20 @@
-"""Running the command line in this process, in a folder of its own."""
+"""Running the command line in this process, in a folder of its own, and small inputs for it."""
 
+import csv
+import json
 import shutil
 import sys
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
 from periscopy_sim.rendering.variant import examine_variants
 from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.exr import write_exr
 
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 
@@ -105,3 +110,140 @@ def few_lights(monkeypatch):
     """Model ambient light by 3 x 3 x 3 lights, 2 m apart: 512 take longer than all the rest."""
     grid = point_light.paper_grid
     monkeypatch.setattr(point_light, "paper_grid", lambda: grid(2.0))
+
+
+# -- videos --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def clip():
+    """A hidden video (9, 4, 5, 3): noise that moves a patch to the right with each frame."""
+    first = np.random.default_rng(22).uniform(0.1, 1, (4, 5, 3))
+    return np.stack([np.roll(first, k, axis=1) for k in range(9)])
+
+
+@pytest.fixture(scope="session")
+def scenario():
+    return ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
+
+
+@pytest.fixture(scope="session")
+def transport(scenario):
+    return ps.render_transport(scenario, samples=4)
+
+
+@pytest.fixture(scope="session")
+def photographs(transport, clip):
+    """Photographs of the clip, as the scene's own matrix has them, and noise of 40 dB."""
+    signal = (transport.astype(np.float64) @ clip.reshape(9, 20, 3)).reshape(9, 24, 24, 3)
+    noise = 0.01 * np.sqrt(np.mean(signal**2))
+    return signal + np.random.default_rng(5).normal(0, noise, signal.shape)
+
+
+@pytest.fixture(scope="session")
+def few_photographs(photographs):
+    return photographs[:3]
+
+
+@pytest.fixture(scope="session")
+def tiny():
+    """Options that name the scene of the photographs."""
+    return ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+
+
+@pytest.fixture
+def video(succeeds, tiny, results, tmp_path):
+    """Reconstruct a sequence into `out`; return the frames, the summary and the table."""
+
+    def run(given, *options):
+        succeeds("video", given, *tiny, *options, "--out", "out")
+        return results(tmp_path / "out")
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def results():
+    """Read the frames, the summary and the table in a folder."""
+
+    def read(folder):
+        with (folder / "metrics.csv").open(newline="") as stream:
+            table = list(csv.DictReader(stream))
+        summary = json.loads((folder / "summary.json").read_text())
+        return np.load(folder / "frames.npy"), summary, table
+
+    return read
+
+
+# -- sweeps --------------------------------------------------------------------------------------
+
+OWN_METHODS = """
+import numpy as np
+
+class Mine:
+    def __init__(self, scenario, A, B):
+        self.shape, self.A = (*scenario.hidden_shape, 3), A
+
+    def reconstruct(self, photograph):
+        return (self.A.T @ photograph.reshape(len(self.A), 3)).reshape(self.shape)
+
+class Failing(Mine):
+    def reconstruct(self, photograph):
+        raise KeyError("lost")
+
+class Unfit(Mine):
+    def __init__(self, scenario, A, B):
+        raise KeyError("no")
+"""
+
+
+@pytest.fixture
+def sweep_input(tmp_path):
+    """What a sweep needs, in the current folder: a photograph, its truth, ambient light."""
+    x, z = np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21))
+    for name, light in {"left": 2 - x, "lamp": 1 / (2 + x**2 + z)}.items():
+        write_exr(tmp_path / f"{name}.exr", light[..., None] * [1.0, 0.9, 0.8], {})
+    write_exr(tmp_path / "small.exr", np.ones((20, 21, 3)), {})
+    rng = np.random.default_rng(31)
+    np.save(tmp_path / "truth.npy", rng.uniform(0.1, 1, (4, 5, 3)))
+    np.save(tmp_path / "y.npy", rng.uniform(1, 2, (21, 21, 3)))
+    (tmp_path / "mine.py").write_text(OWN_METHODS)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def sweep_command():
+    """Give the arguments of a small sweep of `sweep_input`, some of its options changed."""
+
+    def arguments(**changes):
+        options = {
+            "photograph": "y.npy",
+            "truth": "truth.npy",
+            "ambient": "left.exr,lamp.exr",
+            "sbr": "0.5,5",
+            "methods": "preconditioned,truncated-svd",
+            "out": "out",
+            **changes,
+        }
+        listed = [
+            (f"--{name.replace('_', '-')}", *([] if value is True else [value]))
+            for name, value in options.items()
+            if value is not None
+        ]
+        scene = ("plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4")
+        return ("sweep", *scene, *(str(part) for pair in listed for part in pair))
+
+    return arguments
+
+
+@pytest.fixture(scope="session")
+def sweep_results():
+    """Read the bytes of the table and of every file of the store in a folder."""
+
+    def contents(folder):
+        files = [folder / "sweep.csv", *(folder / "sweep.zarr").rglob("*")]
+        return {
+            str(path.relative_to(folder)): path.read_bytes() for path in files if path.is_file()
+        }
+
+    return contents

@@ -1,12 +1,9 @@
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from periscopy_sim.reconstruction.dual_ascent import denoise_channels
 from periscopy_sim.reconstruction.total_variation import (
     divergence,
     gradient,
@@ -17,17 +14,6 @@ from periscopy_sim.reconstruction.total_variation import (
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 6), (29, 36)]
 EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
-
-
-def random_image(*shape, seed=0):
-    return np.random.default_rng(seed).normal(size=shape)
-
-
-def blocks(seed=0):
-    image = np.zeros((12, 15))
-    image[2:7, 3:11] = 1.0
-    image[6:11, 8:] += 0.5
-    return image + 0.2 * random_image(12, 15, seed=seed)
 
 
 def difference_matrix(rows, columns):
@@ -68,21 +54,21 @@ def admm_prox(g, weight, ρ=2.0, iterations=6000):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_gradient_is_the_dense_difference_matrix(shape):
+def test_gradient_is_the_dense_difference_matrix(shape, random_image):
     image = random_image(*shape)
     expected = (difference_matrix(*shape) @ image.ravel()).reshape(*shape, 2)
     np.testing.assert_allclose(gradient(image), np.moveaxis(expected, -1, 0), atol=1e-14)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_divergence_is_minus_the_adjoint_of_the_gradient(shape):
+def test_divergence_is_minus_the_adjoint_of_the_gradient(shape, random_image):
     image, field = random_image(*shape), random_image(2, *shape, seed=1)
     left, right = (gradient(image) * field).sum(), -(image * divergence(field)).sum()
     assert left == pytest.approx(right, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_total_variation_is_the_sum_of_gradient_lengths(shape):
+def test_total_variation_is_the_sum_of_gradient_lengths(shape, random_image):
     image = random_image(*shape)
     assert total_variation(image) == pytest.approx(loop_total_variation(image), rel=1e-13)
 
@@ -95,7 +81,7 @@ def test_total_variation_of_a_half_plane_is_its_jump_times_its_edge():
 
 @pytest.mark.parametrize("shape", [(5, 6), (1, 9), (9, 1), (2, 3)])
 @pytest.mark.parametrize("weight", [0.05, 0.6, 2.5])
-def test_prox_equals_the_minimizer_by_alternating_directions(shape, weight):
+def test_prox_equals_the_minimizer_by_alternating_directions(shape, weight, random_image):
     g = random_image(*shape, seed=3)
     f = prox_total_variation(g, weight, **EXACT)
     np.testing.assert_allclose(f, admm_prox(g, weight), atol=2e-5)
@@ -109,7 +95,7 @@ def test_a_step_moves_each_side_by_half_the_weight_over_its_width(weight):
 
 
 @pytest.mark.parametrize("weight", [0.05, 0.3])
-def test_prox_agrees_with_scikit_image_at_half_the_weight(weight):
+def test_prox_agrees_with_scikit_image_at_half_the_weight(weight, blocks):
     restoration = pytest.importorskip("skimage.restoration")
     g = blocks()
     theirs = restoration.denoise_tv_chambolle(g, weight / 2, eps=1e-8, max_num_iter=5000)
@@ -120,7 +106,7 @@ def test_prox_agrees_with_scikit_image_at_half_the_weight(weight):
 
 @pytest.mark.parametrize("weight", [0.1, 1.0, 4.0])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
-def test_the_objective_is_within_the_reported_gap_of_the_least(weight, tolerance):
+def test_the_objective_is_within_the_reported_gap_of_the_least(weight, tolerance, random_image):
     g = random_image(5, 6, seed=4)
     result = solve_total_variation(g, weight, tolerance=tolerance)
     assert result.converged
@@ -140,7 +126,9 @@ small_images = arrays(
 
 @settings(deadline=None, max_examples=60)
 @given(g=small_images, weight=st.floats(0, 300), seed=st.integers(0, 1000))
-def test_the_result_is_optimal_against_every_other_image_up_to_its_gap(g, weight, seed):
+def test_the_result_is_optimal_against_every_other_image_up_to_its_gap(
+    g, weight, seed, random_image
+):
     # ⟨g − f, u − f⟩ ≤ λ/2 (‖u‖_TV − ‖f‖_TV) for all u says that f is the minimizer.
     result = solve_total_variation(g, weight, max_iterations=2000)
     f = result.image
@@ -153,7 +141,7 @@ def test_the_result_is_optimal_against_every_other_image_up_to_its_gap(g, weight
 
 @settings(deadline=None, max_examples=60)
 @given(g=small_images, weight=st.floats(0, 300), seed=st.integers(0, 1000))
-def test_prox_is_non_expansive(g, weight, seed):
+def test_prox_is_non_expansive(g, weight, seed, random_image):
     h = g + random_image(*g.shape, seed=seed)
     results = [solve_total_variation(image, weight, max_iterations=2000) for image in (g, h)]
     errors = [
@@ -172,7 +160,7 @@ def test_prox_preserves_the_mean(g, weight):
 
 
 @pytest.mark.parametrize("scale", [1000, 1e-3, 1e250, 1e-250, 1e-300])
-def test_scaling_image_and_weight_scales_the_result_alone(scale):
+def test_scaling_image_and_weight_scales_the_result_alone(scale, blocks):
     g = blocks()
     one = solve_total_variation(g, 0.3)
     other = solve_total_variation(scale * g, scale * 0.3)
@@ -181,20 +169,20 @@ def test_scaling_image_and_weight_scales_the_result_alone(scale):
     np.testing.assert_allclose(other.image / scale, one.image, rtol=0, atol=1e-12)
 
 
-def test_scaling_by_a_power_of_two_is_exact():
+def test_scaling_by_a_power_of_two_is_exact(blocks):
     g = blocks()
     one, other = solve_total_variation(g, 0.3), solve_total_variation(g * 2.0**40, 0.3 * 2.0**40)
     assert (one.iterations, one.gap) == (other.iterations, other.gap)
     np.testing.assert_array_equal(other.image, one.image * 2.0**40)
 
 
-def test_shifting_the_image_shifts_the_result():
+def test_shifting_the_image_shifts_the_result(blocks):
     g = blocks()
     shifted = prox_total_variation(g + 1e6, 0.3)
     np.testing.assert_allclose(shifted - 1e6, prox_total_variation(g, 0.3), atol=1e-8)
 
 
-def test_transposing_the_image_transposes_the_result():
+def test_transposing_the_image_transposes_the_result(blocks):
     g = blocks()
     f = prox_total_variation(g, 0.3, tolerance=1e-8)
     np.testing.assert_allclose(prox_total_variation(g.T, 0.3, tolerance=1e-8).T, f, atol=1e-3)
@@ -209,12 +197,12 @@ def test_a_constant_image_is_a_fixed_point(shape, value):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("weight", [1e5, 1e30, np.inf])
-def test_a_huge_weight_gives_the_mean(shape, weight):
+def test_a_huge_weight_gives_the_mean(shape, weight, random_image):
     g = random_image(*shape)
     np.testing.assert_allclose(prox_total_variation(g, weight), np.full(shape, g.mean()))
 
 
-def test_weights_towards_the_flat_result_converge_to_a_constant():
+def test_weights_towards_the_flat_result_converge_to_a_constant(blocks):
     g = blocks()
     spreads = [np.ptp(prox_total_variation(g, λ)) for λ in (0.1, 1.0, 3.0, 10.0, 30.0)]
     assert spreads == sorted(spreads, reverse=True)
@@ -222,7 +210,7 @@ def test_weights_towards_the_flat_result_converge_to_a_constant():
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, (4, 5, 3)])
-def test_zero_weight_returns_a_copy(shape):
+def test_zero_weight_returns_a_copy(shape, random_image):
     g = random_image(*shape)
     f = prox_total_variation(g, 0)
     np.testing.assert_array_equal(f, g)
@@ -230,12 +218,12 @@ def test_zero_weight_returns_a_copy(shape):
 
 
 @pytest.mark.parametrize("weight", [1e-310, 1e-100, 1e-17, 1e-14])
-def test_a_tiny_weight_changes_next_to_nothing_without_a_warning(weight):
+def test_a_tiny_weight_changes_next_to_nothing_without_a_warning(weight, blocks):
     g = blocks()
     np.testing.assert_allclose(prox_total_variation(g, weight), g, rtol=0, atol=4 * weight + 1e-15)
 
 
-def test_each_channel_is_denoised_on_its_own_with_its_own_weight():
+def test_each_channel_is_denoised_on_its_own_with_its_own_weight(blocks):
     g = np.stack([blocks(seed) for seed in range(3)], axis=-1)
     weights = [0.1, 0.0, 0.7]
     alone = [prox_total_variation(g[..., c], weights[c]) for c in range(3)]
@@ -243,98 +231,8 @@ def test_each_channel_is_denoised_on_its_own_with_its_own_weight():
     np.testing.assert_array_equal(prox_total_variation(g, 0.1)[..., 0], alone[0])
 
 
-def test_result_reports_the_slowest_channel():
-    g = np.stack([blocks(), blocks(1)], axis=-1)
-    alone = [solve_total_variation(g[..., c], λ) for c, λ in enumerate((0.05, 1.5))]
-    both = solve_total_variation(g, [0.05, 1.5])
-    assert both.iterations == max(result.iterations for result in alone)
-    assert both.gap == max(result.gap for result in alone)
-
-
-def test_layout_of_the_input_does_not_matter():
-    g = blocks()
-    f = prox_total_variation(g, 0.3)
-    wide = np.zeros((24, 30))
-    wide[::2, ::2] = g
-    fixed = g.copy()
-    fixed.flags.writeable = False
-    for same in (np.asfortranarray(g), wide[::2, ::2], fixed, g.tolist(), g.astype(">f8")):
-        np.testing.assert_array_equal(prox_total_variation(same, 0.3), f)
-
-
-def test_no_layout_has_the_loops_compiled_anew():
-    g = blocks()
-    prox_total_variation(g, 0.3)
-    before = len(denoise_channels.signatures)
-    fixed = g.copy()
-    fixed.flags.writeable = False
-    odd = np.frombuffer(b"x" + g.tobytes(), offset=1).reshape(g.shape)
-    for same in (fixed, odd, np.asfortranarray(g), g.astype(">f8")):
-        prox_total_variation(same, 0.3)
-    assert len(denoise_channels.signatures) == before
-
-
-@pytest.mark.parametrize(
-    ("given", "returned"),
-    [("f2", np.float32), ("f4", np.float32), ("f8", np.float64), ("g", np.float64)],
-)
-@pytest.mark.parametrize("weight", [0, 0.3, np.inf])
-def test_the_result_has_the_precision_of_the_image(given, returned, weight):
-    assert prox_total_variation(blocks().astype(given), weight).dtype == returned
-
-
-@pytest.mark.parametrize("weight", [0.01, 0.1, 0.5, 2.0, 7.0, 20.0])
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
-def test_single_precision_agrees_with_double_precision_up_to_their_gaps(weight, tolerance):
-    g = np.kron(blocks(), np.ones((2, 2))) + 0.2 * random_image(24, 30)
-    single = solve_total_variation(g.astype(np.float32), weight, tolerance=tolerance)
-    double = solve_total_variation(g, weight, tolerance=tolerance)
-    assert single.converged
-    allowed = np.sqrt(objective(double.image, g, weight))
-    allowed *= np.sqrt(single.gap) + np.sqrt(double.gap)
-    assert np.linalg.norm(single.image - double.image) <= allowed + 1e-6 * np.linalg.norm(g)
-    # The reported gap is the image's own, whose objective is that much above the least at most.
-    reached = objective(single.image.astype(np.float64), g, weight)
-    assert reached <= objective(double.image, g, weight) / (1 - single.gap) * (1 + 2e-6)
-
-
-@pytest.mark.parametrize("weight", [0.02, 0.3, 3.0, 25.0])
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
-def test_single_precision_takes_the_iterations_of_double_precision(weight, tolerance):
-    g = np.kron(blocks(), np.ones((3, 3))) + 0.2 * random_image(36, 45)
-    g = g.astype(np.float32)
-    single = solve_total_variation(g, weight, tolerance=tolerance)
-    double = solve_total_variation(g.astype(np.float64), weight, tolerance=tolerance)
-    assert single.converged
-    assert single.iterations == pytest.approx(double.iterations, rel=0.2, abs=10)
-
-
-@pytest.mark.parametrize(("weight", "tolerance"), [(8.0, 1e-5), (30.0, 1e-4)])
-def test_roundings_of_a_strong_dual_field_do_not_keep_single_precision_from_converging(
-    weight, tolerance
-):
-    g = np.repeat([0.0, 1.0], 36) + 0.05 * random_image(58, 72)
-    single = solve_total_variation(g.astype(np.float32), weight, tolerance=tolerance)
-    double = solve_total_variation(g, weight, tolerance=tolerance)
-    assert single.iterations <= double.iterations + 20
-
-
-def test_a_tolerance_beyond_single_precision_is_met_in_double_precision():
-    g = blocks().astype(np.float32)
-    expected = prox_total_variation(g.astype(np.float64), 0.3, tolerance=1e-11)
-    f = prox_total_variation(g, 0.3, tolerance=1e-11)
-    np.testing.assert_array_equal(f, expected.astype(np.float32))
-
-
-@pytest.mark.parametrize("scale", [1e37, 1e-36])
-def test_single_precision_neither_overflows_nor_underflows(scale):
-    g = blocks().astype(np.float32)
-    f = prox_total_variation(np.float32(scale) * g, scale * 0.3)
-    np.testing.assert_allclose(f / scale, prox_total_variation(g, 0.3), rtol=1e-5, atol=1e-6)
-
-
 @pytest.mark.parametrize("shape", [(5, 12, 15, 2), (9, 40, 30, 3), (40, 40, 30, 1)])
-def test_each_image_of_a_stack_is_denoised_on_its_own(shape):
+def test_each_image_of_a_stack_is_denoised_on_its_own(shape, random_image):
     images = np.cumsum(random_image(*shape), axis=2)
     weights = np.random.default_rng(1).uniform(0, 1, (shape[0], shape[3]))
     alone = [prox_total_variation(g, λ) for g, λ in zip(images, weights, strict=True)]
@@ -342,33 +240,11 @@ def test_each_image_of_a_stack_is_denoised_on_its_own(shape):
     np.testing.assert_array_equal(prox_total_variation(images, weights[0])[0], alone[0])
 
 
-def test_the_input_is_left_as_it_was():
+def test_the_input_is_left_as_it_was(blocks):
     g = blocks()
     before = g.copy()
     prox_total_variation(g, 0.3)
     np.testing.assert_array_equal(g, before)
-
-
-def test_a_result_short_of_the_tolerance_is_flagged():
-    g = blocks()
-    result = solve_total_variation(g, 0.5, max_iterations=3)
-    assert not result.converged
-    assert result.iterations == 3
-    assert result.gap > 1e-4
-    with pytest.warns(RuntimeWarning, match="after 3 iterations"):
-        prox_total_variation(g, 0.5, max_iterations=3)
-
-
-@pytest.mark.parametrize("weight", [7.0, 10.0])
-def test_restarts_keep_strong_weights_cheap(weight):
-    # Without restarts these take 750 and 830 iterations.
-    assert solve_total_variation(random_image(29, 36), weight).iterations < 450
-
-
-def test_no_warning_when_the_tolerance_is_met():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        prox_total_variation(blocks(), 0.5)
 
 
 @pytest.mark.parametrize(
@@ -410,33 +286,3 @@ def test_gradient_and_divergence_refuse_other_dimensions():
         total_variation(np.ones(3))
     with pytest.raises(ValueError, match="shape"):
         divergence(np.ones((3, 3, 3)))
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("temporal_weight", [None, 1.0])
-def test_starting_from_a_similar_problems_dual_takes_fewer_iterations(dtype, temporal_weight):
-    rng = np.random.default_rng(5)
-    scene = np.kron(rng.random((2, 5, 4, 3)), np.ones((1, 6, 6, 1)))
-    images = (scene + 0.3 * rng.standard_normal(scene.shape)).astype(dtype)
-    settings = {"temporal_weight": temporal_weight, "tolerance": 1e-5}
-    first = solve_total_variation(images, 1.0, **settings)
-    changed = (images + 0.02 * rng.standard_normal(scene.shape)).astype(dtype)
-    cold = solve_total_variation(changed, 1.1, **settings)
-    warm = solve_total_variation(changed, 1.1, start=first.dual, **settings)
-    assert warm.converged
-    assert warm.iterations < 0.8 * cold.iterations
-    assert warm.dual.dtype == warm.image.dtype == dtype
-    np.testing.assert_allclose(warm.image, cold.image, atol=2e-2)
-    again = solve_total_variation(images, 1.0, start=first.dual, **settings)
-    assert again.iterations <= 10  # until the gap is looked at first
-    lengths = np.sqrt(np.sum(warm.dual.astype(np.float64) ** 2, axis=1))
-    assert lengths.max() <= 1 + 1e-6
-
-
-def test_start_of_another_size_is_no_start():
-    image = np.random.default_rng(6).random((8, 9))
-    other = solve_total_variation(image[:, :5], 0.3)
-    cold = solve_total_variation(image, 0.3)
-    np.testing.assert_array_equal(
-        solve_total_variation(image, 0.3, start=other.dual).image, cold.image
-    )

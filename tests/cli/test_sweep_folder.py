@@ -1,0 +1,166 @@
+"""What a sweep takes up in its folder, and what it refuses there."""
+
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from periscopy_sim.cli import scene as scenes
+
+pytestmark = pytest.mark.usefixtures("few_lights")
+
+
+KILLED = """
+import os, pathlib, signal, sys
+from periscopy_sim import cli
+from periscopy_sim.analytic import point_light
+grid = point_light.paper_grid
+point_light.paper_grid = lambda: grid(2.0)
+replace, left = pathlib.Path.replace, {writes}
+
+def dies(path, target):
+    global left
+    left -= 1
+    if left == 0:
+        os.truncate(path, path.stat().st_size // 2)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return replace(path, target)
+
+pathlib.Path.replace = dies
+sys.argv = ["periscopy", *{arguments!r}]
+cli.main()
+"""
+
+
+@pytest.mark.usefixtures("jit")
+def test_sweep_killed_twice_ends_in_the_same_bytes(
+    succeeds, sweep_input, sweep_command, sweep_results
+):
+    succeeds(*sweep_command(out="whole"))
+    # In the midst of the matrix, and among the results.
+    for writes in (3, 50):
+        code = KILLED.format(writes=writes, arguments=sweep_command())
+        ended = subprocess.run([sys.executable, "-c", code], cwd=sweep_input, capture_output=True)
+        assert ended.returncode == -signal.SIGKILL, ended.stderr
+        assert not (sweep_input / "out" / "sweep.csv").exists()
+    marks = list((sweep_input / "out" / "sweep.zarr" / "complete").rglob("[0-9]"))
+    assert 0 < len(marks) < 16
+    succeeds(*sweep_command())
+    assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "whole")
+
+
+@pytest.mark.usefixtures("jit", "sweep_input")
+def test_interrupt_says_how_to_go_on(monkeypatch, periscopy, succeeds, sweep_command):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("periscopy_sim.evaluation.sweep_store.SweepStore.write", interrupt)
+        outcome = periscopy(*sweep_command())
+    assert (outcome.code, outcome.err) == (
+        130,
+        "periscopy: error: interrupted; the same command goes on where it stopped\n",
+    )
+    succeeds(*sweep_command())
+
+
+@pytest.mark.usefixtures("jit")
+def test_folder_of_another_sweep_is_refused_before_rendering(
+    monkeypatch, succeeds, refused, sweep_input, sweep_command
+):
+    succeeds(*sweep_command())
+    np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
+    monkeypatch.setattr(scenes, "transport", None)
+    monkeypatch.setattr(scenes, "read_transport", None)
+    for change, difference in [
+        (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
+        (("--methods", "preconditioned"), "methods [["),
+        (("--methods", "truncated-svd,preconditioned"), "methods [["),
+        (("--ambient", "lamp.exr,left.exr"), "ambient [["),
+        (("--snr", "50"), "snr 60.0, here 50.0"),
+        (("--seed", "1"), "base_seed 0, here 1"),
+        (("--seeds", "2"), "seeds 1, here 2"),
+        (("--no-flips",), "flips true, here false"),
+        (("--photograph", "other.npy"), "photograph "),
+        (("--samples", "5"), "samples 4, here 5"),
+        (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
+        (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
+    ]:
+        line = refused(*sweep_command(), *change)
+        assert line.startswith(f"out holds another sweep ({difference}"), change
+
+
+@pytest.mark.usefixtures("jit")
+def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input, sweep_command):
+    command = sweep_command(methods="mine.py:Mine", sbr="1")
+    succeeds(*command)
+    with (sweep_input / "mine.py").open("a") as stream:
+        stream.write("\n# changed\n")
+    assert "out holds another sweep (methods" in refused(*command)
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("error", ["KeyError", "ValueError", "PermissionError"])
+def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
+    error, periscopy, succeeds, sweep_input, sweep_command, sweep_results
+):
+    file = sweep_input / "mine.py"
+    source = file.read_text().replace('KeyError("no")', f'{error}("no")')
+    file.write_text(source)
+    outcome = periscopy(*sweep_command(methods="mine.py:Unfit"))
+    line = next(n for n, text in enumerate(source.splitlines(), 1) if '("no")' in text)
+    raised = eval(error)("no")
+    assert (outcome.code, outcome.err) == (
+        2,
+        f"periscopy: error: method 'mine.py:Unfit' cannot be fitted: {error}: {raised} "
+        f"(mine.py:{line})\n",
+    )
+    matrix = (sweep_input / "out" / "A.npy").stat().st_mtime_ns
+    # Whatever does not bear upon the matrix may be another.
+    succeeds(*sweep_command(methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr"))
+    assert (sweep_input / "out" / "A.npy").stat().st_mtime_ns == matrix
+    succeeds(
+        *sweep_command(
+            methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr", out="b"
+        )
+    )
+    assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "b")
+    assert (sweep_input / "out" / "settings.json").read_bytes() == (
+        sweep_input / "b" / "settings.json"
+    ).read_bytes()
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        (("--samples", "5"), "samples 4, here 5"),
+        (("--seed", "1"), "base_seed 0, here 1"),
+        (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
+        (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
+        (("--truth", "bars"), "truth "),
+    ],
+)
+def test_what_was_rendered_for_another_sweep_is_refused_before_there_are_results(
+    change, difference, periscopy, refused, sweep_input, sweep_command
+):
+    if "--truth" in change:
+        np.save(sweep_input / "y.npy", np.ones((21, 21, 3)))
+    assert periscopy(*sweep_command(methods="mine.py:Unfit")).code == 2
+    assert refused(*sweep_command(), *change).startswith(f"out holds another sweep ({difference}")
+
+
+@pytest.mark.parametrize("name", ["A.npy", "ambient", "photograph.exr", "sweep.zarr", "sweep.csv"])
+def test_files_of_unknown_origin_are_not_taken_up(name, refused, sweep_input, sweep_command):
+    (sweep_input / "out").mkdir()
+    (sweep_input / "out" / name).write_text("old")
+    assert f"out holds {name} but no settings.json" in refused(*sweep_command())
+
+
+@pytest.mark.parametrize("content", ["{", "[1, 2]", "3"])
+def test_damaged_settings_are_refused(content, refused, sweep_input, sweep_command):
+    (sweep_input / "out").mkdir()
+    (sweep_input / "out" / "settings.json").write_text(content)
+    assert refused(*sweep_command()) == "out/settings.json: is damaged; name another folder"

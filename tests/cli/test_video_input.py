@@ -1,0 +1,131 @@
+"""The sequences that `periscopy video` takes, and those that it refuses."""
+
+import numpy as np
+import OpenEXR
+import pytest
+import xarray as xr
+from PIL import Image
+
+from periscopy_sim.cli import scene as scenes
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+
+def save_exr(path, clip):
+    parts = [
+        OpenEXR.Part(
+            {"name": f"t{k}"}, {c: y[..., i].astype(np.float32) for i, c in enumerate("RGB")}
+        )
+        for k, y in enumerate(clip)
+    ]
+    with OpenEXR.File(parts) as file:
+        file.write(str(path))
+
+
+def save_zarr(path, clip):
+    dimensions = ("frame", "row", "column", "channel")
+    xr.Dataset({"photograph": (dimensions, clip)}).to_zarr(path, zarr_format=3, consolidated=False)
+
+
+def save_folder(path, clip):
+    path.mkdir()
+    for k, y in enumerate(clip):
+        np.save(path / f"y{k}.npy", y)
+
+
+WRITERS = {
+    "y.npy": np.save,
+    "y.npz": lambda path, clip: np.savez(path, photograph=clip),
+    "y.zarr": save_zarr,
+    "y.exr": save_exr,
+    "folder": save_folder,
+}
+
+
+def test_every_form_gives_the_same_video(few_photographs, video, tmp_path):
+    clip = few_photographs.astype(np.float32)
+    found = {}
+    for form, write in WRITERS.items():
+        write(tmp_path / form, clip)
+        found[form], _, table = video(form)
+        names = {"y.exr": "t{}", "folder": "y{}.npy"}.get(form, "{}")
+        assert [row["name"] for row in table] == [names.format(k) for k in range(3)]
+    assert all(np.array_equal(frames, found["y.npy"]) for frames in found.values())
+
+
+def test_what_holds_for_many_photographs_is_said_once(periscopy, tiny, results, tmp_path):
+    (tmp_path / "y").mkdir()
+    for k in range(5):
+        codes = np.random.default_rng(k).integers(99, 256, (24, 24, 3)).astype(np.uint8)
+        Image.fromarray(codes).save(tmp_path / "y" / f"{k}.png")
+    (tmp_path / "y" / "notes.txt").write_text("x")
+    outcome = periscopy("video", "y", *tiny, "--out", "out")
+    left_out, gamma = outcome.err.splitlines()
+    assert outcome.code == 0 and left_out == "periscopy: warning: y: left out notes.txt"
+    assert gamma.startswith("periscopy: warning: y/0.png: 8-bit PNG, which is normally gamma")
+    assert gamma.endswith(" (likewise 4 more)")
+    _, summary, _ = results(tmp_path / "out")
+    said = [f"periscopy: warning: {warning}" for warning in summary["warnings"]]
+    assert said == [left_out, gamma]
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+def with_frame(k, value):
+    clip = np.random.default_rng(0).uniform(1, 2, (9, 24, 24, 3)).astype(np.float32)
+    clip[k, 3, 4, 1] = value
+    return clip
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_bad_frame_is_refused_before_rendering(form, refused, monkeypatch, tiny, tmp_path):
+    monkeypatch.setattr(scenes, "transport", None)
+    place = "folder/y7.npy" if form == "folder" else f"{form}, frame 7"
+    black = with_frame(0, 1)
+    black[7] = 0
+    for clip, said in [
+        (with_frame(7, np.nan), "1 values are NaN or infinite, the first at row 3, column 4, chan"),
+        (with_frame(7, -np.inf), "1 values are NaN or infinite, the first at row 3, column 4, cha"),
+        (black, "every value is zero; check the exposure"),
+    ]:
+        where = tmp_path / form
+        if where.is_dir():
+            where.rename(tmp_path / f"old{len(list(tmp_path.iterdir()))}")
+        WRITERS[form](where, clip)
+        line = refused("video", form, *tiny, "--out", "out")
+        assert line.startswith(f"{place}: {said}")
+
+
+def test_sequence_that_is_none_is_refused(refused, tiny, tmp_path):
+    np.save(tmp_path / "still.npy", np.ones((24, 24, 3)))
+    np.save(tmp_path / "large.npy", np.ones((2, 48, 48, 3)))
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "mixed").mkdir()
+    np.save(tmp_path / "mixed" / "a.npy", np.ones((24, 24, 3)))
+    Image.new("RGB", (24, 24)).save(tmp_path / "mixed" / "b.png")
+    save_exr(tmp_path / "y.exr", with_frame(0, 1))
+    content = (tmp_path / "y.exr").read_bytes()
+    (tmp_path / "y.exr").write_bytes(content[: len(content) * 2 // 3])
+    for name, message in {
+        "none": "none: no such file",
+        "still.npy": "still.npy: has shape (24, 24, 3); give a stack (frames, rows, columns, 3)",
+        "large.npy": "large.npy: 48 x 48 pixels (rows x columns), but the scene's camera has 24 x",
+        "empty": "empty: holds no file named *.exr, *.npy",
+        "mixed": "mixed: holds NPY (a.npy), PNG (b.png); keep frames of one format alone there",
+        "mixed/b.png": "mixed/b.png: is a single PNG file; give a folder of photographs",
+        "y.exr": "y.exr, frame 5: truncated or damaged EXR; save or copy it again",
+    }.items():
+        assert refused("video", name, *tiny, "--out", "out").startswith(message)
+
+
+def test_pictures_of_a_longer_video_are_not_mixed_with_this_one(
+    photographs, video, refused, tiny, tmp_path
+):
+    np.save(tmp_path / "y.npy", photographs)
+    np.save(tmp_path / "short.npy", photographs[:4])
+    video("y.npy")
+    line = refused("video", "short.npy", *tiny, "--out", "out")
+    assert line.startswith("out/frames/0004.png is of a longer video; remove out/frames")
+    frames, _, _ = video("y.npy", "--coupling", "none")  # the same length may replace it
+    assert len(frames) == 9
