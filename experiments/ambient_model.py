@@ -28,10 +28,10 @@ from experiments.background_models import (
 )
 from experiments.drawing import COLUMN, PAGE, drawn
 from experiments.setting import GLASS, SNR, Setting, alone
-from periscopy_sim.cli.ambient import ADVERSARIAL, REALISTIC
 from periscopy_sim.evaluation.metrics import shifted
 from periscopy_sim.evaluation.report import Claim, Picture, Section, Table, Verdict
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 Array = NDArray[np.float64]
 RANKS = (20, 44)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.setting import SNR, Setting
-from periscopy_sim.cli.ambient import ADVERSARIAL, REALISTIC, ambient_photographs
+from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.reconstruction.preconditioner import background_basis
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.exr import read_exr
 
 Array = NDArray[np.float64]

@@ -20,10 +20,11 @@ import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.cli.ambient import ADVERSARIAL, REALISTIC, ambient_photographs
+from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.evaluation.report import Section
 from periscopy_sim.rendering.photograph import render_place
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.exr import read_exr, write_exr
 from periscopy_sim.storage.output import staged_file
 from periscopy_sim.storage.provenance import scene_sha256

@@ -6,6 +6,10 @@ from .analytic.point_light import (
     point_light_response,
 )
 from .analytic.transport import analytic_transport
+from .dataset.configuration import load_configuration
+from .dataset.making import make_dataset
+from .dataset.reading import open_dataset
+from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
@@ -44,6 +48,7 @@ __all__ = [
     "Scenario",
     "Sensor",
     "Sweep",
+    "TorchDataset",
     "TruncatedSVD",
     "Video",
     "add_noise",
@@ -56,8 +61,11 @@ __all__ = [
     "flips",
     "form_preconditioner",
     "gain_matched",
+    "load_configuration",
     "load_scenario",
+    "make_dataset",
     "mean_squared_error",
+    "open_dataset",
     "open_frames",
     "paper_grid",
     "point_light_backgrounds",

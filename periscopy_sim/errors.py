@@ -19,3 +19,11 @@ class OutputError(PeriscopyError):
 
 class VariantError(PeriscopyError):
     """A Mitsuba variant that does not exist or does not work on this machine."""
+
+
+class ConfigurationError(PeriscopyError):
+    """A configuration file that cannot be read or asks for what does not exist."""
+
+
+class DatasetError(PeriscopyError):
+    """An archive that is not a data set, or not a whole one."""

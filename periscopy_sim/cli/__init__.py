@@ -20,6 +20,7 @@ import typer
 from periscopy_sim.cli import (
     ambient,
     analyze,
+    dataset,
     demo,
     doctor,
     photograph,
@@ -63,6 +64,7 @@ app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
 app.command("sweep")(sweep.sweep)
 app.command("video")(video.video)
+app.add_typer(dataset.app, name="dataset")
 
 
 def main() -> None:

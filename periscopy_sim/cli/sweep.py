@@ -27,9 +27,9 @@ from periscopy_sim.cli.arguments import (
     say,
     write_json,
 )
-from periscopy_sim.cli.folder_lock import alone_in
 from periscopy_sim.cli.sweep_lists import parse_ambient, parse_list, parse_ratios
 from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.storage.folder_lock import alone_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -199,7 +199,7 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
     OutputError
         Naming what differs.
     """
-    from periscopy_sim.evaluation.sweep_store import check_configuration
+    from periscopy_sim.storage.held_settings import check_settings
 
     file = out / SETTINGS
     if file.is_file():
@@ -209,7 +209,7 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
             raise OutputError(f"{file}: is damaged; name another folder") from None
         if not (out / STORE).exists():
             held |= {name: settings[name] for name in VARIED}
-        check_configuration(held, settings, str(out))
+        check_settings(held, settings, str(out), "sweep")
         return
     for name in (*RENDERED, *RESULTS):
         if (out / name).exists():

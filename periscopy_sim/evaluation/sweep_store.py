@@ -9,7 +9,6 @@ lies in the store: the same sweep gives the same bytes, however often it was sto
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.held_settings import check_settings
 from periscopy_sim.storage.output import staged_file, staged_folder
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class SweepStore:
                 held = zarr.open_group(path, mode="r", zarr_format=3).attrs.asdict()
             except (OSError, ValueError, KeyError, TypeError) as error:
                 raise OutputError(f"{path}: is no sweep's store; remove it") from error
-            check_configuration(held, configuration, str(path))
+            check_settings(held, configuration, str(path), "sweep")
             for torn in path.rglob("*.partial"):  # of a write that was killed
                 torn.unlink()
         else:
@@ -143,31 +143,6 @@ class SweepStore:
         return results.assign(
             {t.name: (t.dims, np.array(t.values.tolist(), np.str_), t.attrs) for t in texts}
         )
-
-
-def check_configuration(held: Mapping[str, Any], wanted: Mapping[str, Any], where: str) -> None:
-    """Refuse results of another configuration.
-
-    Parameters
-    ----------
-    held, wanted
-        Of JSON's types.
-    where
-        What holds it, for the message.
-
-    Raises
-    ------
-    OutputError
-        Naming the first entry that differs.
-    """
-    plain = json.loads(json.dumps(wanted))
-    if held == plain:
-        return
-    key, there, here = _first_difference(held, plain)
-    raise OutputError(
-        f"{where} holds another sweep ({key} {_short(there)}, here {_short(here)}); name another "
-        "folder, or remove it to start anew"
-    )
 
 
 def write_table(path: Path, results: xr.Dataset) -> None:
@@ -233,17 +208,3 @@ def _create(
         "complete", shape=shape[1:], chunks=(1, 1, 1), dtype=bool, fill_value=False,
         dimension_names=LABELS[1:], compressors=[Crc32cCodec()],
     )  # fmt: skip
-
-
-def _first_difference(held: Any, wanted: Any, key: str = "") -> tuple[str, Any, Any]:
-    if isinstance(held, Mapping) and isinstance(wanted, Mapping):
-        for name in (*wanted, *(name for name in held if name not in wanted)):
-            if held.get(name) != wanted.get(name):
-                inner = f"{key}.{name}" if key else name
-                return _first_difference(held.get(name), wanted.get(name), inner)
-    return key, held, wanted
-
-
-def _short(value: Any) -> str:
-    text = "unset" if value is None else json.dumps(value)
-    return text if len(text) <= 48 else f"{text[:45]}..."

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.scene_file import build_scene, camera_of
-from periscopy_sim.rendering.scene_nodes import SceneNodes
+from periscopy_sim.rendering.scene_file import build_scene, camera_of, shape_of
+from periscopy_sim.rendering.scene_nodes import SceneNodes, monitor_texture
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
@@ -60,17 +60,103 @@ def render_photograph(
     ValueError
         If the image is not (R, C, 3), not finite or negative, or samples or bounces is below 1.
     """
-    use_variant()
+    image = _checked_image(image)
+    monitor = Monitor(
+        scenario, image.shape[:2], samples=samples, bounces=bounces, only_monitor=only_monitor
+    )
+    return monitor.photograph(image, seed=seed, progress=progress)
+
+
+class Monitor:
+    """A scene, loaded once, whose monitor shows one image after another.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    hidden_shape
+        (R, C) of the images.
+    samples, bounces, only_monitor
+        As in `render_photograph`.
+
+    Raises
+    ------
+    SceneError
+        If the monitor cannot show images.
+    ValueError
+        If samples or bounces is below 1.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        hidden_shape: tuple[int, int],
+        *,
+        samples: int = 4096,
+        bounces: int | None = None,
+        only_monitor: bool = False,
+    ) -> None:
+        import mitsuba as mi
+
+        use_variant()
+        if samples < 1 or (bounces is not None and bounces < 1):
+            raise ValueError("samples and bounces must be at least 1")
+        self.hidden_shape = hidden_shape
+        self._samples = samples
+        self._depth = -1 if bounces is None else bounces + 1
+        self._mirrored = scenario.mirrored
+        white = np.ones((*hidden_shape, 3))
+        self._scene = build_scene(scenario, white, only_monitor=only_monitor)
+        self._parameters = mi.traverse(self._scene)
+        emitter = shape_of(self._scene, "monitor").emitter()
+        names = [f"monitor.{name}.radiance.data" for name in ("emitter", emitter.id())]
+        self._texture = next(name for name in names if name in self._parameters)
+
+    def photograph(
+        self,
+        image: NDArray[np.floating[Any]],
+        *,
+        seed: int = 0,
+        progress: Callable[[float], None] | None = None,
+    ) -> Array:
+        """Path trace a photograph of the wall while the monitor shows an image.
+
+        Parameters
+        ----------
+        image
+            (R, C, 3) linear radiance along the monitor's normal.
+        seed, progress
+            As in `render_photograph`.
+
+        Returns
+        -------
+        ndarray
+            (rows, columns, 3) float64 radiance.
+
+        Raises
+        ------
+        ValueError
+            If the image has another shape, is not finite or negative.
+        """
+        import mitsuba as mi
+
+        image = _checked_image(image)
+        if image.shape[:2] != self.hidden_shape:
+            raise ValueError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
+        self._parameters[self._texture] = mi.TensorXf(monitor_texture(image, self._mirrored))
+        self._parameters.update()
+        return path_trace(
+            self._scene, self._depth, samples=self._samples, seed=seed, progress=progress
+        )
+
+
+def _checked_image(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
     image = np.asarray(image)
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"the hidden image must be (rows, columns, 3), not {image.shape}")
     if not np.isfinite(image).all() or image.min() < 0:
         raise ValueError("the hidden image's radiance must be finite and not negative")
-    if samples < 1 or (bounces is not None and bounces < 1):
-        raise ValueError("samples and bounces must be at least 1")
-    scene = build_scene(scenario, image, only_monitor=only_monitor)
-    depth = -1 if bounces is None else bounces + 1
-    return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
+    return image
 
 
 def render_place(

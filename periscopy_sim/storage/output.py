@@ -50,7 +50,7 @@ def staged_file(path: Path) -> Iterator[Path]:
             staged.touch(exist_ok=False)  # proves now, not after hours, that it can be written
             undo.callback(staged.unlink, missing_ok=True)
             staged.unlink()
-        with _out_of_space_reported(path):
+        with out_of_space_reported(path):
             yield staged
         with _reported(path):
             staged.replace(target)
@@ -91,7 +91,7 @@ def staged_folder(path: Path) -> Iterator[Path]:
             staged = home / _partial_name(target)
             staged.mkdir()
             undo.callback(shutil.rmtree, staged, ignore_errors=True)
-        with _out_of_space_reported(path):
+        with out_of_space_reported(path):
             yield staged
         with _reported(path):
             if target.is_dir():
@@ -157,7 +157,7 @@ def _reported(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _out_of_space_reported(path: Path) -> Iterator[None]:
+def out_of_space_reported(path: Path) -> Iterator[None]:
     """Turn a full disk, met while the block writes, into an `OutputError`."""
     try:
         yield

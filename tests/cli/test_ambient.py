@@ -7,6 +7,7 @@ import pytest
 from periscopy_sim.cli import ambient
 from periscopy_sim.rendering.ambient import render_background
 from periscopy_sim.shipped import find_scene, scenes_folder
+from periscopy_sim.storage.ambient_photographs import find_condition
 from periscopy_sim.storage.exr import read_exr, write_exr
 
 jit = pytest.mark.usefixtures("jit")
@@ -213,4 +214,4 @@ def test_impossible_target_is_refused(target, refused):
 def test_every_shipped_condition_is_known():
     shipped = {path.stem for path in (scenes_folder() / "ambient").glob("*.xml")}
     assert {*ambient.REALISTIC, *ambient.ADVERSARIAL} == shipped
-    assert all(ambient.find_condition(name).stem == name for name in shipped)
+    assert all(find_condition(name).stem == name for name in shipped)

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.folder_lock import alone_in
+from periscopy_sim.storage.folder_lock import alone_in
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("few_lights")
 HOLDING = """
 import sys, time
 from pathlib import Path
-from periscopy_sim.cli.folder_lock import alone_in
+from periscopy_sim.storage.folder_lock import alone_in
 with alone_in(Path("out")):
     print("held", flush=True)
     time.sleep(600)

@@ -1,0 +1,215 @@
+"""`periscopy dataset`: make a data set, check it, look at it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from periscopy_sim.cli.arguments import Out, progress, say
+from periscopy_sim.errors import DatasetError, PeriscopyError
+
+Archive = Annotated[
+    Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
+]
+
+
+class _MakesByDefault(TyperGroup):
+    """Takes what names no command of the group for the arguments of `make`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] != "--help":
+            args = ["make", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_MakesByDefault,
+    help="Render many photographs with their hidden images into one archive; check and export it.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.command("make")
+def make(
+    configuration: Annotated[
+        Path | None, typer.Argument(metavar="CONFIG.yaml", help="What it shall hold.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="The archive, a Zarr folder; goes on with one that is begun."),
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, help="Samples, instead of the configuration's.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine."),
+    ] = None,
+    example: Annotated[
+        bool, typer.Option("--example", help="Print a commented configuration and exit.")
+    ] = False,
+) -> None:
+    """Make what is missing of a data set ('make' may be left out)."""
+    from periscopy_sim.dataset.configuration import EXAMPLE, load_configuration
+    from periscopy_sim.dataset.making import make_dataset
+
+    if example:
+        print(EXAMPLE.read_text("utf-8"), end="")
+        return
+    if configuration is None or out is None:
+        raise PeriscopyError(
+            "name a configuration and --out; 'periscopy dataset --example' prints a configuration"
+        )
+    settings = load_configuration(configuration)
+    start = time.perf_counter()
+    try:
+        with _sample_progress("samples") as report:
+            made = make_dataset(
+                settings, out, count=count, scheduler=scheduler, progress=report,
+                rendering=progress,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        message = "interrupted; the same command goes on where it stopped"
+        print(f"periscopy: error: {message}", file=sys.stderr)
+        raise SystemExit(130) from None
+    seconds = time.perf_counter() - start
+    if not made.made:
+        say(f"{out} is complete: {made.count} samples")
+        return
+    say(
+        f"wrote {out}: {made.made} samples of {made.geometries} geometries in {seconds:.1f} s, "
+        f"{made.made / seconds:.1f} a second; {made.count} in all"
+    )
+
+
+@app.command("info")
+def info(
+    data: Archive,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
+) -> None:
+    """Tell a data set's sizes, what is done of it, and what its samples are."""
+    import json
+
+    from periscopy_sim.dataset.reading import describe
+
+    description = describe(data)
+    if as_json:
+        print(json.dumps(description, indent=2))
+        return
+    for name, value in description.items():
+        say(f"{name.replace('_', ' '):12} {_in_words(name, value)}")
+
+
+@app.command("verify")
+def verify(data: Archive) -> None:
+    """Check every file against its checksum and decode every chunk; exit 2 if one is damaged."""
+    from periscopy_sim.dataset.reading import verify_dataset
+
+    with _sample_progress("blocks") as report:
+        whole, damaged = verify_dataset(data, report)
+    for damage in damaged:
+        first, after = damage.samples
+        say(f"samples {first} to {after - 1}: {damage.reason}")
+    if damaged:
+        raise DatasetError(
+            f"{data}: {whole} samples are whole, {len(damaged)} blocks are not; run "
+            "'periscopy dataset' with its configuration again to mend it"
+        )
+    say(f"{data}: all {whole} samples are whole")
+
+
+@app.command("export")
+def export(
+    data: Archive,
+    out: Out,
+    samples: Annotated[
+        str,
+        typer.Option(metavar="NUMBERS", help="Which: 0,5,7 or ranges such as 0-11, by comma."),
+    ] = "0-11",
+) -> None:
+    """Write samples as EXR and PNG files, with a contact sheet."""
+    from periscopy_sim.dataset.export import export_samples
+    from periscopy_sim.dataset.reading import describe
+    from periscopy_sim.storage.output import staged_folder
+
+    count = describe(data)["finished"]
+    with staged_folder(out) as folder, _sample_progress("samples") as report:
+        written = export_samples(data, folder, parse_indices(samples, count), report)
+    say(f"wrote {out}: {len(written)} files, and among them sheet.png")
+
+
+def parse_indices(text: str, count: int) -> list[int]:
+    """Read a list of numbers and ranges.
+
+    Parameters
+    ----------
+    text
+        Such as ``0,4-7``.
+    count
+        Numbers must lie below; a range's end is brought down to it.
+
+    Raises
+    ------
+    PeriscopyError
+        If the text is of another form.
+    """
+    indices: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdecimal() or (dash and not last.isdecimal()):
+            raise PeriscopyError(f"'{text}' are no samples; write 0,5,7 or a range such as 0-11")
+        if len(first) > 12 or len(last) > 12 or (dash and int(last) < int(first)):
+            raise PeriscopyError(f"'{part}' is no range of samples; write its least number first")
+        indices += range(int(first), min(int(last), count - 1) + 1) if dash else [int(first)]
+    if not indices:
+        raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
+    return indices
+
+
+def _in_words(name: str, value: Any) -> str:
+    if name == "bytes":
+        return f"{value / 1e6:.1f} MB"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {number}" for key, number in value.items())
+    if name in ("photograph", "hidden"):
+        return "x".join(map(str, value))
+    if isinstance(value, list):
+        return " to ".join(f"{number:.4g}" for number in value)
+    return str(value)
+
+
+@contextmanager
+def _sample_progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show on a terminal what is done, how fast, and when the rest will be."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"), Remaining(),
+    )  # fmt: skip
+    console = Console(stderr=True)
+    begun: list[tuple[float, int]] = []
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(what, total=None, rate="")
+
+        def report(done: int, total: int) -> None:
+            begun.append((time.perf_counter(), done)) if not begun else None
+            start, before = begun[0]
+            rate = (done - before) / max(time.perf_counter() - start, 1e-9)
+            text = f"{rate:.1f}/s" if done > before else ""
+            bar.update(task, completed=done, total=total, rate=text)
+
+        yield report

@@ -1,0 +1,211 @@
+"""Make a data set: what is missing of it, on this machine or on Dask workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from periscopy_sim.dataset.archive import MAKING, Archive, Layout, check_place
+from periscopy_sim.dataset.backgrounds import Rendering, backgrounds_of
+from periscopy_sim.dataset.configuration import Configuration
+from periscopy_sim.dataset.draws import draw_geometry
+from periscopy_sim.dataset.geometry import Backgrounds, as_json, geometry_of, scenario_of
+from periscopy_sim.dataset.inputs import attributes_of, geometry_variables, resolved
+from periscopy_sim.dataset.samples import Block, make_samples
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.scenario import Scenario
+
+SHARES_PER_THREAD = 4
+"""Tasks for each thread of a Dask cluster, so that none waits long for the last."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a run did.
+
+    Attributes
+    ----------
+    count
+        Samples in the data set.
+    made
+        Samples made by this run.
+    geometries
+        Geometries that these are of.
+    """
+
+    count: int
+    made: int
+    geometries: int
+
+
+def make_dataset(
+    configuration: Configuration,
+    out: str | Path,
+    *,
+    count: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    rendering: Rendering | None = None,
+) -> Made:
+    """Make what is missing of a data set.
+
+    Parameters
+    ----------
+    configuration
+        From `load_configuration`.
+    out
+        The archive, a Zarr folder. What it holds already of this configuration stays; blocks that
+        are damaged are made again.
+    count
+        Samples, instead of the configuration's; may grow from run to run.
+    scheduler
+        Address of a Dask scheduler; None for this process.
+    progress
+        Called with the samples that are done and those that there will be.
+    rendering
+        Told of each ambient condition that is rendered, gives what takes the fraction done.
+
+    Returns
+    -------
+    Made
+
+    Raises
+    ------
+    PeriscopyError
+        If a scene, an image or a condition cannot be used, `out` holds something else or another
+        process is at work there, the disk is full, or no scheduler answers.
+    """
+    from periscopy_sim.storage.folder_lock import alone_in
+
+    out, report = Path(out), progress or (lambda *_: None)
+    if count is not None:
+        configuration = configuration.model_copy(update={"count": count})
+    check_place(out)
+    settings = resolved(configuration)
+    first = scenario_of(settings, 0)
+    layout = _layout(settings, first)
+    draws = [draw_geometry(settings, number) for number in range(_geometries(settings))]
+    attributes = attributes_of(settings, layout)
+    with alone_in(out / MAKING):
+        archive = Archive(out, layout, attributes, geometry_variables(settings, draws))
+        shares = _by_geometry(settings, archive.unfinished())
+        missing = sum(len(blocks) for blocks in shares.values())
+        done = layout.count - sum(_length(layout, b) for blocks in shares.values() for b in blocks)
+        report(done, layout.count)
+        if missing:
+            backgrounds = backgrounds_of(settings, shares, first, out / MAKING, rendering)
+            for block, values in _made(
+                settings, shares, layout.photograph_shape, backgrounds, scheduler
+            ):
+                archive.write(block, values)
+                done += _length(layout, block)
+                report(done, layout.count)
+    made = sum(_length(layout, block) for blocks in shares.values() for block in blocks)
+    return Made(layout.count, made, len(shares))
+
+
+def _made(
+    settings: Configuration,
+    shares: Mapping[int, list[int]],
+    photograph_shape: tuple[int, int],
+    backgrounds: Backgrounds,
+    scheduler: str | None,
+) -> Iterator[tuple[int, Block]]:
+    """Make blocks, geometry by geometry or wherever a worker is free."""
+    shared = (as_json(settings), photograph_shape, backgrounds)
+    if scheduler is None:
+        for geometry, blocks in shares.items():
+            for block in blocks:
+                yield block, make_block(*shared, geometry, block)
+        return
+    from periscopy_sim.evaluation.workers import compute, connect
+
+    with connect(scheduler) as client:
+        threads = sum(client.nthreads().values())
+        tasks = list(_tasks(shares, SHARES_PER_THREAD * threads))
+        for _, made in compute(client, _make_share, shared, tasks):
+            yield from made
+
+
+def make_block(
+    configuration: str,
+    photograph_shape: tuple[int, int],
+    backgrounds: Backgrounds,
+    geometry: int,
+    block: int,
+) -> Block:
+    """Make the samples of a block, here and now.
+
+    Parameters
+    ----------
+    configuration
+        As JSON, from `as_json`.
+    photograph_shape
+        (rows, columns) that photographs must have.
+    backgrounds
+        Rendered and given ambient light.
+    geometry, block
+        Numbers; the block is of the geometry.
+
+    Raises
+    ------
+    ConfigurationError
+        If the geometry's camera has another film size.
+    """
+    settings = Configuration.model_validate_json(configuration)
+    start = block * settings.samples_per_shard
+    ready = geometry_of(configuration, geometry)
+    if ready.scenario.photograph_shape != photograph_shape:
+        sizes = (
+            "x".join(map(str, size)) for size in (ready.scenario.photograph_shape, photograph_shape)
+        )
+        raise ConfigurationError(
+            "geometry {} has photographs of {} pixels, geometry 0 of {}; give all scenes films of "
+            "one size".format(geometry, *sizes)
+        )
+    return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
+
+
+def _make_share(
+    shared: tuple[str, tuple[int, int], Backgrounds], task: tuple[int, tuple[int, ...]]
+) -> list[tuple[int, Block]]:
+    geometry, blocks = task
+    return [(block, make_block(*shared, geometry, block)) for block in blocks]
+
+
+def _tasks(shares: Mapping[int, list[int]], wanted: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """Share the work: a geometry's blocks stay together unless workers would go idle."""
+    pieces = max(1, -(-wanted // len(shares)))
+    for geometry, blocks in shares.items():
+        for part in np.array_split(blocks, min(pieces, len(blocks))):
+            yield geometry, tuple(part.tolist())
+
+
+def _by_geometry(settings: Configuration, blocks: Iterable[int]) -> dict[int, list[int]]:
+    shares: dict[int, list[int]] = {}
+    for block in blocks:
+        geometry = block * settings.samples_per_shard // settings.samples_per_geometry
+        shares.setdefault(geometry, []).append(block)
+    return shares
+
+
+def _layout(settings: Configuration, scenario: Scenario) -> Layout:
+    return Layout(
+        count=settings.count,
+        block=settings.samples_per_shard,
+        photograph_shape=scenario.photograph_shape,
+        hidden_shape=settings.hidden,
+        photograph_type=settings.photograph_type,
+        keep_background=settings.keep_background,
+    )
+
+
+def _geometries(settings: Configuration) -> int:
+    return -(-settings.count // settings.samples_per_geometry)
+
+
+def _length(layout: Layout, block: int) -> int:
+    return len(range(*layout.samples_in(block).indices(layout.count)))

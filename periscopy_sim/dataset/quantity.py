@@ -1,0 +1,116 @@
+"""Parts of a configuration: numbers, fixed or drawn anew each time, and what is drawn by weight."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Strict(BaseModel):
+    """A part of a configuration: keys that it does not know are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Quantity(Strict):
+    """A number, or how to draw one: exactly one of these is given.
+
+    Attributes
+    ----------
+    value
+        The number; in the file the bare number.
+    uniform, log_uniform
+        [low, high]; the second draws all orders of magnitude alike.
+    normal
+        [mean, standard deviation].
+    choice
+        Numbers, each as likely as the others.
+    """
+
+    value: Finite | None = None
+    uniform: tuple[Finite, Finite] | None = None
+    log_uniform: tuple[Finite, Finite] | None = None
+    normal: tuple[Finite, Finite] | None = None
+    choice: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_number(cls, given: Any) -> Any:
+        if isinstance(given, cls | dict):
+            return given
+        if isinstance(given, bool) or not isinstance(given, int | float | str):
+            raise ValueError(
+                "give a number, or one of uniform: [low, high], log_uniform: [low, high], "
+                "normal: [mean, standard deviation], choice: [numbers]"
+            )
+        return {"value": given}
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Self:
+        if len(self._given) != 1:
+            raise ValueError("give one of value, uniform, log_uniform, normal and choice")
+        for interval in (self.uniform, self.log_uniform):
+            if interval is not None and interval[0] > interval[1]:
+                raise ValueError(f"the interval {list(interval)} runs backwards")
+        if self.log_uniform is not None and self.log_uniform[0] <= 0:
+            raise ValueError("a log_uniform interval must lie above 0")
+        if self.normal is not None and self.normal[1] < 0:
+            raise ValueError("a standard deviation must not be negative")
+        return self
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        return {name: value for name, value in self if value is not None}
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and greatest that can be drawn."""
+        if self.normal is not None:
+            return (-math.inf, math.inf) if self.normal[1] else (self.normal[0],) * 2
+        values = self.choice or self.uniform or self.log_uniform or (self.value or 0.0,)
+        return min(values), max(values)
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """Draw a number."""
+        if self.uniform is not None:
+            return float(rng.uniform(*self.uniform))
+        if self.log_uniform is not None:
+            low, high = np.log(self.log_uniform)
+            # Rounding could leave the interval by an ulp.
+            return float(np.clip(np.exp(rng.uniform(low, high)), *self.log_uniform))
+        if self.normal is not None:
+            return float(rng.normal(*self.normal))
+        if self.choice is not None:
+            return self.choice[int(rng.integers(len(self.choice)))]
+        assert self.value is not None
+        return self.value
+
+
+class Source(Strict):
+    """What all sources have.
+
+    Attributes
+    ----------
+    weight
+        How often it is drawn, relative to the others.
+    """
+
+    weight: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
+
+
+def within(low: float, high: float) -> Any:
+    """Give a type for quantities that can only be drawn from [low, high]."""
+    from pydantic import AfterValidator
+
+    def check(quantity: Quantity) -> Quantity:
+        least, most = quantity.bounds
+        if not (low <= least and most <= high):
+            raise ValueError(f"every value must lie from {low:g} to {high:g}")
+        return quantity
+
+    return Annotated[Quantity, AfterValidator(check)]

@@ -1,0 +1,157 @@
+"""Photographs with all that is known about them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.analytic.point_light import point_light_response
+from periscopy_sim.dataset.configuration import Configuration
+from periscopy_sim.dataset.draws import (
+    NOISE,
+    RENDERING,
+    AmbientDraw,
+    ClipDraw,
+    draw_clip,
+    random_seed,
+)
+from periscopy_sim.dataset.geometry import Backgrounds, Geometry, view_digest
+from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.reconstruction.matrix_product import times_rows
+from periscopy_sim.reconstruction.threads import in_parallel
+from periscopy_sim.scenario import Scenario, wall_frame
+
+Array = NDArray[np.float64]
+Block = dict[str, NDArray[Any]]
+"""Each variable's values for consecutive samples."""
+
+
+def make_samples(
+    configuration: Configuration,
+    geometry: Geometry,
+    backgrounds: Backgrounds,
+    start: int,
+    stop: int,
+) -> Block:
+    """Make the samples from `start` to `stop`, whole clips of one geometry.
+
+    Parameters
+    ----------
+    configuration
+        Of the data set.
+    geometry
+        Theirs.
+    backgrounds
+        What the ambient sources of given or rendered pictures need.
+    start, stop
+        Indices, multiples of the clips' length.
+
+    Returns
+    -------
+    dict
+        The variables of `archive.variables`, by name.
+    """
+    scenario, length = geometry.scenario, configuration.clip_length
+    clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
+    hidden = np.concatenate([clip.hidden for clip in clips])
+    signals = _signals(configuration, geometry, hidden, start)
+    lights = in_parallel(lambda clip: _background(clip.ambient, scenario, backgrounds), clips)
+    kept = configuration.keep_background
+    photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
+    ambient = np.empty_like(photographs if kept else photographs[:0])
+    scales = np.empty(len(hidden))
+
+    def expose(k: int) -> None:
+        clip = clips[k // length]
+        signal, light = signals[k], lights[k // length]
+        mean = signal.mean()
+        if light is None:
+            light_free, share = signal / mean, 1.0
+        else:
+            light_free, share = composite(signal, light, clip.sbr), clip.sbr / (1 + clip.sbr)
+        scales[k] = clip.exposure * share / mean
+        noise = random_seed(configuration, NOISE, start + k)
+        photograph = add_noise(clip.exposure * light_free, clip.snr, noise)
+        if configuration.saturation is not None:
+            np.minimum(photograph, configuration.saturation, out=photograph)
+        photographs[k] = photograph
+        if kept:
+            ambient[k] = (
+                0 if light is None else light * (clip.exposure * (1 - share) / light.mean())
+            )
+
+    in_parallel(expose, range(len(hidden)))
+    block: Block = {
+        "photograph": photographs.astype(configuration.photograph_type, copy=False),
+        "hidden": hidden.astype(np.float32),
+        "signal_scale": scales,
+        **_labels(configuration, geometry, clips, start, stop),
+    }
+    if kept:
+        block["background"] = ambient.astype(configuration.photograph_type, copy=False)
+    return block
+
+
+def _signals(
+    configuration: Configuration, geometry: Geometry, hidden: Array, start: int
+) -> NDArray[np.floating[Any]]:
+    """Photographs of the monitor's light alone, (n, rows, columns, 3)."""
+    scenario = geometry.scenario
+    if geometry.transport is None:
+        assert geometry.photographer is not None
+        return np.stack(
+            [
+                geometry.photographer(image, random_seed(configuration, RENDERING, start + k))
+                for k, image in enumerate(hidden)
+            ]
+        )
+    f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
+    rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
+    y = times_rows(rows, geometry.transport).reshape(len(hidden), 3, -1)
+    y *= scenario.channel_gain.astype(np.float32)[:, None]
+    return np.moveaxis(y, 1, -1).reshape(len(hidden), *scenario.photograph_shape, 3)
+
+
+def _background(ambient: AmbientDraw, scenario: Scenario, backgrounds: Backgrounds) -> Array | None:
+    """Ambient light on the wall, (rows, columns, 3), in any unit."""
+    colour = scenario.channel_gain
+    if ambient.lamps is not None:
+        places, powers = ambient.lamps
+        frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+        lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
+        response = point_light_response(lights, scenario.wall_points, scenario.wall_normals)
+        # The least lamp lights as much as the greatest, wherever it stands.
+        light = (response / response.mean(axis=0)) @ (powers * colour)
+        return np.asarray(light.reshape(*scenario.photograph_shape, 3))
+    if not ambient.mixture:
+        return None
+    pictures = backgrounds[view_digest(scenario)][ambient.source]
+    total = np.zeros((*scenario.photograph_shape, 3))
+    for which, weight, down, across in ambient.mixture:
+        picture = pictures[which, :: -1 if down else 1, :: -1 if across else 1].astype(np.float64)
+        total += weight / picture.mean() * picture
+    return total * colour
+
+
+def _labels(
+    configuration: Configuration, geometry: Geometry, clips: list[ClipDraw], start: int, stop: int
+) -> Block:
+    """Give the variables of one value for each sample."""
+    index = np.arange(start, stop)
+    of_clips = {
+        "sbr": np.array([clip.sbr for clip in clips]),
+        "snr": np.array([clip.snr for clip in clips]),
+        "exposure": np.array([clip.exposure for clip in clips]),
+        "clip": np.array([clip.number for clip in clips]),
+        "hidden_kind": np.array([clip.kind for clip in clips], np.dtypes.StringDType()),
+        "ambient": np.array([clip.ambient.label for clip in clips], np.dtypes.StringDType()),
+    }
+    length = configuration.clip_length
+    return {
+        **{name: np.repeat(values, length) for name, values in of_clips.items()},
+        "frame": (index % length).astype(np.int32),
+        "geometry": np.full(len(index), geometry.draw.number, np.int32),
+        "split": np.full(len(index), geometry.draw.split, np.dtypes.StringDType()),
+    }

@@ -1,0 +1,155 @@
+import json
+
+import pytest
+import yaml
+from PIL import Image
+
+from periscopy_sim.cli.dataset import parse_indices
+from periscopy_sim.dataset.configuration import EXAMPLE
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.exr import read_exr
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+CONFIGURATION = {
+    "count": 12,
+    "hidden": "3x4",
+    "samples_per_geometry": 6,
+    "samples_per_shard": 3,
+    "scenes": [{"scene": "chair", "parameters": {"resolution": 16}}],
+    "hidden_images": [{"kind": "shapes"}],
+    "ambient": [{"kind": "lamps"}],
+    "light": {"kind": "direct", "samples": 2},
+}
+
+
+@pytest.fixture
+def configuration(tmp_path):
+    """Write the configuration, with changes."""
+
+    def write(**changes):
+        (tmp_path / "config.yaml").write_text(yaml.safe_dump({**CONFIGURATION, **changes}))
+
+    return write
+
+
+@pytest.fixture
+def made(succeeds, configuration):
+    configuration()
+    return succeeds("dataset", "config.yaml", "--out", "d.zarr")
+
+
+def test_data_set_is_made_and_then_left_alone(made, succeeds):
+    assert made.startswith("wrote d.zarr: 12 samples of 2 geometries in ")
+    assert made.endswith("a second; 12 in all\n")
+    assert succeeds("dataset", "make", "config.yaml", "--out", "d.zarr") == (
+        "d.zarr is complete: 12 samples\n"
+    )
+
+
+def test_count_takes_the_place_of_the_configurations(succeeds, configuration):
+    configuration()
+    told = succeeds("dataset", "config.yaml", "--out", "d.zarr", "--count", "4")
+    assert told.startswith("wrote d.zarr: 4 samples")
+    told = succeeds("dataset", "config.yaml", "--count", "14", "--out", "d.zarr")
+    assert told.startswith("wrote d.zarr: 11 samples") and "14 in all" in told
+
+
+def test_example_is_printed_as_it_stands_and_can_be_made(succeeds, tmp_path):
+    assert succeeds("dataset", "--example") == EXAMPLE.read_text("utf-8")
+    small = EXAMPLE.read_text("utf-8").replace("resolution: 126 ", "resolution: 24 ")
+    small = small.replace("29x36", "4x5").replace("  - scene: plate\n    weight: 1\n", "")
+    (tmp_path / "small.yaml").write_text(small)
+    assert "3 samples" in succeeds("dataset", "small.yaml", "--out", "d.zarr", "--count", "3")
+
+
+@pytest.mark.usefixtures("made")
+def test_information_is_told_in_words_and_as_json(succeeds):
+    told = succeeds("dataset", "info", "d.zarr")
+    assert "samples      12\n" in told and "photograph   16x16\n" in told
+    assert "hidden kind  shapes 12\n" in told
+    found = json.loads(succeeds("dataset", "info", "d.zarr", "--json"))
+    assert (found["samples"], found["finished"], found["geometries"]) == (12, 12, 2)
+
+
+@pytest.mark.usefixtures("made")
+def test_whole_data_set_is_verified_and_a_damaged_one_refused(succeeds, refused, tmp_path):
+    assert succeeds("dataset", "verify", "d.zarr") == "d.zarr: all 12 samples are whole\n"
+    file = tmp_path / "d.zarr/photograph/c/1/0/0/0"
+    file.write_bytes(file.read_bytes()[:-1])
+    told = "samples 3 to 5: photograph: another checksum\n"
+    error = refused("dataset", "verify", "d.zarr", out=told)
+    assert "9 samples are whole, 1 blocks are not" in error
+    succeeds("dataset", "config.yaml", "--out", "d.zarr")
+    succeeds("dataset", "verify", "d.zarr")
+
+
+@pytest.mark.usefixtures("made")
+def test_samples_are_exported_as_pictures_with_a_sheet(succeeds, tmp_path):
+    told = succeeds("dataset", "export", "d.zarr", "--samples", "0,7-8", "--out", "look")
+    assert told == "wrote look: 13 files, and among them sheet.png\n"
+    names = sorted(path.name for path in (tmp_path / "look").iterdir())
+    assert len(names) == 13 and "00000008_hidden.png" in names
+    image, notes = read_exr(tmp_path / "look/00000007_photograph.exr")
+    assert image.shape == (16, 16, 3) and notes["hidden_kind"] == "shapes"
+    assert float(notes["sbr"]) > 0
+    assert Image.open(tmp_path / "look/00000000_hidden.png").size == (4, 3)
+    assert Image.open(tmp_path / "look/sheet.png").size[0] > 300
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("0", [0]), ("1, 3", [1, 3]), ("2-4", [2, 3, 4]), ("8-99", [8, 9]), ("0,0", [0, 0])],
+)
+def test_lists_of_samples_are_read(text, expected):
+    assert parse_indices(text, 10) == expected
+
+
+@pytest.mark.parametrize("text", ["", "a", "-1", "3-1", "1-", "1,,2", "1.5", "9" * 30, "20-30"])
+def test_what_is_no_list_of_samples_is_refused(text):
+    with pytest.raises(PeriscopyError):
+        parse_indices(text, 10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["config.yaml"], "name a configuration and --out"),
+        (["--out", "d.zarr"], "name a configuration and --out"),
+        (["none.yaml", "--out", "d.zarr"], "none.yaml: No such file"),
+        (["config.yaml", "--out", "config.yaml"], "it is a file; name a folder"),
+        (["config.yaml", "--out", "d.zarr", "--count", "0"], "--count"),
+        (["info", "none.zarr"], "no such data set"),
+        (["verify", "."], "is no data set"),
+        (["export", "none.zarr", "--out", "x"], "no such data set"),
+    ],
+)
+def test_mistakes_are_told_and_nothing_is_left(refused, configuration, arguments, message):
+    configuration()
+    assert message in refused("dataset", *arguments)
+
+
+def test_scheduler_that_does_not_answer_is_told(periscopy, configuration, monkeypatch):
+    configuration()
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 0.5)
+    lost = ("--scheduler", "tcp://127.0.0.1:9")
+    outcome = periscopy("dataset", "config.yaml", "--out", "d.zarr", *lost)
+    assert outcome.code == 2 and "no Dask scheduler answers" in outcome.err
+
+
+@pytest.mark.usefixtures("made")
+def test_sample_that_is_not_there_is_refused(refused):
+    assert "has no sample 12; it has 0 to 11" in refused(
+        "dataset", "export", "d.zarr", "--samples", "12", "--out", "x"
+    )
+
+
+@pytest.mark.usefixtures("made")
+def test_other_settings_are_refused_and_named(refused, configuration):
+    configuration(seed=5)
+    error = refused("dataset", "config.yaml", "--out", "d.zarr")
+    assert "holds another data set (configuration.seed 0, here 5)" in error
+    configuration()
+    assert "holds more than 3 samples" in refused(
+        "dataset", "config.yaml", "--out", "d.zarr", "--count", "3"
+    )
