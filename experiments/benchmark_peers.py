@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.total_variation import total_variation
+
 Array = NDArray[np.float64]
 
 
@@ -73,3 +75,8 @@ class NumpyDifferencing:
             extrapolated = new + (t - 1) / t_next * (new - f)
             f, t = new, t_next
         return f
+
+    def objective(self, f: Array, y: Array, λ: float) -> float:
+        """Evaluate ‖D(A f − y)‖² + λ‖f‖_TV."""
+        misfit = self.DA @ f - self._difference(y[:, None])[:, 0]
+        return float(misfit @ misfit) + λ * total_variation(f.reshape(self.hidden))

@@ -128,22 +128,27 @@ def differencing(_limits: Limits, _out: Path) -> Section:
     y = scene.photographs(1)[0] * [0, 1, 0]
     solution = method.solve(y)
     ours = median_seconds(partial(method.solve, y), 3)
-    iterations = 100
     port = peers.NumpyDifferencing(scene.A.astype(np.float64), scenario.photograph_shape, SMALL)
+    column, λ = y[..., 1].ravel(), float(solution.weight[1])
+    ours_reached = port.objective(solution.image[..., 1].ravel(), column, λ)
+    iterations = 100
+    while port.objective(port.solve(column, λ, iterations), column, λ) > 1.001 * ours_reached:
+        iterations *= 2
     start = time.perf_counter()
-    port.solve(y[..., 1].ravel(), solution.weight[1], iterations)
+    port.solve(column, λ, iterations)
     theirs = time.perf_counter() - start
     return Section(
         "differencing",
         "The method of [15], one channel",
         claims=[
             compare(
-                f"converged, against {iterations} iterations of a plain NumPy port",
+                f"against {iterations} iterations of a plain NumPy port",
                 "",
                 ours,
                 theirs,
                 None,
-                "Neither time includes the preparation; the port is not converged by then.",
+                "Without the preparation of either; the port's iterations are doubled until its "
+                "objective is within 0.1 % of ours.",
             )
         ],
     )
