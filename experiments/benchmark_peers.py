@@ -44,8 +44,8 @@ def pyproximal_tv(image: Array, weight: Array, iterations: int) -> Array:
 class NumpyDifferencing:
     """Minimize ‖D(A f − y)‖² + λ‖f‖_TV, the method of [15], by FISTA in NumPy, one channel.
 
-    D differences the photograph's columns, wrapped; the prox is scikit-image's. A fixed step, the
-    reciprocal of the gradient's Lipschitz constant.
+    D differences the photograph's columns, wrapped, and keeps its last pixel; the prox is
+    scikit-image's. A fixed step, the reciprocal of the gradient's Lipschitz constant.
     """
 
     def __init__(self, A: Array, shape: tuple[int, int], hidden: tuple[int, int]) -> None:
@@ -57,7 +57,7 @@ class NumpyDifferencing:
     def _difference(self, values: Array) -> Array:
         # Column by column, as the published code stacks a photograph.
         pixels = values.reshape(*self.shape, -1).transpose(1, 0, 2).reshape(values.shape[0], -1)
-        return np.diff(pixels, axis=0)
+        return np.concatenate([np.diff(pixels, axis=0), pixels[-1:]])
 
     def solve(self, y: Array, λ: float, iterations: int) -> Array:
         """Take a number of iterations from zero; y (M,), the result (N,)."""

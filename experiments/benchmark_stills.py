@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from copy import copy
 from functools import partial
 from pathlib import Path
 
@@ -119,39 +119,51 @@ def denoising(_limits: Limits, _out: Path) -> Section:
 
 
 def differencing(_limits: Limits, _out: Path) -> Section:
-    """Compare the method of [15], converged, with a plain NumPy port."""
+    """Solve the problem of [15] within 1 % of its least objective, and by a plain NumPy port."""
     scene = Scene(SMALL)
-    scenario = scene.scenario
-    method = ps.Differencing(
-        scene.A, photograph_shape=scenario.photograph_shape, hidden_shape=SMALL
-    )
+    shape = scene.scenario.photograph_shape
     y = scene.photographs(1)[0] * [0, 1, 0]
-    solution = method.solve(y)
-    ours = median_seconds(partial(method.solve, y), 3)
-    port = peers.NumpyDifferencing(scene.A.astype(np.float64), scenario.photograph_shape, SMALL)
-    column, λ = y[..., 1].ravel(), float(solution.weight[1])
-    ours_reached = port.objective(solution.image[..., 1].ravel(), column, λ)
-    iterations = 100
-    while port.objective(port.solve(column, λ, iterations), column, λ) > 1.001 * ours_reached:
+    port = peers.NumpyDifferencing(scene.A.astype(np.float64), shape, SMALL)
+    method = ps.Differencing(scene.A, photograph_shape=shape, hidden_shape=SMALL)
+    exact = method.solve(y)
+    column, λ = y[..., 1].ravel(), float(exact.weight[1])
+
+    def excess(f: Array) -> float:
+        least = port.objective(exact.image[..., 1].ravel(), column, λ)
+        return port.objective(f, column, λ) / least - 1
+
+    iterations = 50
+    while excess(port.solve(column, λ, iterations)) > 0.01 and iterations < 20_000:
         iterations *= 2
-    start = time.perf_counter()
-    port.solve(column, λ, iterations)
-    theirs = time.perf_counter() - start
+    tolerance = 0.1
+    while excess(_at(method, tolerance).solve(y).image[..., 1].ravel()) > 0.01:
+        tolerance /= 10
+    ours = median_seconds(partial(_at(method, tolerance).solve, y), 5)
+    theirs = median_seconds(partial(port.solve, column, λ, iterations), 5)
+    best = excess(port.solve(column, λ, 10_000))
     return Section(
         "differencing",
         "The method of [15], one channel",
         claims=[
             compare(
-                f"against {iterations} iterations of a plain NumPy port",
+                f"to 1 % above the least objective, against {iterations} iterations in NumPy",
                 "",
                 ours,
                 theirs,
                 None,
-                "Without the preparation of either; the port's iterations are doubled until its "
-                "objective is within 0.1 % of ours.",
+                f"Without the preparation of either. Ours: stopped at a gap of {tolerance:g}; its "
+                f"default, 1e-7, takes {seconds_text(median_seconds(partial(method.solve, y), 3))}."
+                f" The port, whose prox is inexact, stays {best:.1e} above after 10,000.",
             )
         ],
     )
+
+
+def _at(method: ps.Differencing, tolerance: float) -> ps.Differencing:
+    """Give the same method with another tolerance, its preparation shared."""
+    other = copy(method)
+    other.tolerance = tolerance
+    return other
 
 
 def video(limits: Limits, _out: Path) -> Section:

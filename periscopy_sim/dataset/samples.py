@@ -144,7 +144,7 @@ def _labels(
         "sbr": np.array([clip.sbr for clip in clips]),
         "snr": np.array([clip.snr for clip in clips]),
         "exposure": np.array([clip.exposure for clip in clips]),
-        "clip": np.array([clip.number for clip in clips]),
+        "clip_number": np.array([clip.number for clip in clips]),
         "hidden_kind": np.array([clip.kind for clip in clips], np.dtypes.StringDType()),
         "ambient": np.array([clip.ambient.label for clip in clips], np.dtypes.StringDType()),
     }

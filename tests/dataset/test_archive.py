@@ -31,7 +31,7 @@ def block(number, size=3):
         "photograph": rng.random((size, 4, 5, 3)).astype(np.float32),
         "hidden": rng.random((size, 2, 3, 3)).astype(np.float32),
         **{name: rng.random(size) for name in ("signal_scale", "sbr", "snr", "exposure")},
-        "clip": np.arange(size) + 3 * number,
+        "clip_number": np.arange(size) + 3 * number,
         "frame": np.zeros(size, np.int32),
         "geometry": np.zeros(size, np.int32),
         "split": np.array(["train"] * size, text),

@@ -72,8 +72,7 @@ def test_whole_data_set_is_verified(whole):
 
 @pytest.mark.parametrize("name", ["photograph", "hidden", "sbr", "ambient"])
 def test_verification_names_damaged_and_missing_blocks(data, name):
-    file = next((data / name / "c").glob("3*"))
-    file = next(file.rglob("*/0")) if file.is_dir() else file
+    file = file_of(data, name, 4 if name in ("photograph", "hidden") else 1, 3)
     content = bytearray(file.read_bytes())
     content[-1] ^= 1
     file.write_bytes(content)

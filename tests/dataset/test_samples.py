@@ -54,7 +54,7 @@ def test_signal_stands_to_the_background_as_asked(block, geometry):
 
 def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):
     for first, second in zip(range(0, 20, 2), range(1, 20, 2), strict=True):
-        for name in ("sbr", "snr", "exposure", "clip", "ambient", "hidden_kind", "geometry"):
+        for name in ("sbr", "snr", "exposure", "clip_number", "ambient", "hidden_kind", "geometry"):
             assert block[name][first] == block[name][second]
         assert block["frame"][[first, second]].tolist() == [0, 1]
         noises = block["photograph"][[first, second]] - block["photograph"][[second, first]]

@@ -39,7 +39,7 @@ def test_splits_are_apart_and_make_up_the_whole(path):
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_loaders_feed_every_sample_once_in_batches(path, workers):
-    samples = ps.TorchDataset(path, variables=("photograph", "hidden", "sbr", "ambient", "clip"))
+    samples = ps.TorchDataset(path, variables=("photograph", "hidden", "sbr", "ambient", "clip_number"))
     settings = {"multiprocessing_context": "spawn"} if workers else {}
     loader = torch.utils.data.DataLoader(
         samples, batch_size=16, shuffle=True, num_workers=workers, **settings,
@@ -48,8 +48,8 @@ def test_loaders_feed_every_sample_once_in_batches(path, workers):
     batches = list(loader)
     data = ps.open_dataset(path)
     assert [len(batch["sbr"]) for batch in batches] == [16] * 5
-    clips = torch.cat([batch["clip"] for batch in batches]).numpy()
-    assert sorted(clips.tolist()) == sorted(data.clip.values.tolist())
+    clips = torch.cat([batch["clip_number"] for batch in batches]).numpy()
+    assert sorted(clips.tolist()) == sorted(data.clip_number.values.tolist())
     means = torch.cat([batch["photograph"].mean(dim=(1, 2, 3)) for batch in batches]).numpy()
     np.testing.assert_allclose(
         np.sort(means), np.sort(data.photograph.values.mean(axis=(1, 2, 3))), rtol=1e-5
