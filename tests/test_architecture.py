@@ -21,6 +21,7 @@ LEVELS = {
     "storage": 2,
     "reconstruction": 1,
     "measurement": 1,
+    "defects": 1,
     "rendering": 1,
     "analytic": 1,
     "scenario": 0,
@@ -145,7 +146,12 @@ def test_only_the_rendering_and_the_variants_name_need_mitsuba():
     }
     assert "periscopy_sim.rendering.transport" in importers
     others = {name for name in importers if not name.startswith("periscopy_sim.rendering.")}
-    assert others <= {"periscopy_sim.cli.scene"}
+    # These ask for the variant's name alone.
+    assert others <= {
+        "periscopy_sim.cli.scene",
+        "periscopy_sim.dataset.inputs",
+        "periscopy_sim.storage.ambient_photographs",
+    }
 
 
 def test_only_the_variant_module_sets_the_variant():

@@ -86,7 +86,6 @@ def found_scene(configuration: Configuration, name: str) -> Path:
     return beside if beside.is_file() else find_scene(name)
 
 
-@lru_cache(maxsize=2)
 def geometry_of(configuration: str, number: int) -> Geometry:
     """Render what all photographs of a geometry share; the last two are remembered.
 
@@ -97,17 +96,22 @@ def geometry_of(configuration: str, number: int) -> Geometry:
     number
         Of the geometry.
     """
+    with _rendering:  # who waits for it finds it remembered
+        return _rendered(configuration, number)
+
+
+@lru_cache(maxsize=2)
+def _rendered(configuration: str, number: int) -> Geometry:
     settings = Configuration.model_validate_json(configuration)
     scenario = scenario_of(settings, number)
     draw = draw_geometry(settings, number)
-    with _rendering:
-        if isinstance(settings.light, Direct):
-            from periscopy_sim.rendering.transport import render_transport
+    if isinstance(settings.light, Direct):
+        from periscopy_sim.rendering.transport import render_transport
 
-            # The seed is the data set's own: samples of A are no random draw of a sample.
-            A = render_transport(scenario, samples=settings.light.samples, seed=settings.seed)
-            return Geometry(draw, scenario, A, None)
-        return Geometry(draw, scenario, None, _photographer(scenario, settings.light))
+        # The seed is the data set's own: samples of A are no random draw of a sample.
+        A = render_transport(scenario, samples=settings.light.samples, seed=settings.seed)
+        return Geometry(draw, scenario, A, None)
+    return Geometry(draw, scenario, None, _photographer(scenario, settings.light))
 
 
 def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from periscopy_sim.dataset.geometry import Backgrounds, as_json, geometry_of, sc
 from periscopy_sim.dataset.inputs import attributes_of, geometry_variables, resolved
 from periscopy_sim.dataset.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.reconstruction.threads import ahead
 from periscopy_sim.scenario import Scenario
 
 SHARES_PER_THREAD = 4
@@ -118,8 +120,12 @@ def _made(
     shared = (as_json(settings), photograph_shape, backgrounds)
     if scheduler is None:
         for geometry, blocks in shares.items():
-            for block in blocks:
-                yield block, make_block(*shared, geometry, block)
+            make = partial(make_block, *shared, geometry)
+            # Rendered here, not in the threads; path tracing is parallel by itself.
+            traced = geometry_of(shared[0], geometry).transport is None
+            yield from zip(
+                blocks, map(make, blocks) if traced else ahead(make, blocks), strict=True
+            )
         return
     from periscopy_sim.evaluation.workers import compute, connect
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.dataset.configuration import Configuration
 from periscopy_sim.dataset.draws import (
     NOISE,
@@ -18,10 +17,11 @@ from periscopy_sim.dataset.draws import (
     random_seed,
 )
 from periscopy_sim.dataset.geometry import Backgrounds, Geometry, view_digest
+from periscopy_sim.dataset.lamp_light import lamp_light
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.reconstruction.matrix_product import times_rows
 from periscopy_sim.reconstruction.threads import in_parallel
-from periscopy_sim.scenario import Scenario, wall_frame
+from periscopy_sim.scenario import Scenario, WallFrame, wall_frame
 
 Array = NDArray[np.float64]
 Block = dict[str, NDArray[Any]]
@@ -57,7 +57,10 @@ def make_samples(
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
     hidden = np.concatenate([clip.hidden for clip in clips])
     signals = _signals(configuration, geometry, hidden, start)
-    lights = in_parallel(lambda clip: _background(clip.ambient, scenario, backgrounds), clips)
+    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    lights = in_parallel(
+        lambda clip: _background(clip.ambient, scenario, frame, backgrounds), clips
+    )
     kept = configuration.keep_background
     photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
     ambient = np.empty_like(photographs if kept else photographs[:0])
@@ -114,17 +117,17 @@ def _signals(
     return np.moveaxis(y, 1, -1).reshape(len(hidden), *scenario.photograph_shape, 3)
 
 
-def _background(ambient: AmbientDraw, scenario: Scenario, backgrounds: Backgrounds) -> Array | None:
+def _background(
+    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: Backgrounds
+) -> Array | None:
     """Ambient light on the wall, (rows, columns, 3), in any unit."""
     colour = scenario.channel_gain
     if ambient.lamps is not None:
         places, powers = ambient.lamps
-        frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
-        response = point_light_response(lights, scenario.wall_points, scenario.wall_normals)
-        # The least lamp lights as much as the greatest, wherever it stands.
-        light = (response / response.mean(axis=0)) @ (powers * colour)
-        return np.asarray(light.reshape(*scenario.photograph_shape, 3))
+        # Each lights as much as its power tells, wherever it stands.
+        light = lamp_light(lights, powers * colour, scenario.wall_points, scenario.wall_normals)
+        return light.reshape(*scenario.photograph_shape, 3)
     if not ambient.mixture:
         return None
     pictures = backgrounds[view_digest(scenario)][ambient.source]

@@ -2,9 +2,11 @@
 
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import islice
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -49,6 +51,39 @@ def in_parallel(function: Callable[[Item], Result], items: Sequence[Item]) -> li
     if len(items) < 2 or core_count() < 2 or getattr(_here, "is_worker", False):
         return [function(item) for item in items]
     return list(_executor().map(function, items))
+
+
+def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Call a function with each item on threads, a few calls ahead of who takes the results.
+
+    Parameters
+    ----------
+    function
+        As in `in_parallel`; calls to that within it are made one after another.
+    items
+        What to call it with.
+
+    Yields
+    ------
+    object
+        The results, in the order of the items.
+
+    Raises
+    ------
+    Exception
+        What the function raises, in the place of its result; what waits is then not called.
+    """
+    waiting = iter(items)
+    running = deque(
+        _executor().submit(function, item) for item in islice(waiting, core_count() + 1)
+    )
+    try:
+        while running:
+            yield running.popleft().result()
+            running.extend(_executor().submit(function, item) for item in islice(waiting, 1))
+    finally:
+        for future in running:
+            future.cancel()
 
 
 def ranges(count: int) -> list[tuple[int, int]]:

@@ -154,3 +154,27 @@ def test_callers_at_once_share_one_set_of_threads(monkeypatch):
     threads._started_executor.cache_clear()
     assert len(started) == 1
     started[0].shutdown()
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 50])
+def test_results_computed_ahead_come_in_order(count):
+    assert list(threads.ahead(lambda k: k * k, range(count))) == [k * k for k in range(count)]
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_only_a_few_are_computed_ahead_of_who_takes_them():
+    called = []
+    results = threads.ahead(called.append, range(100))
+    next(results)
+    time.sleep(0.05)
+    assert len(called) <= 6  # four threads' worth, one more, and the one that followed
+    results.close()
+    time.sleep(0.05)
+    assert len(called) <= 6
+
+
+def test_error_comes_in_the_place_of_its_result():
+    results = threads.ahead(lambda k: 1 // (k - 2), range(5))
+    assert [next(results), next(results)] == [-1, -1]
+    with pytest.raises(ZeroDivisionError):
+        next(results)
