@@ -73,7 +73,7 @@ def main(
     while tally["kills"] < kills:
         process = run(out, archive.name)
         try:
-            process.wait(rng.uniform(0.05, 1.1) * whole)
+            process.wait(rng.uniform(0.2, 1.05) * whole)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
             process.wait()
@@ -84,10 +84,11 @@ def main(
             tally["finished runs"] += 1
             if files_of(archive) != expected:
                 tally["finished with other bytes"] += 1
-            shutil.rmtree(archive)
+            if rng.random() < 0.3:
+                shutil.rmtree(archive)
         elif process.returncode != -signal.SIGKILL:
             tally[f"exits with {process.returncode}"] += 1
-        elif rng.random() < 0.4:
+        for _ in range(rng.integers(3)):
             tally[f"damages: {damage(archive, rng)}"] += 1
         print(dict(tally), flush=True)
     code = run(out, archive.name).wait()

@@ -55,7 +55,12 @@ class Case:
 def sound_cases() -> list[Case]:
     """Make a sound case of every reader and format."""
     with TemporaryDirectory() as folder:
-        return [*_pictures(Path(folder)), *_sequences(Path(folder)), *_scenes(), *_configurations()]
+        return [
+            *_pictures(Path(folder)),
+            *_sequences(Path(folder)),
+            *sound_scenes(),
+            *_configurations(),
+        ]
 
 
 def _written(path: Path, write: Callable[[Path], Any]) -> bytes:
@@ -70,6 +75,10 @@ def _pictures(folder: Path) -> Iterator[Case]:
         content = _written(folder / f"{kind}.{suffix}", write)
         for reader in ("photograph", "hidden image"):
             yield Case(reader, kind, {f"y.{suffix}": content})
+    for kind, write in _masks().items():
+        suffix = kind.rpartition(" ")[2]
+        content = _written(folder / f"mask {kind}.{suffix}", write)
+        yield Case("mask", kind, {f"mask.{suffix}": content})
     for kind, write in _matlab().items():
         yield Case("photograph", kind, {"y.mat": _written(folder / f"{kind}.mat", write)})
     png = _written(folder / "still.png", formats["8-bit png"])
@@ -147,6 +156,18 @@ def _rasters() -> dict[str, Callable[[Path], Any]]:
     }
 
 
+def _masks() -> dict[str, Callable[[Path], Any]]:
+    from PIL import Image
+
+    mask = LIGHT[..., 0] > 0.3
+    return {
+        "npy": lambda path: np.save(path, mask),
+        "npz": lambda path: np.savez(path, mask=mask),
+        "grey png": lambda path: Image.fromarray(mask.astype(np.uint8) * 255).save(path),
+        "1-bit png": lambda path: Image.fromarray(mask).save(path),
+    }
+
+
 def _matlab() -> dict[str, Callable[[Path], Any]]:
     from scipy.io import savemat
 
@@ -175,7 +196,9 @@ def _sequences(folder: Path) -> Iterator[Case]:
     yield Case("frames", "npy stack", {"y.npy": stack})
     yield Case("hidden frames", "npy stack", {"f.npy": stack})
     for kind, save in (("npz stack", np.savez), ("compressed npz stack", np.savez_compressed)):
-        content = _written(folder / f"{kind}.npz", lambda path, save=save: save(path, photograph=CLIP))
+        content = _written(
+            folder / f"{kind}.npz", lambda path, save=save: save(path, photograph=CLIP)
+        )
         yield Case("frames", kind, {"y.npz": content})
     still = (folder / "8-bit png.png").read_bytes()
     pictures = {f"clip/{k}.png": still for k in range(3)}
@@ -229,7 +252,9 @@ ROOM = """<scene version="3.0.0">
 _RECTANGLE = """<transform name="to_world"><scale x="0.2" y="0.15"/><rotate x="1" angle="90"/>
 <rotate z="1" angle="180"/><translate x="0.2" y="0" z="0.3"/></transform>"""
 _SCREEN = '<string name="filename" value="screen.ply"/>'
-_VERTICES = [(0.4 + 0.1 * (k & 1), 0.5 + 0.1 * (k >> 1 & 1), 0.3 + 0.1 * (k >> 2)) for k in range(8)]
+_VERTICES = [
+    (0.4 + 0.1 * (k & 1), 0.5 + 0.1 * (k >> 1 & 1), 0.3 + 0.1 * (k >> 2)) for k in range(8)
+]
 _FACES = [(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 6, 7), (2, 7, 3),
           (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)]  # fmt: skip
 _CORNERS = ("0.4 0 0.15 0 0", "0 0 0.15 1 0", "0 0 0.45 1 1", "0.4 0 0.45 0 1")
@@ -248,7 +273,8 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
 UV = "property float u\nproperty float v\n"
 
 
-def _scenes() -> Iterator[Case]:
+def sound_scenes() -> list[Case]:
+    """Make two rooms with an occluder: binary PLY, and OBJ beside a monitor of ASCII PLY."""
     faces = np.zeros(len(_FACES), dtype=[("n", "u1"), ("i", "<i4", 3)])
     faces["n"], faces["i"] = 3, _FACES
     body = np.array(_VERTICES, "<f4").tobytes() + faces.tobytes()
@@ -259,10 +285,12 @@ def _scenes() -> Iterator[Case]:
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in _FACES]
     obj = ("\n".join(lines) + "\n").encode()
     plain = ROOM.format(monitor="rectangle", screen=_RECTANGLE, occluder="ply")
-    yield Case("scene", "scene with binary ply", {"room.xml": plain.encode(), "box.ply": binary})
     meshed = ROOM.format(monitor="ply", screen=_SCREEN, occluder="obj")
     files = {"room.xml": meshed.encode(), "screen.ply": screen, "box.obj": obj}
-    yield Case("scene", "scene with ascii ply and obj", files)
+    return [
+        Case("scene", "binary ply", {"room.xml": plain.encode(), "box.ply": binary}),
+        Case("scene", "ascii ply and obj", files),
+    ]
 
 
 def _configurations() -> Iterator[Case]:
@@ -274,4 +302,3 @@ def _configurations() -> Iterator[Case]:
     )
     yield Case("configuration", "least yaml", {"c.yaml": least})
     yield Case("configuration", "example yaml", {"c.yaml": EXAMPLE.read_bytes()})
-

@@ -10,6 +10,7 @@ from .dataset.configuration import load_configuration
 from .dataset.making import make_dataset
 from .dataset.reading import open_dataset
 from .dataset.torch_dataset import TorchDataset
+from .defects import defective_pixels
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
@@ -32,6 +33,7 @@ from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
 from .storage.frames import open_frames
+from .storage.masks import read_mask
 from .storage.photographs import read_photograph
 from .storage.pictures import read_hidden_image
 
@@ -54,6 +56,7 @@ __all__ = [
     "add_noise",
     "analytic_transport",
     "composite",
+    "defective_pixels",
     "diagnose",
     "find_image",
     "find_method",
@@ -73,6 +76,7 @@ __all__ = [
     "prox_total_variation",
     "psnr",
     "read_hidden_image",
+    "read_mask",
     "read_photograph",
     "registered",
     "render_background",

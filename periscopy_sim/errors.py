@@ -1,8 +1,20 @@
 """What a user can mend: each error says what is wrong, where, and what would mend it."""
 
+_LONGEST = 900
+"""Characters of a message; it may quote what a damaged or hostile file holds."""
+
 
 class PeriscopyError(ValueError):
     """A mistake in what the user gave; the command line prints it as one line and exits with 2."""
+
+    def __str__(self) -> str:
+        """Message as one line: what cannot be printed is spelled out, a long middle left out."""
+        line = "".join(
+            letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+            for letter in super().__str__()
+        )
+        half = _LONGEST // 2
+        return line if len(line) <= _LONGEST else f"{line[:half]} ... {line[-half:]}"
 
 
 class SceneError(PeriscopyError):

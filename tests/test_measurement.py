@@ -40,6 +40,19 @@ def test_units_of_signal_and_background_do_not_matter(sbr, signal_scale, backgro
     )
 
 
+@settings(deadline=None, max_examples=60)
+@given(sbr=ratios, share=st.floats(0, 1), seed=st.integers(0, 1000))
+def test_mixtures_of_signals_of_one_mean_are_composed_as_mixtures(sbr, share, seed):
+    (first, background), (second, other) = photographs(seed), photographs(seed + 1)
+    second, other = second * first.mean() / second.mean(), other * background.mean() / other.mean()
+    mixed = composite(share * first + (1 - share) * second, background, sbr)
+    parts = composite(first, background, sbr), composite(second, background, sbr)
+    np.testing.assert_allclose(mixed, share * parts[0] + (1 - share) * parts[1], rtol=1e-12)
+    mixed = composite(first, share * background + (1 - share) * other, sbr)
+    parts = composite(first, background, sbr), composite(first, other, sbr)
+    np.testing.assert_allclose(mixed, share * parts[0] + (1 - share) * parts[1], rtol=1e-12)
+
+
 def test_one_factor_holds_for_all_channels():
     signal, background = np.ones(SHAPE) * [1.0, 2.0, 3.0], np.ones(SHAPE) * [5.0, 1.0, 0.0]
     # Means 2 and 2: at SBR 2 the background counts half, and 1/3 restores the exposure.

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.scenario import EmissionProfile, Scenario, wall_frame
@@ -110,6 +112,29 @@ def test_frame_follows_the_photograph_however_the_wall_stands(seed):
     np.testing.assert_allclose(frame.across, turn @ [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(frame.normal, turn @ [0, -1, 0], atol=1e-12)
     np.testing.assert_allclose(frame.up, turn @ [0, 0, 1], atol=1e-12)
+
+
+@settings(deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 6), st.integers(2, 6)),
+    seed=st.integers(0, 10_000),
+    roughness=st.floats(0, 0.05),
+    distance=st.floats(0, 1e3),
+)
+def test_frame_holds_every_point_of_any_wall(shape, seed, roughness, distance):
+    rng = np.random.default_rng(seed)
+    points, normals = field(*shape)
+    points = Rotation.random(rng=rng).apply(points + roughness * rng.normal(size=points.shape))
+    normals = Rotation.random(rng=rng).apply(normals + 0.2 * rng.normal(size=normals.shape))
+    points += distance * rng.normal(size=3)
+    frame = wall_frame(points, normals / np.linalg.norm(normals, axis=1, keepdims=True), shape)
+    axes = np.stack([frame.across, frame.up, frame.normal])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)
+    coordinates = (points - frame.center) @ axes.T
+    np.testing.assert_allclose(coordinates.mean(axis=0), 0, atol=1e-9 * (1 + distance))
+    np.testing.assert_allclose(
+        frame.center + coordinates @ axes, points, atol=1e-9 * (1 + distance)
+    )
 
 
 def test_rolled_cameras_columns_say_what_is_across():

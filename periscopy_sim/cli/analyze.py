@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from periscopy_sim.cli import masks
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli.arguments import (
     Define,
@@ -33,6 +34,7 @@ def analyze(
     rank_tolerance: Annotated[
         float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
     ] = 1e-10,
+    mask: masks.MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -44,12 +46,20 @@ def analyze(
 
     with staged_folder(out) as folder:
         scenario = scenes.load(scene, hidden, define)
+        used = masks.read(mask, scenario)
         A = scenes.transport(scenario, samples, seed, model)
         B = point_light_backgrounds(scenario)
         with mendable(f"scene '{scenario.path}'"), progress("analyzing") as report:
             found = diagnostics.diagnose(
-                A, B, scenario.photograph_shape, scenario.hidden_shape, tolerance=rank_tolerance
+                A,
+                B,
+                scenario.photograph_shape,
+                scenario.hidden_shape,
+                mask=used,
+                tolerance=rank_tolerance,
             )
+            if used is not None:
+                A, B = A[used.ravel()], B[used.ravel()]
             report(0.4)
             table = []
             for number, tolerance in enumerate(TOLERANCES, 1):
@@ -83,6 +93,7 @@ def analyze(
             "model": model.value,
             "samples": samples,
             "rank_tolerance": rank_tolerance,
+            **masks.record(mask, used),
         }
         record = {**settings, **numbers, "rank_table": table, "provenance": provenance}
         write_json(folder / "summary.json", record)

@@ -9,6 +9,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from periscopy_sim.cli import masks
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli.arguments import (
     Define,
@@ -88,11 +89,13 @@ def reconstruct(
             help="The hidden image, if known (a file or a shipped one): adds metrics, a picture."
         ),
     ] = None,
+    mask: masks.MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.defects import defective_pixels
     from periscopy_sim.evaluation import figures
     from periscopy_sim.evaluation.methods import (
         find_method,
@@ -119,7 +122,10 @@ def reconstruct(
     with staged_folder(out) as folder:
         with timed("load the scene"):
             scenario = scenes.load(scene, hidden, define)
-        given = scenes.read_photograph(photo, scenario)
+        used = masks.read(mask, scenario)
+        given = scenes.read_photograph(photo, scenario, used)
+        defects = defective_pixels(given.values, used)
+        warnings = [*given.warnings, *masks.warn_of(defects, str(photo), out / masks.SUGGESTED)]
         known = None
         if truth is not None:
             known = read_hidden_image(find_image(truth), scenario.hidden_shape)
@@ -134,7 +140,7 @@ def reconstruct(
         if method == PRECONDITIONED:
             with timed("form the preconditioner"), fitting:
                 B = point_light_backgrounds(scenario)
-                periscope = _periscope(scenario, A, B, settings)
+                periscope = _periscope(scenario, A, B, settings, used)
             with timed("reconstruct"), mendable(str(photo)):
                 solution = periscope.solve(given.values)
             image = solution.image.astype(np.float64)
@@ -144,7 +150,7 @@ def reconstruct(
             settings |= {"method_sha256": source_sha256(method)}
             with timed("fit the method"), fitting:
                 B = point_light_backgrounds(scenario)
-                fitted = fit_methods([method], scenario, A, B)[method]
+                fitted = fit_methods([method], scenario, A, B, used)[method]
             with (
                 timed("reconstruct"),
                 mendable(f"{photo} by {method}"),
@@ -154,6 +160,7 @@ def reconstruct(
         if matrix is not None and not matrix.with_suffix(".json").is_file():
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
+        masks.suggest(folder, defects, used, text)
         shown = figures.enlarged(figures.displayable(image))
         write_png(folder / "reconstruction.png", shown, text)
         summary: dict[str, Any] = {
@@ -165,7 +172,8 @@ def reconstruct(
             "transport": matrix,
             "samples": None if matrix else samples,
             **settings,
-            "warnings": given.warnings,
+            **masks.record(mask, used),
+            "warnings": warnings,
             "truth": truth,
         }
         if known is not None:
@@ -198,7 +206,11 @@ def _settings(method: str, given: dict[str, tuple[float | None, float]]) -> dict
 
 
 def _periscope(
-    scenario: Scenario, A: NDArray[np.float32], B: Array, settings: dict[str, Any]
+    scenario: Scenario,
+    A: NDArray[np.float32],
+    B: Array,
+    settings: dict[str, Any],
+    mask: masks.Mask | None,
 ) -> Periscope:
     from periscopy_sim.reconstruction.periscope import Periscope
 
@@ -210,6 +222,7 @@ def _periscope(
         tv_weight=settings["tv_weight"],
         repair_threshold=settings["repair_threshold"],
         explicit=False,
+        mask=mask,
     )
 
 

@@ -117,11 +117,13 @@ def _check_record(path: Path, scenario: Scenario) -> None:
             )
 
 
-def read_photograph(path: Path, scenario: Scenario) -> Photograph:
+def read_photograph(
+    path: Path, scenario: Scenario, mask: NDArray[np.bool_] | None = None
+) -> Photograph:
     """Read a photograph of the size that the scene's camera sees, and print its warnings."""
     from periscopy_sim.storage import photographs
 
-    given = photographs.read_photograph(path, scenario.photograph_shape)
+    given = photographs.read_photograph(path, scenario.photograph_shape, mask)
     for warning in given.warnings:
         warn(warning)
     return given

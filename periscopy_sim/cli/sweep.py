@@ -12,6 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from periscopy_sim.cli import masks
 from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli import transport as matrices
@@ -87,11 +88,13 @@ def sweep(
         typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine's cores."),
     ] = None,
     samples: Samples = 16,
+    mask: masks.MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
     """Reconstruct under every background and SBR by every method; go on where it stopped."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.defects import defective_pixels
     from periscopy_sim.evaluation import figures, workers
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
@@ -109,9 +112,13 @@ def sweep(
         find_method(name)
     scenario = scenes.load(scene, hidden, define)
     shown = read_hidden_image(find_image(truth or hidden_image or ""), scenario.hidden_shape)
-    signal = None if photograph is None else scenes.read_photograph(photograph, scenario).values
+    used = masks.read(mask, scenario)
+    signal = None
+    if photograph is not None:
+        signal = scenes.read_photograph(photograph, scenario, used).values
+        masks.warn_of(defective_pixels(signal, used), str(photograph))
     backgrounds = {
-        name: scenes.read_photograph(path, scenario).values if path else None
+        name: scenes.read_photograph(path, scenario, used).values if path else None
         for name, path in lights.items()
     }
     settings = {
@@ -119,6 +126,7 @@ def sweep(
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
         "base_seed": seed,
+        "mask": None if used is None else sweeps.array_sha256(used),
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
         "truth": sweeps.array_sha256(shown),
         "ambient": [
@@ -145,7 +153,7 @@ def sweep(
             A = scenes.read_transport(out / "A.npy", scenario)
             B = point_light_backgrounds(scenario)
             with mendable(f"scene '{scenario.path}'"):
-                fitted = fit_methods(names, scenario, A, B)
+                fitted = fit_methods(names, scenario, A, B, used)
             if signal is None:
                 file = out / "photograph.exr"
                 if not file.is_file():
@@ -163,6 +171,7 @@ def sweep(
                 snr=snr,
                 seeds=range(seeds),
                 seed=seed,
+                mask=used,
                 conditions={
                     "settings": settings,
                     "A_sha256": sweeps.array_sha256(A),

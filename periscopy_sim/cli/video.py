@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from periscopy_sim.cli import masks
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli.arguments import (
     Define,
@@ -146,6 +147,7 @@ def video(
     batch: Annotated[
         int, typer.Option(min=1, max=4096, help="Photographs that P is applied to in one product.")
     ] = 16,
+    mask: masks.MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -153,6 +155,7 @@ def video(
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.defects import defective_pixels
     from periscopy_sim.reconstruction.periscope import Periscope
     from periscopy_sim.reconstruction.video import Video
     from periscopy_sim.storage.frames import open_frames
@@ -165,9 +168,13 @@ def video(
         with timed("load the scene"):
             scenario = scenes.load(scene, hidden, define)
         with timed("read the frames"):
-            sequence = open_frames(frames, scenario.photograph_shape)
+            used = masks.read(mask, scenario)
+            sequence = open_frames(frames, scenario.photograph_shape, used)
             check_left_over(out, len(sequence))
             photographs, warnings = decoded_photographs(sequence, scenario, Path(scratch, "y.npy"))
+            defects = defective_pixels(photographs[0], used)
+            first = f"{frames}, first frame"
+            warnings += masks.warn_of(defects, first, out / masks.SUGGESTED)
             known = None
             if truth is not None:
                 known = decoded_truth(truth, scenario, len(sequence), Path(scratch, "truth.npy"))
@@ -189,6 +196,7 @@ def video(
                 tv_weight=tv_weight,
                 repair_threshold=repair_threshold,
                 explicit=explicit,
+                mask=used,
             )
         if matrix is not None and not matrix.with_suffix(".json").is_file():
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
@@ -209,6 +217,7 @@ def video(
                 draw_sheet(folder / "frames_sheet.png", photographs, known, images, records, text)
             draw_frames(folder / "frames", images, white, text)
             draw_video(folder / "video.png", photographs, images, known, white, rate, text)
+        masks.suggest(folder, defects, used, text)
         write_table(folder / "metrics.csv", records)
         medians = medians_of(records)
         rates = {"batch": len(records) / sum(r["seconds"] for r in records), "live": live}
@@ -230,6 +239,7 @@ def video(
             "batch": batch,
             "rate": rate,
             "white": white,
+            **masks.record(mask, used),
             "warnings": warnings,
             "truth": truth,
             "median": medians,

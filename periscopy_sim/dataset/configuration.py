@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -16,8 +15,15 @@ from periscopy_sim.errors import ConfigurationError
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
-LARGEST_FILE = 1 << 20
+LARGEST_FILE = 1 << 17
 """Bytes of a configuration; a larger file is something else."""
+
+MOST_ENTRIES = 1 << 16
+"""Keys, values and items of a configuration, each counted wherever an alias repeats it."""
+
+_MISTAKES = (  # what PyYAML raises where text is not of its tag's form, or nested too deeply
+    RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError,
+)  # fmt: skip
 
 SPLITS = ("train", "validation", "test")
 
@@ -187,19 +193,27 @@ def load_configuration(path: str | Path) -> Configuration:
     path = Path(path)
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ConfigurationError(f"{path}: is larger than 1 MB; name a YAML configuration")
+            raise ConfigurationError(f"{path}: is larger than 128 KB; name a YAML configuration")
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise ConfigurationError(f"{path}: {error.strerror}; check the path") from None
     except UnicodeDecodeError:
         raise ConfigurationError(f"{path}: is no text in UTF-8; name a YAML file") from None
     try:
-        entries = yaml.load(text, _Loader)
+        loader = yaml.SafeLoader(text)
+        document = loader.get_single_node()
+        if _size(document, {}) > MOST_ENTRIES:
+            raise ConfigurationError(
+                f"{path}: holds more than {MOST_ENTRIES} entries, aliases followed; write fewer"
+            )
+        entries = None if document is None else loader.construct_document(document)
+    except ConfigurationError:
+        raise
     except yaml.YAMLError as error:
         raise ConfigurationError(
             f"{path}{_place(error)}: {_problem(error)}; mend the YAML"
         ) from None
-    except (RecursionError, ValueError, TypeError, AttributeError) as error:
+    except _MISTAKES as error:
         raise ConfigurationError(f"{path}: cannot be read as YAML: {error}") from None
     if not isinstance(entries, dict):
         raise ConfigurationError(f"{path}: holds no entries; see 'periscopy dataset --example'")
@@ -208,20 +222,36 @@ def load_configuration(path: str | Path) -> Configuration:
     try:
         return Configuration.model_validate({**entries, "folder": path.parent.resolve()})
     except (ValidationError, RecursionError) as error:
-        raise ConfigurationError(f"{path}: {_first_mistake(error, text)}") from None
+        raise ConfigurationError(f"{path}: {_first_mistake(error, document)}") from None
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses keys given twice, of which YAML readers commonly keep the last."""
+def _size(node: yaml.Node | None, known: dict[yaml.Node, int]) -> int:
+    """Count the entries of a document, those of an anchor again at each of its aliases.
 
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for key, _ in reversed(node.value):
-            if isinstance(key, yaml.ScalarNode) and key.value != "<<" and keys.count(key.value) > 1:
-                raise yaml.MarkedYAMLError(
-                    problem=f"'{key.value}' is given twice", problem_mark=key.start_mark
-                )
-        return super().construct_mapping(node, deep)
+    Refuses keys given twice, of which YAML readers commonly keep the last.
+    """
+    if node is None:
+        return 0
+    if node in known:
+        if known[node] == 0:
+            raise ValueError("an alias stands within its own anchor")
+        return known[node]
+    known[node] = 0  # being counted
+    inner: list[yaml.Node] = []
+    if isinstance(node, yaml.MappingNode):
+        given: set[str] = set()
+        for key, value in node.value:
+            inner += [key, value]
+            if isinstance(key, yaml.ScalarNode) and key.value != "<<":
+                if key.value in given:
+                    raise yaml.MarkedYAMLError(
+                        problem=f"'{key.value}' is given twice", problem_mark=key.start_mark
+                    )
+                given.add(key.value)
+    elif isinstance(node, yaml.SequenceNode):
+        inner = node.value
+    known[node] = 1 + sum(_size(entry, known) for entry in inner)
+    return known[node]
 
 
 def _place(error: yaml.YAMLError) -> str:
@@ -233,13 +263,13 @@ def _problem(error: yaml.YAMLError) -> str:
     return str(getattr(error, "problem", None) or error).splitlines()[0]
 
 
-def _first_mistake(error: ValidationError | RecursionError, text: str) -> str:
+def _first_mistake(error: ValidationError | RecursionError, document: yaml.Node | None) -> str:
     """Put the first of pydantic's complaints into words, with its line."""
     if isinstance(error, RecursionError):
         return "is nested too deeply"
     mistakes = error.errors(include_url=False, include_context=False, include_input=False)
     first = mistakes[0]
-    known, line = _located(yaml.compose(text, yaml.SafeLoader), first["loc"])
+    known, line = _located(document, first["loc"])
     entry = ".".join(str(part) for part in known)
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":

@@ -14,8 +14,10 @@ from periscopy_sim.errors import DatasetError
 if TYPE_CHECKING:
     import xarray as xr
 
-SHEET_SIZE = 12
-"""Samples on a contact sheet."""
+SHEET_SIZE, SHEET_COLUMNS = 24, 6
+"""Samples on a contact sheet, and beside each other on it."""
+
+PATCHES = ("hidden_row", "hidden_column")
 
 
 def export_samples(
@@ -73,7 +75,7 @@ def export_samples(
 
 
 def draw_sheet(file: Path, data: xr.Dataset, indices: Sequence[int]) -> None:
-    """Draw samples side by side: photographs, each scaled to its brightest value, hidden images.
+    """Draw photographs, each scaled to its brightest value, with the hidden image beneath each.
 
     Parameters
     ----------
@@ -84,17 +86,27 @@ def draw_sheet(file: Path, data: xr.Dataset, indices: Sequence[int]) -> None:
     indices
         Of the samples.
     """
-    from periscopy_sim.evaluation.contact_sheet import draw_contact_sheet
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    samples = [data.isel(sample=index) for index in indices]
-    photographs = [_shown(sample["photograph"].values, None) for sample in samples]
-    hidden = [_shown(sample["hidden"].values, 1.0) for sample in samples]
-    draw_contact_sheet(
-        file,
-        [("photograph", photographs), ("hidden", hidden)],
-        titles=[_title(sample) for sample in samples],
-        notes=[_note(sample) for sample in samples],
-    )
+    from periscopy_sim.storage.srgb import srgb_encode
+
+    columns = min(len(indices), SHEET_COLUMNS)
+    lines = -(-len(indices) // columns)
+    aspects = [data.sizes[d] / data.sizes[w] for d, w in (("row", "column"), PATCHES)]
+    size = 1.7 * columns, (1.62 * sum(aspects) + 0.6) * lines
+    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(hspace=0.005, h_pad=0.01))
+    axes = figure.subplots(2 * lines, columns, height_ratios=aspects * lines, squeeze=False)
+    for ax in axes.flat:
+        ax.set_axis_off()
+    for place, index in enumerate(indices):
+        sample = data.isel(sample=index)
+        line, column = divmod(place, columns)
+        above, beneath = axes[2 * line : 2 * line + 2, column]
+        above.imshow(srgb_encode(_shown(sample["photograph"].values, None)))
+        above.set_title(_title(sample, index), fontsize=7)
+        beneath.imshow(srgb_encode(_shown(sample["hidden"].values, 1.0)), interpolation="nearest")
+    figure.savefig(file, dpi=160)
 
 
 def _labels(data: xr.Dataset) -> list[str]:
@@ -106,9 +118,8 @@ def _shown(image: Any, white: float | None) -> Any:
     return np.clip(light / (white or max(light.max(), 1e-12)), 0, 1)
 
 
-def _title(sample: xr.Dataset) -> str:
-    return f"{sample['hidden_kind'].item()}\n{str(sample['ambient'].item())[:18]}"
-
-
-def _note(sample: xr.Dataset) -> str:
-    return f"SBR {sample['sbr'].item():.2g}\n{sample['split'].item()}"
+def _title(sample: xr.Dataset, index: int) -> str:
+    ambient = str(sample["ambient"].item())
+    light = ambient if len(ambient) < 30 else f"{ambient[:27]}..."
+    ratio = f"SBR {sample['sbr'].item():.2g}, " if np.isfinite(sample["sbr"].item()) else ""
+    return f"{index}: {sample['hidden_kind'].item()}\n{light}\n{ratio}{sample['split'].item()}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,7 @@ class TorchDataset(Dataset):  # type: ignore[misc]
         self.path = Path(path)
         self.variables = tuple(variables)
         self.transform = transform
-        self._group: Any = None
+        self._opened: tuple[int, Any] | None = None
 
     def __len__(self) -> int:
         """Count the samples."""
@@ -75,13 +76,14 @@ class TorchDataset(Dataset):  # type: ignore[misc]
 
     def __getitems__(self, indices: Sequence[int]) -> list[Any]:
         """Read the samples of a batch at once, as PyTorch's loaders ask for them."""
-        group = self._opened()
+        group = self._archive()
         wanted = self.samples[np.asarray(indices)]
         order = np.argsort(wanted, kind="stable")
         columns = {}
         for name in self.variables:
-            values = np.empty_like(group[name], shape=(len(wanted), *group[name].shape[1:]))
-            values[order] = group[name].oindex[wanted[order]]
+            array = group[name]
+            values = np.empty((len(wanted), *array.shape[1:]), array.dtype)
+            values[order] = array.oindex[wanted[order]]
             columns[name] = values
         samples = [
             {name: _tensor(values[k]) for name, values in columns.items()}
@@ -91,14 +93,15 @@ class TorchDataset(Dataset):  # type: ignore[misc]
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the opened archive behind."""
-        return {**self.__dict__, "_group": None}
+        return {**self.__dict__, "_opened": None}
 
-    def _opened(self) -> Any:
-        if self._group is None:
+    def _archive(self) -> Any:
+        # What was opened before a fork waits for threads that the fork has left behind.
+        if self._opened is None or self._opened[0] != os.getpid():
             import zarr
 
-            self._group = zarr.open_group(self.path, mode="r", zarr_format=3)
-        return self._group
+            self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
+        return self._opened[1]
 
 
 def _tensor(value: Any) -> Any:

@@ -14,6 +14,7 @@ from periscopy_sim.reconstruction.preconditioner import (
     Preconditioner,
     form_preconditioner,
 )
+from periscopy_sim.reconstruction.vectorization import vectorization_of
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,7 @@ def diagnose(
     photograph_shape: tuple[int, int],
     hidden_shape: tuple[int, int],
     *,
+    mask: NDArray[np.bool_] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Diagnostics:
     """Compute the paper's figures for one scene.
@@ -75,6 +77,8 @@ def diagnose(
         (M, L) prototype backgrounds.
     photograph_shape, hidden_shape
         (rows, columns) with products M and N.
+    mask
+        (rows, columns) or (M,), True where the wall is used; None for everywhere.
     tolerance
         Relative tolerance on B's singular values.
 
@@ -85,18 +89,20 @@ def diagnose(
     Raises
     ------
     ValueError
-        If A has not full column rank beside B.
+        If the shapes do not fit, the mask leaves fewer pixels than patches, or A has not full
+        column rank beside B.
     """
     from scipy import linalg
 
-    A = np.asarray(A, np.float64)
+    scene = vectorization_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
+    A, B = np.asarray(scene.used(A), np.float64), scene.used(B)
     P = form_preconditioner(A, B, tolerance=tolerance)
     alone = form_preconditioner(A)
     matrix = P.matrix()
     angles = np.rad2deg(linalg.subspace_angles(A, P.Q)) if P.Q.shape[1] else np.array([90.0])
     return Diagnostics(
         condition_A=condition_number(A),
-        condition_DA=condition_number(neighbour_differences(A, photograph_shape)),
+        condition_DA=condition_number(neighbour_differences(A, photograph_shape, mask=mask)),
         background_rank=P.Q.shape[1],
         largest_angle=float(angles.max()),
         smallest_angle=float(angles.min()),

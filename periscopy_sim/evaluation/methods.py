@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
@@ -25,43 +26,52 @@ from periscopy_sim.reconstruction.periscope import Method, Periscope
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
-Factory = Callable[[Scenario, Matrix, Matrix], Method]
-"""Fits a method to a scene: takes the scenario, A of shape (M, N) and B of shape (M, L)."""
+Mask = NDArray[np.bool_]
+Factory = Callable[..., Method]
+"""Fits a method to a scene: takes the scenario, A of shape (M, N) and B of shape (M, L); those that
+take the keyword `mask` too are told where the wall is used, (rows, columns), or None.
+"""
 
 
-def _preconditioned(scenario: Scenario, A: Matrix, B: Matrix) -> Method:
-    return Periscope.for_scene(scenario, A, B)
+def _preconditioned(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None) -> Method:
+    return Periscope.for_scene(scenario, A, B, mask=mask)
 
 
-def _pseudoinverse(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
-    return Periscope.for_scene(scenario, A)
+def _pseudoinverse(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
+    return Periscope.for_scene(scenario, A, mask=mask)
 
 
-def _differencing(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
+def _differencing(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
     return Differencing(
         A,
         photograph_shape=scenario.photograph_shape,
         hidden_shape=scenario.hidden_shape,
         channel_gain=scenario.channel_gain,
+        mask=mask,
     )
 
 
-def _published_differencing(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
+def _published_differencing(
+    scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None
+) -> Method:
     return Differencing(
         A,
         photograph_shape=scenario.photograph_shape,
         hidden_shape=scenario.hidden_shape,
         channel_gain=scenario.channel_gain,
+        mask=mask,
         stop="published",
     )
 
 
-def _truncated_svd(scenario: Scenario, A: Matrix, _: Matrix) -> Method:
-    return TruncatedSVD(A, hidden_shape=scenario.hidden_shape, channel_gain=scenario.channel_gain)
+def _truncated_svd(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
+    return TruncatedSVD(
+        A, hidden_shape=scenario.hidden_shape, channel_gain=scenario.channel_gain, mask=mask
+    )
 
 
-def _iterative(scenario: Scenario, A: Matrix, B: Matrix) -> Method:
-    return IterativePeriscope.for_scene(scenario, A, B)
+def _iterative(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None) -> Method:
+    return IterativePeriscope.for_scene(scenario, A, B, mask=mask)
 
 
 METHODS: dict[str, Factory] = {
@@ -82,8 +92,8 @@ def find_method(name: str) -> Factory:
     ----------
     name
         A name; or ``module:callable`` or ``path/to/file.py:callable``, where the callable (a class,
-        say) takes (scenario, A, B) and returns an object with ``reconstruct(photograph) -> image``.
-        Modules of the working folder are found too.
+        say) takes (scenario, A, B), and the keyword ``mask`` if it likes, and returns an object
+        with ``reconstruct(photograph) -> image``. Modules of the working folder are found too.
 
     Returns
     -------
@@ -124,7 +134,11 @@ def source_sha256(name: str) -> str | None:
 
 
 def fit_methods(
-    names: Sequence[str], scenario: Scenario, A: Matrix, B: Matrix
+    names: Sequence[str],
+    scenario: Scenario,
+    A: Matrix,
+    B: Matrix,
+    mask: Mask | None = None,
 ) -> dict[str, Method]:
     """Fit methods to a scene, on one thread, so that the bits do not depend on the machine's cores.
 
@@ -138,6 +152,8 @@ def fit_methods(
         (M, N) light transport matrix.
     B
         (M, L) prototype backgrounds.
+    mask
+        (rows, columns), True where the wall is used; None for everywhere.
 
     Returns
     -------
@@ -151,14 +167,20 @@ def fit_methods(
         reconstruct.
     ValueError
         If one of `METHODS` cannot be fitted to A and B.
+
+    Warns
+    -----
+    UserWarning
+        If there is a mask and a user's own callable takes none.
     """
     from threadpoolctl import threadpool_limits
 
     methods = {}
     for name in names:
         fit = find_method(name)
+        told = {} if mask is None or not _takes_mask(fit, name) else {"mask": mask}
         with threadpool_limits(1), own_errors(name, "cannot be fitted"):
-            methods[name] = fit(scenario, A, B)
+            methods[name] = fit(scenario, A, B, **told)
     for name, method in methods.items():
         if not callable(getattr(method, "reconstruct", None)):
             raise PeriscopyError(
@@ -240,6 +262,19 @@ def image_by(
         wrong = np.count_nonzero(~np.isfinite(single))
         raise ValueError(f"returned {wrong} values that are NaN or infinite")
     return single
+
+
+def _takes_mask(fit: Factory, name: str) -> bool:
+    """Tell whether a callable accepts the keyword `mask`, and warn if not."""
+    try:
+        inspect.signature(fit).bind(None, None, None, mask=None)
+    except TypeError:
+        warnings.warn(
+            f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
+            stacklevel=3,
+        )
+        return False
+    return True
 
 
 def _place(name: str) -> str:

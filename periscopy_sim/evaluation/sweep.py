@@ -65,6 +65,10 @@ class Sweep:
     conditions
         What else the results depend on, of JSON's types: what the methods were fitted to and how.
         A store whose conditions differ is not taken up, so name all that may change.
+    mask
+        (rows, columns), True where the wall is used: only there must the photographs be finite, and
+        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero. The
+        methods must have been fitted with it. None: everywhere.
 
     Raises
     ------
@@ -81,8 +85,18 @@ class Sweep:
     seeds: Sequence[int] = (0,)
     seed: int = 0
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
+        if self.mask is not None and (
+            self.mask.dtype != np.bool_ or self.mask.shape != self.signal.shape[:2]
+        ):
+            raise PeriscopyError(
+                f"the mask has shape {self.mask.shape} and type {self.mask.dtype}; give truth "
+                f"values of shape {self.signal.shape[:2]}"
+            )
+        if self.mask is not None and not self.mask.any():
+            raise PeriscopyError("the mask leaves out every pixel; give one that is True somewhere")
         for name, values in self.labels().items():
             if not values:
                 raise PeriscopyError(f"the sweep has no {name}; give at least one")
@@ -93,7 +107,8 @@ class Sweep:
                 raise PeriscopyError(
                     f"'{name}' has shape {image.shape}, the signal {self.signal.shape}"
                 )
-            if not (np.isfinite(image).all() and image.mean() > 0):
+            used = self._used(image)
+            if not (np.isfinite(used).all() and used.mean() > 0):
                 raise PeriscopyError(f"'{name}' must be finite, with a positive mean")
         if self.truth.ndim != 3 or self.truth.shape[2] != 3:
             raise PeriscopyError(f"the truth has shape {self.truth.shape}; give (R, C, 3)")
@@ -125,14 +140,24 @@ class Sweep:
         Returns
         -------
         ndarray
-            (rows, columns, 3) of mean 1, plus noise.
+            (rows, columns, 3) of mean 1, plus noise; zero where the wall is not used.
         """
         # In one memory order, which sums follow, whether the arrays have travelled or not.
-        signal, ambient = map(np.ascontiguousarray, (self.signal, self.backgrounds[background]))
+        images = (self._used(image) for image in (self.signal, self.backgrounds[background]))
+        signal, ambient = map(np.ascontiguousarray, images)
         exposed = composite(signal, ambient, sbr)
         identity = json.dumps([self.seed, background, float(sbr), int(seed)]).encode()
         entropy = int.from_bytes(hashlib.sha256(identity).digest()[:16])  # 128 bits
-        return add_noise(exposed, self.snr, entropy)
+        noisy = add_noise(exposed, self.snr, entropy)
+        if self.mask is None:
+            return noisy
+        photograph = np.zeros(self.signal.shape)
+        photograph[self.mask] = noisy
+        return photograph
+
+    def _used(self, image: Image) -> Image:
+        """Pixels of a photograph that the mask leaves, (M', 3), or the photograph itself."""
+        return image if self.mask is None else image[self.mask]
 
     def configuration(self) -> dict[str, Any]:
         """Tell all that the results depend on; arrays by their digests."""
@@ -144,6 +169,7 @@ class Sweep:
             "signal_sha256": array_sha256(self.signal),
             "truth_sha256": array_sha256(self.truth),
             "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
+            **({} if self.mask is None else {"mask_sha256": array_sha256(self.mask)}),
         }
 
 

@@ -29,7 +29,7 @@ from periscopy_sim.reconstruction.fista import (
 )
 from periscopy_sim.reconstruction.periscope import Reconstruction, denoise_and_repair, noise_level
 from periscopy_sim.reconstruction.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.vectorization import vectorization_of
+from periscopy_sim.reconstruction.vectorization import Mask, vectorization_of
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -88,6 +88,9 @@ class Differencing:
         (rows, columns) with products M and N.
     channel_gain
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. A
+        difference counts only if both its pixels are used, see `neighbour_differences`.
     wrap
         D as in the published code; or only differences within the photograph's columns, which
         rejects far more of the background, see `neighbour_differences`.
@@ -104,8 +107,8 @@ class Differencing:
     Raises
     ------
     ValueError
-        If the shapes do not fit, D A has not full column rank, the wall reflects nothing in a
-        channel, or a number is out of range.
+        If the shapes do not fit, the mask leaves fewer pixels or differences than patches, D A has
+        not full column rank, the wall reflects nothing in a channel, or a number is out of range.
     """
 
     def __init__(
@@ -115,6 +118,7 @@ class Differencing:
         photograph_shape: tuple[int, int],
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
+        mask: Mask | None = None,
         wrap: bool = True,
         tv_weight: float = 1.0,
         stop: Literal["converged", "published"] = "converged",
@@ -126,7 +130,10 @@ class Differencing:
             raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
         if not 0 < tolerance < 1:
             raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
-        self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
+        self._vectorization = vectorization_of(
+            A, hidden_shape, channel_gain, mask, photograph_shape
+        )
+        A = self._vectorization.used(A)
         self.photograph_shape = photograph_shape
         self.hidden_shape = hidden_shape
         self.wrap = wrap
@@ -134,7 +141,13 @@ class Differencing:
         self.stop = stop
         self.tolerance = tolerance
         # Without backgrounds this is the pseudoinverse of D A: least squares and what they leave.
-        self._inverse = form_preconditioner(self._differenced(np.asarray(A, np.float64)))
+        DA = self._differenced(np.asarray(A, np.float64))
+        if mask is not None and len(DA) < A.shape[1]:
+            raise ValueError(
+                f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
+                "patches: leave out less of the wall, or use fewer patches"
+            )
+        self._inverse = form_preconditioner(DA)
         R = self._inverse.cholesky
         self._least_squares = LeastSquares(R.T @ R, R, hidden_shape)
         self._unit = PUBLISHED_ENTRY / float(np.mean(A, dtype=np.float64))
@@ -155,7 +168,7 @@ class Differencing:
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
 
         Warns
         -----
@@ -201,7 +214,9 @@ class Differencing:
         return partial(descend_as_published, unit=self._unit, white=white)
 
     def _differenced(self, A: Array) -> Array:
-        differences = neighbour_differences(A, self.photograph_shape, wrap=self.wrap)
+        differences = neighbour_differences(
+            A, self.photograph_shape, wrap=self.wrap, mask=self._vectorization.mask
+        )
         return np.asarray(differences, np.float64)
 
 
@@ -224,6 +239,8 @@ class TruncatedSVD:
         (R, C) with R C = N.
     channel_gain
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere.
     fraction
         Part of the N singular values kept, the largest; at least one is.
     tv_weight, repair_threshold
@@ -232,8 +249,9 @@ class TruncatedSVD:
     Raises
     ------
     ValueError
-        If the shapes do not fit, A is not finite, a singular value that was to be kept is zero to
-        rounding, the wall reflects nothing in a channel, or the fraction is out of range.
+        If the shapes do not fit, the mask leaves fewer pixels than patches, A is not finite, a
+        singular value that was to be kept is zero to rounding, the wall reflects nothing in a
+        channel, or the fraction is out of range.
     """
 
     def __init__(
@@ -242,13 +260,15 @@ class TruncatedSVD:
         *,
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
+        mask: Mask | None = None,
         fraction: float = 0.4,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
     ) -> None:
         if not 0 < fraction <= 1:
             raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
-        self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
+        self._vectorization = vectorization_of(A, hidden_shape, channel_gain, mask)
+        A = self._vectorization.used(A)
         if not np.isfinite(A).all():
             raise ValueError("A must be finite")
         self.hidden_shape = hidden_shape
@@ -282,7 +302,7 @@ class TruncatedSVD:
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
         """
         return self.solve(photograph).image
 

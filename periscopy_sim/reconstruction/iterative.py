@@ -21,8 +21,13 @@ from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.matrix_free import least_squares, total_variation_least_squares
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
-from periscopy_sim.reconstruction.transport_operator import Matrix, Patterns, TransportOperator
-from periscopy_sim.reconstruction.vectorization import vectorization_of
+from periscopy_sim.reconstruction.transport_operator import (
+    Matrix,
+    Patterns,
+    TransportOperator,
+    used_rows,
+)
+from periscopy_sim.reconstruction.vectorization import Mask, vectorization_of
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.periscope import Seen
@@ -107,12 +112,16 @@ class IterativePeriscope:
         Where the last stage stops.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
+        rows of A and B are left out, and what the photograph holds there, be it NaN.
+        Of an array that is a copy; memory maps and `RowBlocks` are read whole, block by block.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit, A or B is not finite, the wall reflects nothing in a channel, or a
-        number is out of range.
+        If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite,
+        the wall reflects nothing in a channel, or a number is out of range.
     """
 
     def __init__(
@@ -127,6 +136,7 @@ class IterativePeriscope:
         tolerance: float = 1e-4,
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
+        mask: Mask | None = None,
     ) -> None:
         if not 0 <= tv_weight < np.inf:
             raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
@@ -136,7 +146,12 @@ class IterativePeriscope:
             raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
         # Only the shape is looked at, so that A need not be an array.
         shaped = np.broadcast_to(np.float32(0), A.shape)
-        self._vectorization = vectorization_of(shaped, hidden_shape, channel_gain)
+        self._vectorization = vectorization_of(
+            shaped, hidden_shape, channel_gain, mask, photograph_shape
+        )
+        if self._vectorization.mask is not None:
+            A = used_rows(A, self._vectorization.mask.ravel())
+            B = None if B is None else self._vectorization.used(B)
         self.photograph_shape = photograph_shape
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
@@ -184,7 +199,7 @@ class IterativePeriscope:
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
 
         Warns
         -----

@@ -18,7 +18,7 @@ from periscopy_sim.reconstruction.preconditioner import (
 from periscopy_sim.reconstruction.repair import repair
 from periscopy_sim.reconstruction.threads import in_parallel
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
-from periscopy_sim.reconstruction.vectorization import vectorization_of
+from periscopy_sim.reconstruction.vectorization import Mask, vectorization_of
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -128,12 +128,17 @@ class Periscope:
         Form P in float32 once, for speed; otherwise apply it in factored float64.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
+        rows of A and B are left out, and what the photograph holds there, be it NaN. The
+        `preconditioner` then takes vectors of the pixels used.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit, A has not full column rank beside B, the wall reflects nothing
-        in a channel, or a weight is negative or NaN.
+        If the shapes do not fit, the mask leaves fewer pixels than patches, A has not full
+        column rank beside B, the wall reflects nothing in a channel, or a weight is negative or
+        NaN.
     """
 
     def __init__(
@@ -148,6 +153,7 @@ class Periscope:
         repair_threshold: float = 0.1,
         explicit: bool = True,
         photograph_shape: tuple[int, int] | None = None,
+        mask: Mask | None = None,
     ) -> None:
         if not (tv_weight >= 0 and repair_threshold >= 0):
             raise ValueError(
@@ -156,7 +162,11 @@ class Periscope:
             )
         self.precision: type[np.floating[Any]] = np.float32 if explicit else np.float64
         self.photograph_shape = photograph_shape
-        self._vectorization = vectorization_of(A, hidden_shape, channel_gain)
+        self._vectorization = vectorization_of(
+            A, hidden_shape, channel_gain, mask, photograph_shape
+        )
+        A = self._vectorization.used(A)
+        B = None if B is None else self._vectorization.used(B)
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
@@ -213,7 +223,7 @@ class Periscope:
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
         """
         return self.solve(photograph).image
 

@@ -20,6 +20,7 @@ from periscopy_sim.reconstruction.portable_denoising import (
     repair,
 )
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE
+from periscopy_sim.reconstruction.vectorization import check_mask
 from periscopy_sim.reconstruction.video import Coupling, check_coupling
 
 
@@ -44,11 +45,14 @@ class PortablePeriscope:
         As in `Periscope`.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        As in `Periscope`: a NumPy array, or one of A's library.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit or A has not full column rank beside B.
+        If the shapes do not fit, the mask leaves fewer pixels than patches, or A has not full
+        column rank beside B.
     """
 
     def __init__(
@@ -62,6 +66,7 @@ class PortablePeriscope:
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         photograph_shape: tuple[int, int] | None = None,
+        mask: Any = None,
     ) -> None:
         xp = array_namespace(A) if B is None else array_namespace(A, B)
         if not (tv_weight >= 0 and repair_threshold >= 0 and 0 < tolerance < 1):
@@ -69,6 +74,23 @@ class PortablePeriscope:
                 f"tv_weight {tv_weight}, repair_threshold {repair_threshold}, tolerance "
                 f"{tolerance}: the first two must not be negative, the last lie between 0 and 1"
             )
+        if B is not None and (B.ndim != 2 or B.shape[0] != A.shape[0]):
+            raise ValueError(
+                f"B has shape {tuple(B.shape)}; its rows must match the {A.shape[0]} of A"
+            )
+        self.photograph_shape = photograph_shape
+        self._pixels = A.shape[0]
+        self._used = None
+        if mask is not None:
+            mask = xp.asarray(mask, device=device(A))
+            shape = tuple(mask.shape) if xp.isdtype(mask.dtype, "bool") else None
+            count = int(xp.sum(xp.astype(mask, xp.int64)))
+            check_mask(shape, count, tuple(A.shape), photograph_shape)
+            if mask.ndim == 2:
+                self.photograph_shape = shape
+            self._used = xp.nonzero(xp.reshape(mask, (-1,)))[0]
+            A = xp.take(A, self._used, axis=0)
+            B = None if B is None else xp.take(B, self._used, axis=0)
         for name, values in {"A": A, "B": B}.items():
             if values is not None and not bool(xp.all(xp.isfinite(values))):
                 raise ValueError(f"{name} must be finite")
@@ -80,7 +102,6 @@ class PortablePeriscope:
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        self.photograph_shape = photograph_shape
         gain = [1.0] * 3 if channel_gain is None else [float(value) for value in channel_gain]
         if len(gain) != 3 or not all(value > 0 for value in gain):
             raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
@@ -130,7 +151,7 @@ class PortablePeriscope:
         Raises
         ------
         ValueError
-            If a photograph has not M pixels of 3 channels or is not finite.
+            If a photograph has not M pixels of 3 channels or is not finite where it is used.
         """
         xp = array_namespace(photographs, self._matrix)
         estimate, weight = self._estimate(xp, photographs)
@@ -199,7 +220,7 @@ class PortablePeriscope:
 
     def _estimate(self, xp: Any, photographs: Array) -> tuple[Array, Array]:
         """P y, (K, 3, R, C), and λ, (K, 3)."""
-        M = self._matrix.shape[1]
+        M = self._pixels
         expected = self.photograph_shape
         given = tuple(photographs.shape[1:])
         if math.prod(given) != 3 * M or given[-1] != 3:
@@ -209,7 +230,11 @@ class PortablePeriscope:
                 f"the photograph has {given[0]}x{given[1]} pixels, the scene's camera "
                 f"{expected[0]}x{expected[1]}"
             )
-        y = xp.astype(xp.reshape(photographs, (-1, M, 3)), xp.float64) / self._gain
+        y = xp.reshape(photographs, (-1, M, 3))
+        if self._used is not None:
+            y = xp.take(y, self._used, axis=1)
+            M = y.shape[1]
+        y = xp.astype(y, xp.float64) / self._gain
         if not bool(xp.all(xp.isfinite(y))):
             raise ValueError("the photograph must be finite")
         y = xp.reshape(xp.moveaxis(y, -1, 1), (-1, M))  # a row for each channel
@@ -230,8 +255,6 @@ def _background_basis(xp: Any, A: Array, B: Array | None, tolerance: float) -> A
     """Orthonormal basis of the numerical range of B; see `preconditioner.background_basis`."""
     if B is None or B.shape[1] == 0:
         return xp.zeros((A.shape[0], 0), dtype=xp.float64, device=device(A))
-    if B.ndim != 2 or B.shape[0] != A.shape[0]:
-        raise ValueError(f"B has shape {tuple(B.shape)}; its rows must match the {A.shape[0]} of A")
     B = xp.astype(B, xp.float64)
     norms = xp.sqrt(xp.sum(B * B, axis=0))
     Q, R = xp.linalg.qr(B / xp.where(norms > 0, norms, xp.ones_like(norms)))

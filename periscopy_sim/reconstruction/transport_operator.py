@@ -30,6 +30,9 @@ PARTS = 16
 CONVERTED_ROWS = 256
 """Rows converted to double precision at once where BLAS multiplies."""
 
+BLOCK_ENTRIES = 2**22
+"""Entries of a memory map that are read at once where only some rows are used: 16 to 32 MB."""
+
 ROWS, COLUMNS = 8, 1024
 """Tile of A that the compiled loops take at a time; 8 rows of 25,000 patches fill a cache of 1 MB.
 """
@@ -49,6 +52,67 @@ class RowBlocks(Protocol):
 
 
 Matrix: TypeAlias = Image | RowBlocks
+
+
+@dataclass(frozen=True, eq=False)
+class UsedRows:
+    """Some of the rows of a matrix, picked out of each block as it is read.
+
+    Attributes
+    ----------
+    A
+        (M, N) memory map or `RowBlocks`.
+    mask
+        (M,), True for the M' rows that are used.
+    """
+
+    A: Matrix
+    mask: NDArray[np.bool_]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M', N)."""
+        return int(np.count_nonzero(self.mask)), self.A.shape[1]
+
+    def row_blocks(self) -> Iterator[tuple[slice, Image]]:
+        """Give every used row once, in order, numbered among the used ones."""
+        first = 0
+        for rows, block in row_blocks(self.A, max(BLOCK_ENTRIES // self.A.shape[1], 1)):
+            used = block[self.mask[rows]]
+            if len(used):
+                yield slice(first, first + len(used)), used
+                first += len(used)
+
+
+def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Image]]:
+    """Give the rows of an array, `count` at a time or all at once, or those of `RowBlocks`."""
+    if isinstance(A, np.ndarray):
+        plain = np.asarray(A)  # no memory map to Numba
+        step = max(len(A), 1) if count is None else count
+        for start in range(0, len(A), step):
+            yield slice(start, min(start + step, len(A))), plain[start : start + step]
+    else:
+        yield from A.row_blocks()
+
+
+def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
+    """Take some rows of a matrix: a copy of those of an array, else `UsedRows`.
+
+    Parameters
+    ----------
+    A
+        (M, N) array, memory map or `RowBlocks`.
+    mask
+        (M,), True for the rows that are used.
+
+    Returns
+    -------
+    (M', N), of the same kind or `RowBlocks`.
+    """
+    if isinstance(A, np.memmap) or hasattr(A, "row_blocks"):
+        return UsedRows(A, mask)
+    used: Image = np.asarray(A)[mask]
+    return used
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +200,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         channels = np.ascontiguousarray(f.T)
         background = np.ascontiguousarray((self.QtA @ f).T)
         product = np.zeros_like(channels)
-        for rows, block in self._blocks():
+        for rows, block in row_blocks(self.A):
             Q = self.Q[rows]
 
             def part(edges: tuple[int, int], block: Image = block, Q: Array = Q) -> Array:
@@ -185,14 +249,8 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             f += block.T @ rejected[rows]
         return f
 
-    def _blocks(self) -> Iterator[tuple[slice, Image]]:
-        if isinstance(self.A, np.ndarray):
-            yield slice(0, len(self.A)), np.asarray(self.A)  # no memory map to Numba
-        else:
-            yield from self.A.row_blocks()
-
     def _converted_blocks(self) -> Iterator[tuple[slice, Array]]:
-        for rows, block in self._blocks():
+        for rows, block in row_blocks(self.A):
             for start in range(0, len(block), CONVERTED_ROWS):
                 part = np.asarray(block[start : start + CONVERTED_ROWS], np.float64)
                 first = rows.start + start

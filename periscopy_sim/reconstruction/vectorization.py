@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +11,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Vectorization:
-    """The sizes of photograph and hidden image, and the wall's colour.
+    """The sizes of photograph and hidden image, the wall's colour, and where the wall is used.
 
     Make one by `vectorization_of`.
 
@@ -26,11 +28,43 @@ class Vectorization:
         (R, C) of the hidden image.
     channel_gain
         (3,) colour of the wall.
+    mask
+        (rows, columns) or (M,), True in the M' pixels that are used; None for all. The others are
+        left out of every vector, whatever they hold.
     """
 
     pixels: int
     hidden_shape: tuple[int, int]
     channel_gain: Array
+    mask: Mask | None = None
+
+    def used(self, matrix: Image, name: str = "B") -> Image:
+        """Take the rows of a matrix that belong to the pixels used.
+
+        Parameters
+        ----------
+        matrix
+            (M, K).
+        name
+            What to call it in errors.
+
+        Returns
+        -------
+        ndarray
+            (M', K); the matrix itself where there is no mask.
+
+        Raises
+        ------
+        ValueError
+            If there is a mask and the matrix has not M rows.
+        """
+        if self.mask is None:
+            return matrix
+        if len(matrix) != self.pixels:
+            raise ValueError(
+                f"{name} has {len(matrix)} rows; they must match the {self.pixels} of A"
+            )
+        return matrix[self.mask.ravel()]
 
     def vectorized(self, photograph: Image) -> Array:
         """Turn a photograph into the y of y = A f, as a grey wall would show it.
@@ -43,12 +77,12 @@ class Vectorization:
         Returns
         -------
         ndarray
-            (M, 3) float64, each channel divided by its gain.
+            (M', 3) float64, each channel divided by its gain.
 
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
         """
         photograph = np.asarray(photograph)
         if photograph.ndim < 2 or photograph.shape[-1] != 3 or photograph.size != 3 * self.pixels:
@@ -56,7 +90,11 @@ class Vectorization:
                 f"the photograph has shape {photograph.shape}; A has {self.pixels} rows, so it "
                 f"must be (rows, columns, 3) with rows x columns = {self.pixels}"
             )
-        y: Array = photograph.reshape(self.pixels, 3).astype(np.float64) / self.channel_gain
+        self._check_size(photograph.shape[:-1])
+        values = photograph.reshape(self.pixels, 3)
+        if self.mask is not None:
+            values = values[self.mask.ravel()]
+        y: Array = values.astype(np.float64) / self.channel_gain
         if not np.isfinite(y).all():
             raise ValueError("the photograph must be finite")
         return y
@@ -74,12 +112,12 @@ class Vectorization:
         Returns
         -------
         ndarray
-            (K, 3, M) float64, each channel divided by its gain.
+            (K, 3, M') float64, each channel divided by its gain.
 
         Raises
         ------
         ValueError
-            If a photograph has another size or is not finite.
+            If a photograph has another size or is not finite where it is used.
         """
         photographs = np.asarray(photographs)
         size = photographs.shape[1:-1]
@@ -94,7 +132,11 @@ class Vectorization:
                 f"the photograph has shape {photographs.shape[1:]}; A has {self.pixels} rows, so "
                 f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
             )
-        planes = np.moveaxis(photographs.reshape(count, self.pixels, 3), -1, 1)
+        self._check_size(size)
+        values = photographs.reshape(count, self.pixels, 3)
+        if self.mask is not None:
+            values = values[:, self.mask.ravel()]
+        planes = np.moveaxis(values, -1, 1)
         y: Array = np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64)
         if not np.isfinite(y).all():
             raise ValueError("the photograph must be finite")
@@ -104,11 +146,23 @@ class Vectorization:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
         return f.reshape(*self.hidden_shape, 3)
 
+    def _check_size(self, size: tuple[int, ...]) -> None:
+        """Refuse a photograph whose rows and columns are not those of the mask."""
+        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
+                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
+            )
+
 
 def vectorization_of(
-    A: Image, hidden_shape: tuple[int, int], channel_gain: Image | None = None
+    A: Image,
+    hidden_shape: tuple[int, int],
+    channel_gain: Image | None = None,
+    mask: Mask | None = None,
+    photograph_shape: tuple[int, int] | None = None,
 ) -> Vectorization:
-    """Check that A fits the hidden image and that the wall has a colour.
+    """Check that A fits the hidden image and the mask, and that the wall has a colour.
 
     Parameters
     ----------
@@ -118,6 +172,10 @@ def vectorization_of(
         (R, C) with R C = N.
     channel_gain
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere.
+    photograph_shape
+        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
 
     Returns
     -------
@@ -126,7 +184,8 @@ def vectorization_of(
     Raises
     ------
     ValueError
-        If the shapes do not fit, or the wall reflects nothing in a channel.
+        If the shapes do not fit, the mask leaves fewer pixels than patches, or the wall reflects
+        nothing in a channel.
     """
     if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
         raise ValueError(
@@ -136,4 +195,73 @@ def vectorization_of(
     gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
     if gain.shape != (3,) or not (gain > 0).all():
         raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
-    return Vectorization(len(A), hidden_shape, gain)
+    used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
+    return Vectorization(len(A), hidden_shape, gain, used)
+
+
+def checked_mask(
+    mask: Mask,
+    transport_shape: tuple[int, ...],
+    photograph_shape: tuple[int, int] | None = None,
+) -> Mask:
+    """Check that a mask fits A and leaves enough of it; see `check_mask`.
+
+    Returns
+    -------
+    ndarray
+        A copy of the mask.
+    """
+    checked = np.array(mask)
+    is_boolean = checked.dtype == np.bool_
+    check_mask(
+        checked.shape if is_boolean else None,
+        int(np.count_nonzero(checked)),
+        transport_shape,
+        photograph_shape,
+    )
+    return checked
+
+
+def check_mask(
+    shape: tuple[int, ...] | None,
+    count: int,
+    transport_shape: tuple[int, ...],
+    photograph_shape: tuple[int, int] | None = None,
+) -> None:
+    """Check that a mask fits A and leaves enough of it.
+
+    Parameters
+    ----------
+    shape
+        Of the mask, which must be (rows, columns) or (M,); None if it is not boolean.
+    count
+        M', how many of its entries are True.
+    transport_shape
+        (M, N) of A.
+    photograph_shape
+        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
+
+    Raises
+    ------
+    ValueError
+        If it is not boolean, has another shape, leaves nothing, or leaves fewer pixels than patches
+        where the whole photograph has as many.
+    """
+    if shape is None:
+        raise ValueError("the mask must be boolean, True where the wall is to be used")
+    pixels, patches = transport_shape
+    rectangular = shape if photograph_shape is None else tuple(photograph_shape)
+    is_rectangular = len(shape) == 2 and shape == rectangular
+    if math.prod(shape) != pixels or not (is_rectangular or len(shape) == 1):
+        size = "(rows, columns)" if photograph_shape is None else str(rectangular)
+        raise ValueError(
+            f"the mask has shape {shape}: it must be {size} or ({pixels},), a value for each of "
+            f"the {pixels} pixels"
+        )
+    if count == 0:
+        raise ValueError("the mask leaves out every pixel: it must be True where the wall is used")
+    if count < patches <= pixels:
+        raise ValueError(
+            f"the mask leaves {count} pixels for {patches} patches: leave out less of the wall, or "
+            "use fewer patches"
+        )

@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene_nodes import SceneNodes
+from periscopy_sim.rendering.scene_nodes import SceneNodes, one_line
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario
 from periscopy_sim.shipped import find_scene
+
+MOST_PIXELS = 1 << 22
+"""Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
 
 def load_scenario(
@@ -67,8 +70,11 @@ def load_scenario(
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
     film_columns, film_rows = (int(n) for n in camera_of(scene).film().crop_size())
-    if film_rows * film_columns < 1:
-        raise SceneError(f"scene '{path}': the camera's film has {film_rows}x{film_columns} pixels")
+    if not 1 <= film_rows * film_columns <= MOST_PIXELS:
+        raise SceneError(
+            f"scene '{path}': the camera's film has {film_rows}x{film_columns} pixels; give it "
+            f"from 1 to {MOST_PIXELS}"
+        )
     if rows * columns > film_rows * film_columns:
         raise SceneError(
             f"{rows}x{columns} hidden patches are more than the {film_rows}x{film_columns} "
@@ -206,8 +212,11 @@ def _shoot_camera_rays(
 
     column, row = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
     film = np.stack([column.ravel() / columns, row.ravel() / rows], axis=1)
-    points, normals, views, hit, facing, color, tilted = _map_points(meet, film)
     where = f"scene '{path}'"
+    try:
+        points, normals, views, hit, facing, color, tilted = _map_points(meet, film)
+    except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
+        raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
         first = divmod(int(np.flatnonzero(~hit[:, 0].astype(bool))[0]), columns)
         raise SceneError(
@@ -215,6 +224,8 @@ def _shoot_camera_rays(
             f" at row {first[0]}, column {first[1]}; move the camera, its film or what stands "
             "between it and the wall"
         )
+    if not (np.isfinite(facing).all() and np.isfinite(color).all()):
+        raise SceneError(f"{where}: the wall's reflectance is not finite ({material}); mend it")
     if not facing.any():
         raise SceneError(
             f"{where}: the wall ({material}) reflects nothing to the camera; turn its "
@@ -251,6 +262,9 @@ def _patches(
             f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates, "
             "or use a rectangle"
         ) from None
+    area = np.linalg.norm(np.cross(du[0], dv[0]))
+    if not (np.isfinite(area) and area > 0):
+        raise SceneError(f"scene '{path}': the monitor has no area; check its to_world and its UV")
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
     u, v = patch_uv(row, column, hidden, mirrored, (0.5, 0.5))

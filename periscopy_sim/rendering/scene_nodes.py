@@ -6,7 +6,6 @@ parsed nodes, so that they work for every shape, sensor and emitter plugin.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,44 +15,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emission import PLUGIN as LCD
+from periscopy_sim.rendering.mesh_file import check_mesh
+from periscopy_sim.rendering.scene_document import declared_defaults, exists, parsed
 from periscopy_sim.scenario import EmissionProfile
-
-
-def declared_defaults(path: Path, including: tuple[Path, ...] = ()) -> dict[str, str]:
-    """List the ``<default>``s of a scene file and of the files it includes.
-
-    Parameters
-    ----------
-    path
-        The scene file.
-    including
-        The resolved files that led to it, which are not read again.
-
-    Returns
-    -------
-    dict
-        Name to default value.
-
-    Raises
-    ------
-    SceneError
-        If the file does not exist or is not XML.
-    """
-    if not path.is_file():
-        raise SceneError(f"no scene file at '{path}'")
-    try:
-        root = ET.parse(path).getroot()
-    except (ET.ParseError, UnicodeDecodeError, ValueError) as error:
-        raise SceneError(f"scene '{path}' is not well-formed XML: {error}") from None
-    defaults: dict[str, str] = {}
-    for element in root.iter():
-        if element.tag == "include":
-            included = path.parent / element.get("filename", "")
-            if included.is_file() and included.resolve() not in including:
-                defaults |= declared_defaults(included, (*including, path.resolve()))
-        elif element.tag == "default":
-            defaults[element.get("name", "")] = element.get("value", "")
-    return defaults
 
 
 class SceneNodes:
@@ -102,7 +66,7 @@ class SceneNodes:
             self._state = mi.parser.parse_file(self._config, str(self.path), **values)
             mi.parser.transform_all(self._config, self._state)
         except (RuntimeError, ValueError) as error:
-            raise SceneError(f"scene '{self.path}': {_one_line(error)}") from None
+            raise SceneError(f"scene '{self.path}': {one_line(error)}") from None
         self._resolve_files()
         contract = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         for name, kind in (contract if required is None else required).items():
@@ -119,10 +83,14 @@ class SceneNodes:
         """Give the monitor's angular profile if it is known in closed form."""
         emitter = self._monitor_emitter()
         if emitter.plugin_name() == LCD:
-            return EmissionProfile(
-                float(emitter.get("vertical_exponent", 0.0)),
-                float(emitter.get("horizontal_exponent", 0.0)),
-            )
+            names = ("vertical_exponent", "horizontal_exponent")
+            exponents = [float(emitter.get(name, 0.0)) for name in names]
+            if not all(0 <= exponent < np.inf for exponent in exponents):
+                raise SceneError(
+                    f"scene '{self.path}': the monitor's exponents {exponents} are not both 0 or "
+                    "more; give numbers that are"
+                )
+            return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
     def wall_material(self) -> str:
@@ -251,7 +219,7 @@ class SceneNodes:
         try:
             built = mi.parser.instantiate(self._config, state)
         except (RuntimeError, ValueError) as error:
-            refused = _one_line(error)
+            refused = one_line(error)
         # What was built of a refused scene must go at once: Dr.Jit would trace an emitter that
         # outlives its shape at the next virtual call, and crash.
         del state
@@ -303,6 +271,8 @@ class SceneNodes:
         if monitor.plugin_name() != "rectangle":
             return
         to_world = monitor.get("to_world", mi.ScalarTransform4f())
+        if not np.isfinite(np.array(to_world.matrix)).all():
+            raise SceneError(f"scene '{self.path}': the monitor's to_world is not finite; mend it")
         if monitor.get("flip_normals", False):
             to_world = to_world @ type(to_world)().scale([1, 1, -1])
             del monitor["flip_normals"]
@@ -328,18 +298,24 @@ class SceneNodes:
 
     def _resolve_files(self) -> None:
         # Mitsuba looks beside the scene and in the folders of its <path> tags.
-        tags = ET.parse(self.path).getroot().iter("path")
+        tags = parsed(self.path).iter("path")
         folders = [self.path.parent, *(self.path.parent / tag.get("value", "") for tag in tags)]
         for node in self._state.nodes:
             if "filename" not in node.props:
                 continue
             name = node.props["filename"]
-            file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
+            file = next((f / name for f in folders if exists(f / name)), folders[0] / name)
             what = f"{node.props.plugin_name()} '{node.props.id()}'"
-            if not file.is_file():
+            if not exists(file):
                 raise SceneError(f"scene '{self.path}': {what} names a missing file '{file}'")
             if file.stat().st_size == 0:
                 raise SceneError(f"scene '{self.path}': {what} names an empty file '{file}'")
+            try:
+                check_mesh(file, node.props.plugin_name())
+            except ValueError as error:
+                raise SceneError(
+                    f"scene '{self.path}': {what}: the file '{file}' {error}; export it again"
+                ) from None
             # Absolute, since Mitsuba searches the folder that the process started in.
             node.props["filename"] = str(file.resolve())
 
@@ -369,8 +345,8 @@ def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray
     return np.ascontiguousarray(texture)
 
 
-def _one_line(error: BaseException) -> str:
+def one_line(error: BaseException) -> str:
+    """Give Mitsuba's reason without the source file that complains."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     text = " ".join(lines)
-    # Mitsuba prefixes the source file that complains.
     return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

@@ -6,6 +6,7 @@ import io
 import math
 import os
 import warnings
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
@@ -14,6 +15,14 @@ from periscopy_sim.errors import PhotographError
 
 LARGEST_COUNT = 2**28
 """Most values (rows x columns x channels) that a file may announce."""
+
+UNPACKED_COUNT = 2**25
+"""Most values that a file may announce however small it is: few colours pack well."""
+
+LARGEST_RATIO = 64
+"""Most values that a larger file may announce for each of its bytes."""
+
+_PIECE = 1 << 20  # bytes unpacked at once
 
 _SIGNATURES = (
     (b"\x76\x2f\x31\x01", "EXR"),
@@ -75,19 +84,52 @@ def file_format(path: Path) -> str:
 
 
 def check_count(shape: Sequence[int], path: Path) -> None:
-    """Refuse a header that announces more than `LARGEST_COUNT` values, before allocating them.
+    """Refuse a header that announces too many values, before allocating them.
 
     Raises
     ------
     PhotographError
-        If the product of `shape` is larger, or an extent is negative.
+        If the product of `shape` is more than `LARGEST_COUNT`, or more than `UNPACKED_COUNT` and
+        more than `LARGEST_RATIO` for each byte of the file, or an extent is negative.
     """
-    if min(shape, default=1) < 0 or math.prod(shape) > LARGEST_COUNT:
-        size = " x ".join(map(str, shape))
+    count, size = math.prod(shape), " x ".join(map(str, shape))
+    if min(shape, default=1) < 0 or count > LARGEST_COUNT:
         raise PhotographError(
             f"{path}: its header announces {size} values, more than {LARGEST_COUNT}; "
             "the file is damaged, or average its pixels first"
         )
+    if count > UNPACKED_COUNT and path.is_file() and count > LARGEST_RATIO * path.stat().st_size:
+        raise PhotographError(
+            f"{path}: its header announces {size} values, more than {LARGEST_RATIO} for each byte "
+            "of the file; it is damaged, or average its pixels first"
+        )
+
+
+class Inflater:
+    """Unpack deflated bytes piece by piece, to see that they are not more than they should be."""
+
+    def __init__(self, most: int, path: Path) -> None:
+        self._left, self._path = most, path
+        self._inflate = zlib.decompressobj()
+
+    def feed(self, packed: bytes) -> None:
+        """Unpack the next bytes, and forget them.
+
+        Raises
+        ------
+        PhotographError
+            If all so far unpack to more than `most`.
+        zlib.error
+            If they are damaged.
+        """
+        while packed:
+            self._left -= len(self._inflate.decompress(packed, _PIECE))
+            if self._left < 0:
+                raise PhotographError(
+                    f"{self._path}: unpacks to more pixels than its header announces; save or "
+                    "copy it again"
+                )
+            packed = self._inflate.unconsumed_tail
 
 
 @contextmanager

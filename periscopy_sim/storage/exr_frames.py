@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.decoding import check_count, decoding
@@ -13,12 +14,14 @@ from periscopy_sim.storage.frames import Frames, listed, place_of
 from periscopy_sim.storage.photographs import Photograph, check_photograph, check_size
 
 
-def exr_frames(path: Path, shape: tuple[int, int]) -> Frames:
+def exr_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> Frames:
     """Open an EXR file, one frame a part; see `open_frames`."""
     import OpenEXR
 
     with decoding(path, "EXR"), OpenEXR.File(str(path), header_only=True) as file:
         headers = [dict(part.header) for part in file.parts]  # closing the file empties its own
+        channels = [[channel.name for channel in header["channels"]] for header in headers]
+        names_of_parts = [str(header.get("name", "")) for header in headers]
     if not headers:
         raise PhotographError(f"{path}: holds no frames; give one at least")
     left_out: set[str] = set()
@@ -29,7 +32,7 @@ def exr_frames(path: Path, shape: tuple[int, int]) -> Frames:
             raise PhotographError(f"{place}: is a deep image; save it flattened")
         (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
         check_size((bottom - top + 1, right - left + 1), shape, str(place))
-        names = [channel.name for channel in header["channels"]]
+        names = channels[k]
         if "tiles" in header:
             check_count((header["tiles"].ySize, header["tiles"].xSize, len(names)), place)
         if any((c.xSampling, c.ySampling) != (1, 1) for c in header["channels"]):
@@ -38,7 +41,6 @@ def exr_frames(path: Path, shape: tuple[int, int]) -> Frames:
         left_out |= set(names) - set(chosen[-1])
     check_count((sum(len(header["channels"]) for header in headers), *shape), path)
     warnings = (f"{path}: left out the channels {listed(sorted(left_out))}",) if left_out else ()
-    names_of_parts = [str(header.get("name", "")) for header in headers]
 
     def decode() -> Iterator[Photograph]:
         with decoding(path, "EXR"), OpenEXR.File(str(path), separate_channels=True) as file:
@@ -54,7 +56,7 @@ def exr_frames(path: Path, shape: tuple[int, int]) -> Frames:
                 raise PhotographError(f"{place}: truncated or damaged EXR; save or copy it again")
             channels = pixels.pop(name)
             values = np.stack([channels[c] for c in colour], axis=-1)
-            yield Photograph(check_photograph(values, shape, str(place)))
+            yield Photograph(check_photograph(values, shape, str(place), mask))
 
     return Frames(tuple(names_of_parts), warnings, decode)
 

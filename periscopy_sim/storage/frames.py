@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.decoding import file_format
 from periscopy_sim.storage.photographs import Photograph, read_photograph
@@ -51,7 +54,9 @@ class Frames:
         return self.decode()
 
 
-def open_frames(path: str | Path, shape: tuple[int, int]) -> Frames:
+def open_frames(
+    path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
+) -> Frames:
     """Open a sequence of photographs; each is read and checked when its turn comes.
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
@@ -68,6 +73,8 @@ def open_frames(path: str | Path, shape: tuple[int, int]) -> Frames:
         The folder or file.
     shape : (rows, columns)
         Size that each photograph must have.
+    mask : (rows, columns) bool
+        Where the wall is used, see `read_photograph`; None: everywhere.
 
     Returns
     -------
@@ -86,25 +93,25 @@ def open_frames(path: str | Path, shape: tuple[int, int]) -> Frames:
     path = Path(path)
     if path.is_dir():
         if any((path / mark).exists() for mark in _ZARR_MARKS):
-            return zarr_frames(path, shape)
-        return _folder_frames(path, shape)
+            return zarr_frames(path, shape, mask)
+        return _folder_frames(path, shape, mask)
     kind = file_format(path)
     if kind == "EXR":
-        return exr_frames(path, shape)
+        return exr_frames(path, shape, mask)
     if kind == "NPY":
-        return npy_frames(path, shape)
+        return npy_frames(path, shape, mask)
     if kind == "NPZ":
-        return npz_frames(path, shape)
+        return npz_frames(path, shape, mask)
     raise PhotographError(f"{path}: is a single {kind} file; give {_FORMS}")
 
 
-def _folder_frames(path: Path, shape: tuple[int, int]) -> Frames:
+def _folder_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None) -> Frames:
     files, others = files_of_one_kind(path)
     warnings = (f"{path}: left out {listed(others)}",) if others else ()
     return Frames(
         tuple(file.name for file in files),
         warnings,
-        lambda: (read_photograph(file, shape) for file in files),
+        lambda: (read_photograph(file, shape, mask) for file in files),
     )
 
 

@@ -81,7 +81,8 @@ def _light(values: NDArray[Any], place: Path) -> Array:
                 f"{place}: holds {values.dtype}; save 8- or 16-bit or float values"
             )
         values = values / float(np.iinfo(values.dtype).max)
-    light = np.broadcast_to(values, (*values.shape[:2], 3)).astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
+        light = np.broadcast_to(values, (*values.shape[:2], 3)).astype(np.float64)
     if not (np.isfinite(light) & (light >= 0)).all():
         raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
     return light

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.storage.decoding import LARGEST_COUNT, check_count, decoding
+from periscopy_sim.storage.decoding import UNPACKED_COUNT, check_count, decoding
 
 _HEADER = 128  # bytes
 _MATRIX, _COMPRESSED = 14, 15  # types of data elements; those of numbers:
@@ -48,7 +48,8 @@ _OTHER_CLASSES = {
     _OPAQUE: "opaque object",
 }
 _LOGICAL_FLAG, _COMPLEX_FLAG = 0x200, 0x800
-_LARGEST_BODY = 8 * LARGEST_COUNT + 2**16  # bytes
+_UNPACKED = 4 * UNPACKED_COUNT  # bytes that compressed variables may hold in a file of any size,
+_LARGEST_RATIO = 16  # and for each byte of a larger one
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +88,12 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
 
 def _unpacked(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
     """Yield data elements, those within compressed ones in place of these."""
+    left = max(_UNPACKED, _LARGEST_RATIO * len(content))
     for kind, body in _elements(content, order):
         if kind == _COMPRESSED:
             unpacker = zlib.decompressobj()
-            unpacked = unpacker.decompress(body, _LARGEST_BODY)
+            unpacked = unpacker.decompress(body, left) if left else b""
+            left -= len(unpacked)
             if not unpacker.eof:
                 raise ValueError("a compressed variable is cut short or too large")
             yield from _elements(unpacked, order)

@@ -17,6 +17,10 @@ from periscopy_sim.storage.matlab import read_matlab_photograph
 from periscopy_sim.storage.rasters import png_size, read_raster
 from periscopy_sim.storage.srgb import srgb_decode
 
+_DIMMEST = 1e-30
+"""Least that a photograph's largest value may be, and its inverse the most: P is of single
+precision, and what is far from 1 would vanish or overflow in it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
@@ -40,7 +44,9 @@ class Photograph:
         return np.array(self.values, dtype=dtype, copy=copy)
 
 
-def read_photograph(path: str | Path, shape: tuple[int, int]) -> Photograph:
+def read_photograph(
+    path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
+) -> Photograph:
     """Read a photograph of a known size; its format is told by its contents.
 
     EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; 16-bit
@@ -54,6 +60,9 @@ def read_photograph(path: str | Path, shape: tuple[int, int]) -> Photograph:
         The file.
     shape : (rows, columns)
         Size that the photograph must have.
+    mask : (rows, columns) bool
+        True where the wall is used; elsewhere the photograph may hold anything, also NaN, and
+        is returned as zero. None: everywhere.
 
     Raises
     ------
@@ -80,22 +89,30 @@ def read_photograph(path: str | Path, shape: tuple[int, int]) -> Photograph:
     else:
         if kind == "PNG":  # decoding 16 bits is slow: not for a photograph that cannot fit
             check_size(png_size(path), shape, str(path))
-        values, warnings = _read_raster_photograph(path, kind)
-    return Photograph(check_photograph(values, shape, str(path)), warnings)
+        values, warnings = _read_raster_photograph(path, kind, shape)
+    return Photograph(check_photograph(values, shape, str(path), mask), warnings)
 
 
-def check_photograph(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
+def check_photograph(
+    values: ArrayLike,
+    shape: tuple[int, int],
+    name: str,
+    mask: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float64]:
     """Check that an array can be a photograph, and bring it to its one form.
 
     Parameters
     ----------
     values : (rows, columns), (rows, columns, 1) or (rows, columns, 3)
-        Finite real numbers, not all zero; negatives may come of subtracted dark frames. A single
-        channel is grey.
+        Finite real numbers, the largest from 1e-30 to 1e30; negatives may come of subtracted dark
+        frames. A single channel is grey.
     shape : (rows, columns)
         Size that the photograph must have.
     name : str
         What to call the array in messages.
+    mask : (rows, columns) bool
+        True where the wall is used; elsewhere the photograph may hold anything, also NaN, and
+        is returned as zero. None: everywhere.
 
     Returns
     -------
@@ -119,17 +136,25 @@ def check_photograph(values: ArrayLike, shape: tuple[int, int], name: str) -> ND
             f"{name}: has shape {np.shape(values)}; give (rows, columns, 3), or one channel of grey"
         )
     check_size(array.shape[:2], shape, name)
-    with np.errstate(over="ignore"):  # long doubles out of range become infinite, refused below
+    # What is out of range becomes infinite, and is refused below; so are signalling NaNs.
+    with np.errstate(over="ignore", invalid="ignore"):
         photograph = np.asarray(array, dtype=np.float64)
+    if mask is not None:
+        if mask.shape != tuple(shape):
+            raise PhotographError(f"{name}: the mask has shape {mask.shape}, not {tuple(shape)}")
+        photograph = np.where(mask[..., np.newaxis], photograph, 0)
     broken = np.argwhere(~np.isfinite(photograph))
     if len(broken):
         row, column, channel = broken[0]
         raise PhotographError(
             f"{name}: {len(broken)} values are NaN or infinite, the first at row {row}, "
-            f"column {column}, channel {channel}; replace them"
+            f"column {column}, channel {channel}; replace them, or leave them out by a mask"
         )
     if not photograph.any():
         raise PhotographError(f"{name}: every value is zero; check the exposure or the export")
+    largest = np.abs(photograph).max()
+    if not _DIMMEST <= largest <= 1 / _DIMMEST:
+        raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return np.repeat(photograph, 3 // photograph.shape[2], axis=2)
 
 
@@ -163,10 +188,13 @@ def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None
     )
 
 
-def _read_raster_photograph(path: Path, kind: str) -> tuple[NDArray[Any], tuple[str, ...]]:
+def _read_raster_photograph(
+    path: Path, kind: str, shape: tuple[int, int]
+) -> tuple[NDArray[Any], tuple[str, ...]]:
     """Values of a PNG, TIFF or JPEG photograph, and what was assumed of it."""
     raster = read_raster(path, kind)
     values, warnings = raster.colour, []
+    check_size(values.shape[:2], shape, str(path))
     if raster.alpha is not None:
         warnings.append(f"{path}: left out the alpha channel")
     if values.dtype == np.uint8:

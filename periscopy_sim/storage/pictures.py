@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,13 @@ from periscopy_sim.storage.arrays import read_npy, read_npz
 from periscopy_sim.storage.decoding import file_format
 from periscopy_sim.storage.exr import decode_exr
 from periscopy_sim.storage.output import staged_file
-from periscopy_sim.storage.rasters import Raster, read_raster
+from periscopy_sim.storage.rasters import read_raster
 from periscopy_sim.storage.srgb import srgb_decode, srgb_encode
 
 __all__ = ["area_average", "read_hidden_image", "srgb_decode", "srgb_encode", "write_png"]
+
+_LONGEST_SIDE = 1 << 16  # pixels; JPEG's own limit
+_BAND = 1 << 20  # pixels made linear light at once
 
 
 def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -47,26 +50,38 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     """
     path = Path(path)
     kind = file_format(path)
+    alpha, encoded = None, False
     if kind == "EXR":
-        light: NDArray[Any] = decode_exr(path).colour
+        values: NDArray[Any] = decode_exr(path).colour
     elif kind == "NPY":
-        light = _fraction(read_npy(path), path)
+        values = read_npy(path)
     elif kind == "NPZ":
-        stored = read_npz(path, "hidden")
-        light = _fraction(stored, path)
-        if stored.dtype == np.uint8:  # what a monitor was sent
-            light = srgb_decode(light)
+        values = read_npz(path, "hidden")
+        encoded = values.dtype == np.uint8  # what a monitor was sent
     elif kind in ("PNG", "TIFF", "JPEG"):
-        light = _raster_light(read_raster(path, kind), path)
+        raster = read_raster(path, kind)
+        values, alpha = raster.colour, raster.alpha
+        encoded = values.dtype.kind == "u"
     else:
         raise PhotographError(f"{path}: is {kind}; give a PNG, JPEG, TIFF, EXR, NPY or NPZ picture")
-    if light.ndim == 2:
-        light = light[..., None]
-    if light.ndim != 3 or light.shape[2] not in (1, 3) or light.size == 0:
-        raise PhotographError(f"{path}: has shape {light.shape}; give (rows, columns, 3), or grey")
-    if not (np.isfinite(light) & (light >= 0)).all():
-        raise PhotographError(f"{path}: has negative, NaN or infinite values; replace them")
-    return area_average(np.broadcast_to(light, (*light.shape[:2], 3)), shape)
+    if values.ndim == 2:
+        values = values[..., None]
+    if values.ndim != 3 or values.shape[2] not in (1, 3) or values.size == 0:
+        raise PhotographError(f"{path}: has shape {values.shape}; give (rows, columns, 3), or grey")
+    if max(values.shape) > _LONGEST_SIDE:
+        raise PhotographError(f"{path}: is {max(values.shape)} pixels long; shrink it first")
+
+    def light(rows: slice) -> NDArray[np.float64]:
+        band = _fraction(values[rows], path)
+        if encoded:
+            band = srgb_decode(band)
+        if alpha is not None:  # before a black ground
+            band = band * _fraction(alpha[rows], path)
+        if not (np.isfinite(band) & (band >= 0)).all():
+            raise PhotographError(f"{path}: has negative, NaN or infinite values; replace them")
+        return np.broadcast_to(band, (*band.shape[:2], 3))
+
+    return _average(light, values.shape[:2], shape)
 
 
 def write_png(path: Path, linear_image: ArrayLike, text: Mapping[str, str]) -> None:
@@ -116,10 +131,20 @@ def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64
     (new rows, new columns, channels) float64
         W_r image W_c^T for each channel, with W of `_coverage`.
     """
-    image = np.asarray(image, dtype=np.float64)
-    across = _coverage(shape[1], image.shape[1])
-    down = _coverage(shape[0], image.shape[0])
-    return np.asarray(across @ np.tensordot(down, image, axes=1))
+    image = np.asarray(image)
+    return _average(lambda rows: image[rows].astype(np.float64), image.shape[:2], shape)
+
+
+def _average(
+    band: Callable[[slice], NDArray[np.float64]], size: tuple[int, ...], shape: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Average as `area_average` over bands of rows, so that a large image needs little memory."""
+    rows, columns = size
+    down, across = _coverage(shape[0], rows), _coverage(shape[1], columns)
+    height = max(1, _BAND // columns)
+    starts = range(0, rows, height)
+    bands = (slice(start, start + height) for start in starts)
+    return np.asarray(across @ sum(np.tensordot(down[:, b], band(b), axes=1) for b in bands))
 
 
 def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
@@ -131,18 +156,11 @@ def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
     return np.asarray(np.maximum(upper - lower, 0) * (boxes / pixels))
 
 
-def _raster_light(raster: Raster, path: Path) -> NDArray[np.float64]:
-    """Linear light of a PNG, TIFF or JPEG picture before a black ground."""
-    light = _fraction(raster.colour, path)
-    if raster.colour.dtype.kind == "u":
-        light = srgb_decode(light)
-    return light if raster.alpha is None else light * _fraction(raster.alpha, path)
-
-
 def _fraction(values: NDArray[Any], path: Path) -> NDArray[np.float64]:
     """Integers as fractions of the largest of their dtype; floating-point values as they are."""
     if values.dtype.kind == "f":
-        return values.astype(np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
+            return values.astype(np.float64)
     if values.dtype not in (np.uint8, np.uint16):
         raise PhotographError(f"{path}: holds {values.dtype}; save 8- or 16-bit or float values")
     return values / float(np.iinfo(values.dtype).max)

@@ -92,7 +92,7 @@ def _scene_files(
     seen.add(document.resolve())
     try:
         root = ElementTree.fromstring(document.read_bytes())
-    except (OSError, ElementTree.ParseError) as error:
+    except (OSError, ElementTree.ParseError, LookupError, ValueError) as error:
         raise SceneError(f"{document}: cannot be read as a scene: {error}; mend the XML") from error
     yield document
     for name, included in _references(root, parameters):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.decoding import check_count, decoding
+from periscopy_sim.storage.decoding import Inflater, check_count, decoding
 
 _DIRECT_MODES = {  # of Pillow's modes: what to convert each to
     "1": "L",
@@ -77,12 +78,15 @@ def _png_header(path: Path) -> tuple[int, int, int]:
     """Rows, columns and bit depth of a PNG file, once the checksums of all its chunks are right."""
     import png
 
-    with decoding(path, "PNG"), path.open("rb") as stream:
-        reader = png.Reader(file=stream)
+    with decoding(path, "PNG"):
+        reader = png.Reader(bytes=path.read_bytes())  # from a stream it would ask for gigabytes
         reader.preamble()
         check_count((reader.height, reader.width, reader.planes), path)
-        for _ in reader.chunks():  # each is compared with its checksum; the last must be there
-            pass
+        bits = reader.width * reader.planes * reader.bitdepth
+        pixels = Inflater(2 * (reader.height + 8) * (bits // 8 + 8), path)  # interlaced ones too
+        for kind, body in reader.chunks():  # each is compared with its checksum; the last is there
+            if kind == b"IDAT":
+                pixels.feed(body)
         return reader.height, reader.width, reader.bitdepth
 
 
@@ -90,8 +94,8 @@ def _read_16_bit_png(path: Path) -> Raster:
     """Read by pypng: Pillow would cut 16-bit colour down to 8 bits."""
     import png
 
-    with decoding(path, "PNG"), path.open("rb") as stream:
-        columns, rows, lines, info = png.Reader(file=stream).read()
+    with decoding(path, "PNG"):
+        columns, rows, lines, info = png.Reader(bytes=path.read_bytes()).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
         return _split(values.reshape(rows, columns, info["planes"]), path)
 
@@ -117,10 +121,30 @@ def _read_tiff(path: Path) -> Raster:
         ends = np.add(page.dataoffsets, page.databytecounts)
         if ends.max() > path.stat().st_size:  # tifffile lets the last tile be cut short
             raise PhotographError(f"{path}: is cut short; save or copy it again")
+        _check_packing(page, path)
         values = series.asarray()
         if series.axes == "SYX":
             values = np.moveaxis(values, 0, -1)
         return _split(values, path)
+
+
+def _check_packing(page: Any, path: Path) -> None:
+    """Refuse what is not deflate, and strips or tiles that unpack to more than they may hold."""
+    import tifffile
+
+    known = tifffile.COMPRESSION
+    if page.compression == known.NONE:
+        return
+    if page.compression not in (known.ADOBE_DEFLATE, known.DEFLATE):
+        raise PhotographError(
+            f"{path}: is packed by {page.compression.name}; save it uncompressed or with deflate"
+        )
+    check_count(page.chunks, path)
+    most = math.prod(page.chunks) * page.dtype.itemsize
+    with path.open("rb") as stream:
+        for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+            stream.seek(offset)
+            Inflater(most, path).feed(stream.read(count))
 
 
 def _read_with_pillow(path: Path, kind: str) -> Raster:

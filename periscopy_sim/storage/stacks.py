@@ -7,20 +7,28 @@ import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.lib.format as npy
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.arrays import check_real
+from periscopy_sim.storage.arrays import check_real, read_header
 from periscopy_sim.storage.decoding import check_count, decoding
 from periscopy_sim.storage.frames import Frames, listed, place_of
 from periscopy_sim.storage.photographs import Photograph, check_photograph, check_size
 
+Mask: TypeAlias = NDArray[np.bool_] | None
+
 KEY = "photograph"
 """Name of the array in an NPZ file or a Zarr group."""
+
+_ZARR_HEADS = ("zarr.json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")
+_OVERHEAD = 1 << 16  # bytes that any chunk may have beside its values
+
+MOST_FRAMES = 10**6
+"""Frames of a sequence: nine hours at 30 a second. A header may announce any number."""
 
 
 @contextmanager
@@ -68,19 +76,19 @@ def mapped_stack(path: Path) -> NDArray[Any]:
         return array
 
 
-def npy_frames(path: Path, shape: tuple[int, int]) -> Frames:
+def npy_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
     """Open an NPY file (frames, rows, columns, 3); see `open_frames`."""
     stack = mapped_stack(path)
     _check_stack(stack.shape, stack.dtype, shape, path)
 
     def decode() -> Iterator[Photograph]:
         for k in range(len(stack)):
-            yield Photograph(check_photograph(stack[k], shape, str(place_of(path, k))))
+            yield Photograph(check_photograph(stack[k], shape, str(place_of(path, k)), mask))
 
     return Frames(_numbers(len(stack)), (), decode)
 
 
-def npz_frames(path: Path, shape: tuple[int, int]) -> Frames:
+def npz_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
     """Open an NPZ file's array `photograph`, decompressed frame by frame; see `open_frames`."""
     with decoding(path, "NPZ"), zipfile.ZipFile(path) as archive:
         if f"{KEY}.npy" not in archive.namelist():
@@ -90,37 +98,33 @@ def npz_frames(path: Path, shape: tuple[int, int]) -> Frames:
                 f"with numpy.savez(..., {KEY}=...)"
             )
         with archive.open(f"{KEY}.npy") as stream:
-            stack, fortran, dtype = _read_npy_header(stream)
+            stack, fortran, dtype = read_header(stream)
+            held = archive.getinfo(f"{KEY}.npy").file_size - stream.tell()
     _check_stack(stack, dtype, shape, path)
     if fortran:
         raise PhotographError(f"{path}: is in Fortran order; save numpy.ascontiguousarray of it")
     size = math.prod(stack[1:]) * dtype.itemsize
+    if held != stack[0] * size:
+        raise PhotographError(f"{path}: '{KEY}' is cut short or damaged; save or copy it again")
 
     def decode() -> Iterator[Photograph]:
         with zipfile.ZipFile(path) as archive, archive.open(f"{KEY}.npy") as stream:
-            _read_npy_header(stream)
+            read_header(stream)
             for k in range(stack[0]):
                 place = place_of(path, k)
                 with decoding(place, "NPZ"):  # at the end of all it compares the checksum
                     content = stream.read(size if k < stack[0] - 1 else size + 1)
                     values = np.frombuffer(content, dtype).reshape(stack[1:])
-                yield Photograph(check_photograph(values, shape, str(place)))
+                yield Photograph(check_photograph(values, shape, str(place), mask))
 
     return Frames(_numbers(stack[0]), (), decode)
-
-
-def _read_npy_header(stream: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether in Fortran order, and type of the array that follows."""
-    first_version = npy.read_magic(stream) == (1, 0)
-    read = npy.read_array_header_1_0 if first_version else npy.read_array_header_2_0
-    return read(stream)
 
 
 def _numbers(count: int) -> tuple[str, ...]:
     return tuple(str(k) for k in range(count))
 
 
-def zarr_frames(path: Path, shape: tuple[int, int]) -> Frames:
+def zarr_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
     """Open a Zarr array, or a group's array `photograph`, chunk by chunk; see `open_frames`."""
     import zarr
 
@@ -137,11 +141,21 @@ def zarr_frames(path: Path, shape: tuple[int, int]) -> Frames:
         if any(getattr(codec, "codec_id", "") == "pickle" for codec in codecs):
             raise PhotographError(f"{path}: holds Python objects, which are never loaded")
         packed = sorted({"scale_factor", "add_offset"} & set(array.attrs))
-        absent, chunks = array.nchunks - array.nchunks_initialized, array.chunks
+        chunks, stored = array.chunks, array.shards or array.chunks
     _check_stack(array.shape, array.dtype, shape, path)
     if packed:
         raise PhotographError(f"{path}: is packed by {packed[0]}; save it as float32")
-    check_count(chunks, path)
+    check_count(stored, path)
+    with decoding(path, "Zarr"):
+        most = 2 * math.prod(stored) * array.dtype.itemsize + _OVERHEAD
+        names = [type(codec).__name__.removesuffix("Codec") for codec in codecs]
+        behind = names[names.index("Blosc") + 1 :] if "Blosc" in names else None
+        if behind is not None and (array.shards or behind not in ([], ["Crc32c"])):
+            raise PhotographError(
+                f"{path}: is packed by Blosc within shards or other codecs; save it with zstd"
+            )
+        _check_stored(path / array.path, most, None if behind is None else 4 * len(behind), path)
+        absent = array.nchunks - array.nchunks_initialized
     warnings: tuple[str, ...] = ()
     if absent:
         warnings = (
@@ -155,9 +169,29 @@ def zarr_frames(path: Path, shape: tuple[int, int]) -> Frames:
             with decoding(place_of(path, start if stop == start + 1 else f"{start} ff."), "Zarr"):
                 block = np.asarray(array[start:stop])
             for k, values in enumerate(block, start):
-                yield Photograph(check_photograph(values, shape, str(place_of(path, k))))
+                yield Photograph(check_photograph(values, shape, str(place_of(path, k)), mask))
 
     return Frames(_numbers(array.shape[0]), warnings, decode)
+
+
+def _check_stored(folder: Path, most: int, behind: int | None, path: Path) -> None:
+    """Refuse chunks that are stored in, or announce, more bytes than they can need.
+
+    Blosc's own decoder would follow a wrong length past the end of the chunk, and crash; behind
+    what it wrote there are so many bytes, None where it wrote nothing.
+    """
+    for file in folder.rglob("*"):
+        if file.name in _ZARR_HEADS or not file.is_file():
+            continue
+        size = file.stat().st_size
+        if size > most:
+            raise PhotographError(f"{path}: the chunk '{file.name}' is larger than what it holds")
+        if behind is not None:
+            with file.open("rb") as stream:
+                head = stream.read(16)
+            unpacked, packed = (int.from_bytes(head[k : k + 4], "little") for k in (4, 12))
+            if unpacked > most or packed + behind != size:
+                raise PhotographError(f"{path}: the chunk '{file.name}' is damaged; copy it again")
 
 
 def _check_stack(
@@ -171,4 +205,6 @@ def _check_stack(
         )
     if shape[0] == 0:
         raise PhotographError(f"{path}: holds no frames; give one at least")
+    if not 1 <= shape[0] <= MOST_FRAMES:
+        raise PhotographError(f"{path}: holds {shape[0]} frames; give {MOST_FRAMES} at most")
     check_size(tuple(shape[1:3]), camera, str(path))

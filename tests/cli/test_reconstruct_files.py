@@ -187,3 +187,62 @@ def test_matlab_objects_are_refused(refused, tmp_path):
     (tmp_path / "y.mat").write_bytes(header + element(14, b"".join(parts)))
     line = refused("reconstruct", "y.mat", *TINY, "--out", "out")
     assert "'image' is opaque" in line
+
+
+# -- photographs at the edge ---------------------------------------------------------------------
+
+
+def hot(light):
+    light = 0 * light
+    light[3, 4, 1] = 1e6
+    return light
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        np.asfortranarray,
+        lambda light: light.astype(">f4"),
+        lambda light: light.astype(np.longdouble),
+        lambda light: light.astype(np.int32),
+        lambda light: light.astype(">u2"),
+    ],
+)
+def test_type_and_order_of_an_array_do_not_matter(reconstruct, tmp_path, change):
+    plain = COUNTS.astype(np.float64)
+    np.save(tmp_path / "plain.npy", plain)
+    np.save(tmp_path / "y.npy", change(plain))
+    expected, _ = reconstruct("plain.npy")
+    found, _ = reconstruct("y.npy")
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        np.ones_like,
+        hot,
+        lambda light: light + hot(light),
+        lambda light: np.minimum(light, np.quantile(light, 0.1)),
+        lambda light: light * [1, 0, 1],
+        lambda light: -light,
+        lambda light: light * 1e-25,
+        lambda light: light * 1e20,
+    ],
+    ids=["even", "one value", "hot pixel", "saturated", "a dark channel", "negative", "dim",
+         "bright"],
+)  # fmt: skip
+def test_extreme_photographs_are_reconstructed(periscopy, tmp_path, change):
+    np.save(tmp_path / "y.npy", change(COUNTS.astype(np.float64)))
+    outcome = periscopy("reconstruct", "y.npy", *TINY, "--out", "out")
+    assert outcome.code == 0
+    for line in outcome.err.splitlines():  # of pixels that a mask should leave out
+        assert line.startswith("periscopy: warning: y.npy: ") and "--mask" in line
+    assert np.isfinite(np.load(tmp_path / "out" / "reconstruction.npy")).all()
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e-300, 1e-320])
+def test_photograph_of_no_usable_scale_is_refused(refused, tmp_path, scale):
+    np.save(tmp_path / "y.npy", scale * COUNTS)
+    line = refused("reconstruct", "y.npy", *TINY, "--out", "out")
+    assert "its largest value is" in line and "scale it to about 1" in line

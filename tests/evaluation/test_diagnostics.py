@@ -147,6 +147,27 @@ def test_condition_numbers_are_those_of_a_and_of_its_differences():
     assert result.condition_DA == pytest.approx(np.linalg.cond(D @ A), rel=1e-9)
 
 
+def test_mask_leaves_out_rows_of_a_b_and_the_differences():
+    mask = np.random.default_rng(5).random(FILM) > 0.3
+    used = mask.ravel()
+    A, B = transport(), backgrounds()
+    found = diagnose(
+        np.where(used[:, None], A, np.nan), np.where(used[:, None], B, np.nan), FILM, HIDDEN,
+        mask=mask, tolerance=1e-6,
+    )  # fmt: skip
+    by_columns = np.eye(M).reshape(*FILM, M).transpose(1, 0, 2).reshape(M, M)
+    D = np.vstack([by_columns[1:] - by_columns[:-1], by_columns[-1]])
+    D = D[~D[:, ~used].any(axis=1)]
+    assert found.condition_A == pytest.approx(np.linalg.cond(A[used]), rel=1e-9)
+    assert found.condition_DA == pytest.approx(np.linalg.cond(D @ A), rel=1e-9)
+    P, rank = projected_pseudoinverse(A[used], B[used], 1e-6)
+    assert found.background_rank == rank
+    assert np.allclose(found.bounds.ravel(), np.linalg.norm(P, axis=1), rtol=1e-6)
+    assert found.residual_background == pytest.approx(100 * residuals(P, B[used]).mean(), rel=1e-3)
+    with pytest.raises(ValueError, match="leaves 11 pixels for 12 patches"):
+        diagnose(A, B, FILM, HIDDEN, mask=np.arange(M) < 11)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_background_never_lowers_a_bound(seed):
     result = diagnose(transport(seed), backgrounds(), FILM, HIDDEN)

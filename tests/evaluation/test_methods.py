@@ -44,6 +44,14 @@ def pair(scenario, A):
 def deaf(scenario, A, B):
     return 3
 
+class Masked(Mine):
+    def __init__(self, scenario, A, B, mask=None):
+        super().__init__(scenario, A, B)
+        self.mask = mask
+
+def open_to_all(*arguments, **more):
+    return Masked(*arguments, **more)
+
 constant = 4
 """
 
@@ -100,6 +108,33 @@ def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
     ]:
         image = image_by(fitted[name], photograph(background), (2, 3))
         assert np.allclose(image, TRUTH, rtol=1e-3) == recovered, (name, background)
+
+
+MASK = np.random.default_rng(6).random((8, 6)) > 0.2
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_mask_reaches_every_method_of_the_package(name):
+    y = photograph(background=0.3)
+    spoilt = np.where(MASK[..., None], y, np.nan)
+    method = fit_methods([name], Scene(), A, B, MASK)[name]
+    assert np.array_equal(method.reconstruct(spoilt), method.reconstruct(y))
+    with pytest.raises(ValueError, match="must be finite"):
+        fit_methods([name], Scene(), A, B)[name].reconstruct(spoilt)
+
+
+@pytest.mark.usefixtures("mine")
+@pytest.mark.parametrize("name", ["mine.py:Masked", "mine.py:open_to_all"])
+def test_own_method_that_takes_a_mask_is_given_it(name):
+    assert fit_methods([name], Scene(), A, B, MASK)[name].mask is MASK
+    assert fit_methods([name], Scene(), A, B)[name].mask is None
+
+
+@pytest.mark.usefixtures("mine")
+def test_own_method_that_takes_no_mask_is_fitted_without_and_the_user_told():
+    with pytest.warns(UserWarning, match=r"'mine\.py:Mine' takes no keyword mask: .* as black"):
+        fitted = fit_methods(["mine.py:Mine"], Scene(), A, B, MASK)
+    assert fitted["mine.py:Mine"].A is A
 
 
 def test_unknown_name_is_refused_with_the_known_ones():

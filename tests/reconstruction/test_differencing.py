@@ -54,3 +54,25 @@ def test_background_constant_along_columns_is_rejected_but_where_they_wrap():
 def test_matrix_that_does_not_fit_the_photograph_is_refused():
     with pytest.raises(ValueError, match=r"3x4 pixels does not fit the 11 rows"):
         neighbour_differences(np.zeros((11, 2)), (3, 4))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("wrap", "matrix"), [(True, published_d), (False, d_within_columns)])
+@pytest.mark.parametrize("seed", range(4))
+def test_difference_counts_only_if_both_pixels_are_used(shape, wrap, matrix, seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(shape) < 0.7
+    before = mask.copy()
+    A = rng.normal(size=(mask.size, 4))
+    D = matrix(shape)
+    kept = ~(D != 0)[:, ~mask.ravel()].any(axis=1)
+    for values in (A, A[:, 0]):
+        for form in (mask, mask.ravel(), np.asfortranarray(mask)):
+            found = neighbour_differences(values[mask.ravel()], shape, wrap=wrap, mask=form)
+            np.testing.assert_allclose(found, D[kept] @ values, atol=1e-15)
+    np.testing.assert_array_equal(mask, before)
+
+
+def test_matrix_that_does_not_fit_the_mask_is_refused():
+    with pytest.raises(ValueError, match=r"3x4 pixels does not fit the 12 rows"):
+        neighbour_differences(np.zeros((12, 2)), (3, 4), mask=np.arange(12) > 3)

@@ -156,3 +156,42 @@ def test_previous_frames_that_do_not_fit_are_refused(xp):
             periscope.reconstruct_next(y, xp.asarray(previous))
     with pytest.raises(ValueError, match="coupling 'flow' is not known"):
         periscope.reconstruct_next(y, periscope.reconstruct(y), coupling="flow")
+
+
+def test_mask_of_either_library_leaves_pixels_out(xp):
+    mask = np.random.default_rng(7).random(PHOTOGRAPH) > 0.2
+    spoilt = np.where(mask[..., None], PHOTOGRAPHS[0], np.nan)
+    by_hand = Periscope(A[mask.ravel()], B[mask.ravel()], hidden_shape=HIDDEN)
+    expected = by_hand.reconstruct(PHOTOGRAPHS[0][mask])
+    for given in (mask, xp.asarray(mask), mask.ravel()):
+        image = np.asarray(fitted(xp, mask=given).reconstruct(xp.asarray(spoilt)))
+        assert relative_error(image, expected) < 1e-3
+
+
+def test_frames_of_a_video_leave_out_the_same(xp):
+    mask = np.random.default_rng(7).random(PHOTOGRAPH) > 0.2
+    spoilt = np.where(mask[..., None], PHOTOGRAPHS, np.inf)
+    compiled = Video(Periscope(A, B, hidden_shape=HIDDEN, mask=mask))
+    expected = compiled.frames(PHOTOGRAPHS[:2])
+    periscope = fitted(xp, mask=mask)
+    previous = periscope.reconstruct(xp.asarray(spoilt[0]))
+    frame = np.asarray(periscope.reconstruct_next(xp.asarray(spoilt[1]), previous))
+    assert relative_error(frame, expected[1]) < 3e-3
+
+
+@pytest.mark.parametrize(
+    ("mask", "message"),
+    [
+        (np.zeros(PHOTOGRAPH, bool), "leaves out every pixel"),
+        (np.arange(400) < 29, "leaves 29 pixels for 30 patches"),
+        (np.ones((20, 21), bool), r"shape \(20, 21\)"),
+        (np.ones(PHOTOGRAPH), "must be boolean"),
+    ],
+)
+def test_mask_that_does_not_fit_is_refused(xp, mask, message):
+    with pytest.raises(ValueError, match=message):
+        fitted(xp, mask=xp.asarray(mask))
+    with pytest.raises(ValueError, match=r"20x20 pixels, the scene's camera 40x10|40x10 pixels"):
+        fitted(xp, mask=np.ones(PHOTOGRAPH, bool)).reconstruct(
+            xp.asarray(PHOTOGRAPHS[0].reshape(40, 10, 3))
+        )

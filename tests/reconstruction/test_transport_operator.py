@@ -177,3 +177,30 @@ def test_array_of_another_library_is_taken_as_numpys():
     np.testing.assert_array_equal(
         TransportOperator(Foreign(A)).gram_product(f), TransportOperator(A).gram_product(f)
     )
+
+
+@pytest.mark.parametrize("form", [in_memory, read_only, transposed, memory_map, in_blocks])
+@pytest.mark.parametrize("entries", [1, 3 * 300, 2**24])
+def test_used_rows_are_those_of_the_mask(form, entries, tmp_path, monkeypatch):
+    monkeypatch.setattr(transport_operator, "BLOCK_ENTRIES", entries)
+    A, mask = matrix(patches=300), np.random.default_rng(2).random(41) < 0.6
+    mask[3:9] = False  # two blocks of three in which nothing is used
+    Q = np.linalg.qr(np.random.default_rng(1).normal(size=(int(mask.sum()), 4)))[0]
+    used = transport_operator.used_rows(form(A, tmp_path), mask)
+    assert used.shape == (mask.sum(), 300)
+    operator = TransportOperator(used, Q)
+    dense = projected(A[mask], Q)
+    f = np.random.default_rng(3).normal(size=(300, 3))
+    np.testing.assert_allclose(operator @ f, dense @ f, rtol=1e-9, atol=1e-9)
+    expected = dense.T @ dense @ f
+    np.testing.assert_allclose(operator.gram_product(f), expected, rtol=1e-7, atol=1e-7)
+    y = np.random.default_rng(4).normal(size=(int(mask.sum()), 2))
+    np.testing.assert_allclose(operator.T @ y, dense.T @ y, rtol=1e-9, atol=1e-9)
+
+
+def test_memory_map_is_never_copied_whole_for_its_used_rows(tmp_path, monkeypatch):
+    monkeypatch.setattr(transport_operator, "BLOCK_ENTRIES", 10 * 50)
+    A = memory_map(matrix(patches=50), tmp_path)
+    used = transport_operator.used_rows(A, np.arange(41) != 7)
+    sizes = [len(block) for _, block in used.row_blocks()]
+    assert sizes == [9, 10, 10, 10, 1]

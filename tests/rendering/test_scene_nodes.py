@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene_document import declared_defaults
 from periscopy_sim.rendering.scene_file import camera_of, load_scenario
-from periscopy_sim.rendering.scene_nodes import SceneNodes, declared_defaults, monitor_texture
+from periscopy_sim.rendering.scene_nodes import SceneNodes, monitor_texture
 from periscopy_sim.scenario import EmissionProfile
 
 POINT = (
@@ -171,8 +172,8 @@ def test_files_that_include_each_other_are_refused(room, tmp_path):
         roundabout = f"../{tmp_path.name}/{other}.xml"
         text = f'<scene version="3.0.0"><include filename="{roundabout}"/></scene>'
         (tmp_path / f"{name}.xml").write_text(text)
-    assert "include recursion depth" in refusal(room.write('<include filename="a.xml"/>'))
-    assert "include recursion depth" in refusal(room.write('<include filename="room2.xml"/>'))
+    assert "'a.xml' includes itself" in refusal(room.write('<include filename="a.xml"/>'))
+    assert "'room2.xml' includes itself" in refusal(room.write('<include filename="room2.xml"/>'))
 
 
 def test_missing_included_file_is_refused(room):

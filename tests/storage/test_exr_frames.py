@@ -55,3 +55,13 @@ def test_exr_part_of_another_size_is_named(save, tmp_path):
     save.exr(tmp_path / "y.exr", sizes, displayWindow=window)
     with pytest.raises(PhotographError, match=r"y\.exr, frame 2: 5 x 5 pixels"):
         open_frames(tmp_path / "y.exr", SHAPE)
+
+
+def test_channel_whose_name_is_no_text_is_refused(save, tmp_path):
+    save.exr(tmp_path / "y.exr", CLIP[:2], channels=("RX", "GX", "BX"))
+    content = (tmp_path / "y.exr").read_bytes()
+    assert content.count(b"RX\0") == 2
+    (tmp_path / "y.exr").write_bytes(content.replace(b"RX\0", b"\x80X\0"))
+    with pytest.raises(PhotographError, match="cannot be read as EXR") as caught:
+        open_frames(tmp_path / "y.exr", SHAPE)
+    assert "\n" not in str(caught.value)

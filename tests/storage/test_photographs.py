@@ -252,6 +252,21 @@ def test_arrays_that_are_no_photograph_are_refused(tmp_path, values, said):
         check_photograph(values, SHAPE, "frame 7")
 
 
+@pytest.mark.parametrize("scale", [1e-31, 1e31, 1e-320, 1e300])
+def test_values_that_single_precision_cannot_hold_are_refused(scale):
+    for factor in (scale, -scale):
+        with pytest.raises(PhotographError, match=r"its largest value is .*; scale it"):
+            check_photograph(factor * LIGHT.astype(np.float64), SHAPE, "y")
+    check_photograph(LIGHT.astype(np.float64) * (1e-28 if scale < 1 else 1e28), SHAPE, "y")
+
+
+def test_signalling_nan_is_refused_without_a_warning(tmp_path):
+    values = LIGHT.astype(np.float32)
+    values.view(np.uint32)[2, 3, 1] = 0x7F800001
+    with pytest.raises(PhotographError, match=r"1 values are NaN .* row 2, column 3"):
+        read(save_npy(tmp_path / "y.npy", values))
+
+
 class Grenade:
     def __init__(self, path):
         self.path = path

@@ -1,0 +1,174 @@
+"""Masks in every format, and what is no mask."""
+
+import numpy as np
+import OpenEXR
+import png
+import pytest
+import tifffile
+from PIL import Image
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.exr import write_exr
+from periscopy_sim.storage.frames import open_frames
+from periscopy_sim.storage.masks import read_mask
+from periscopy_sim.storage.photographs import check_photograph, read_photograph
+from periscopy_sim.storage.pictures import write_png
+
+SHAPE = (7, 9)
+MASK = np.random.default_rng(3).random(SHAPE) > 0.4
+MASK[0, 0], MASK[-1, -1] = False, True
+
+
+def colour(values):
+    return np.repeat(values[..., None], 3, axis=2)
+
+
+def png_of(bits, planes=1):
+    def write(path):
+        values = np.where(MASK, 2**bits - 1, 0)
+        rows = np.repeat(values, planes, axis=1).tolist()
+        writer = png.Writer(9, 7, greyscale=planes == 1, bitdepth=bits)
+        with path.open("wb") as stream:
+            writer.write(stream, rows)
+
+    return write
+
+
+def grey_exr(path):
+    channels = {"Y": np.ascontiguousarray(MASK, np.float16)}
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, channels) as file:
+        file.write(str(path))
+
+
+def palette(path):
+    picture = Image.fromarray(MASK.astype(np.uint8), "P")
+    picture.putpalette([0, 0, 0, 255, 255, 255])
+    picture.save(path)
+
+
+FORMS = {
+    "1-bit.png": png_of(1),
+    "2-bit.png": png_of(2),
+    "8-bit.png": png_of(8),
+    "16-bit.png": png_of(16),
+    "colour.png": png_of(8, planes=3),
+    "deep-colour.png": png_of(16, planes=3),
+    "palette.png": palette,
+    "pillow.png": lambda path: Image.fromarray(MASK).save(path),
+    "ours.png": lambda path: write_png(path, colour(MASK), {}),
+    "dim.png": lambda path: Image.fromarray((40 * MASK + 10).astype(np.uint8)).save(path),
+    "grey.jpg": lambda path: Image.fromarray((255 * MASK).astype(np.uint8)).save(path, quality=98),
+    "8-bit.tif": lambda path: tifffile.imwrite(path, (255 * MASK).astype(np.uint8)),
+    "16-bit.tif": lambda path: tifffile.imwrite(path, (60000 * MASK).astype(">u2")),
+    "float.tif": lambda path: tifffile.imwrite(
+        path, colour(MASK.astype(np.float32)), photometric="rgb"
+    ),
+    "colour.exr": lambda path: write_exr(path, colour(0.3 * MASK), {}),
+    "grey.exr": grey_exr,
+    "truth.npy": lambda path: np.save(path, MASK),
+    "fortran.npy": lambda path: np.save(path, np.asfortranarray(MASK)),
+    "channel.npy": lambda path: np.save(path, MASK[..., None]),
+    "channels.npy": lambda path: np.save(path, colour(MASK)),
+    "whole.npy": lambda path: np.save(path, MASK.astype(">i8")),
+    "bytes.npy": lambda path: np.save(path, MASK.astype(np.int8)),
+    "huge.npy": lambda path: np.save(path, np.where(MASK, 2**64 - 1, 0).astype(np.uint64)),
+    "negative.npy": lambda path: np.save(path, np.where(MASK, 1.0, -3.0)),
+    "big-endian.npy": lambda path: np.save(path, np.asfortranarray(1e-20 * MASK, ">f8")),
+    "mask.npz": lambda path: np.savez(path, mask=MASK, photograph=np.zeros(3)),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_bright_is_used_and_black_left_out(name, tmp_path):
+    FORMS[name](tmp_path / name)
+    mask = read_mask(tmp_path / name, SHAPE)
+    assert mask.dtype == bool and mask.shape == SHAPE
+    np.testing.assert_array_equal(mask, MASK)
+
+
+def test_bright_is_above_half_of_the_largest_value(tmp_path):
+    values = np.full(SHAPE, 200.0)
+    values[0, :4] = 0, 100, 100.001, 150
+    np.save(tmp_path / "m.npy", values)
+    assert read_mask(tmp_path / "m.npy", SHAPE)[0, :4].tolist() == [False, False, True, True]
+
+
+def test_what_is_transparent_is_left_out(tmp_path):
+    layers = np.stack([np.full(SHAPE, 255), 255 * MASK], axis=-1).astype(np.uint8)
+    Image.fromarray(layers).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", SHAPE), MASK)
+
+
+UNFIT = {
+    "every pixel": np.zeros(SHAPE),
+    "leaves out every": np.zeros(SHAPE, bool),
+    "out every pixel": np.full(SHAPE, -1.0),
+    "NaN": np.where(MASK, np.nan, 1.0),
+    "infinite": np.where(MASK, np.inf, 1.0),
+    "has colours": np.stack([MASK, MASK, ~MASK], axis=-1).astype(float),
+    "9 x 7 pixels": MASK.T,
+    r"shape \(63,\)": MASK.ravel(),
+    r"shape \(7, 9, 2\)": np.ones((*SHAPE, 2)),
+    "text": np.full(SHAPE, "a"),
+    "complex": np.ones(SHAPE, complex),
+}
+
+
+@pytest.mark.parametrize("message", UNFIT)
+def test_what_is_no_mask_is_refused(message, tmp_path):
+    np.save(tmp_path / "m.npy", UNFIT[message])
+    with pytest.raises(PhotographError, match=rf"m\.npy: .*{message}"):
+        read_mask(tmp_path / "m.npy", SHAPE)
+
+
+def test_file_that_cannot_be_read_is_refused(tmp_path):
+    (tmp_path / "m.png").write_bytes(b"\x89PNG\r\n\x1a\n cut short")
+    np.savez(tmp_path / "m.npz", other=MASK)
+    (tmp_path / "m.mat").write_bytes(bytes(124) + b"\x00\x01IM" + bytes(8))
+    for name, message in {"m.png": "PNG", "m.npz": "no array 'mask'", "m.mat": "MATLAB"}.items():
+        with pytest.raises(PhotographError, match=message):
+            read_mask(tmp_path / name, SHAPE)
+    with pytest.raises(PhotographError, match="no such file"):
+        read_mask(tmp_path / "missing.png", SHAPE)
+
+
+# -- photographs under a mask --------------------------------------------------------------------
+
+PHOTOGRAPH = np.random.default_rng(4).uniform(1, 2, (*SHAPE, 3))
+SPOILT = np.where(MASK[..., None], PHOTOGRAPH, np.nan)
+BLACK = np.where(MASK[..., None], PHOTOGRAPH, 0)
+
+
+def test_photograph_is_black_under_the_mask_whatever_it_held(tmp_path):
+    np.save(tmp_path / "y.npy", SPOILT)
+    read = read_photograph(tmp_path / "y.npy", SHAPE, MASK)
+    np.testing.assert_array_equal(read.values, BLACK)
+    with pytest.raises(PhotographError, match="NaN or infinite"):
+        read_photograph(tmp_path / "y.npy", SHAPE)
+    with pytest.raises(PhotographError, match="NaN or infinite"):
+        read_photograph(tmp_path / "y.npy", SHAPE, MASK | (np.arange(9) == 0))
+    np.testing.assert_array_equal(np.load(tmp_path / "y.npy"), SPOILT)
+
+
+def test_grey_photograph_is_masked_too():
+    read = check_photograph(SPOILT[..., 0], SHAPE, "y", MASK)
+    np.testing.assert_array_equal(read, colour(BLACK[..., 0]))
+
+
+def test_photograph_that_is_black_where_it_is_used_is_refused():
+    with pytest.raises(PhotographError, match="every value is zero"):
+        check_photograph(np.where(MASK[..., None], 0, PHOTOGRAPH), SHAPE, "y", MASK)
+
+
+def test_mask_of_another_size_is_refused():
+    with pytest.raises(PhotographError, match=r"the mask has shape \(9, 7\)"):
+        check_photograph(PHOTOGRAPH, SHAPE, "y", MASK.T)
+
+
+@pytest.mark.parametrize("name", ["folder", "y.npy", "y.npz", "y.zarr", "y.exr"])
+def test_frames_are_black_under_the_mask(name, save, tmp_path):
+    save.by_name(tmp_path / name, np.stack([SPOILT, 2 * SPOILT]).astype(np.float32))
+    frames = [frame.values for frame in open_frames(tmp_path / name, SHAPE, MASK)]
+    np.testing.assert_allclose(frames, [BLACK, 2 * BLACK], rtol=1e-6)
+    with pytest.raises(PhotographError, match="NaN or infinite"):
+        list(open_frames(tmp_path / name, SHAPE))

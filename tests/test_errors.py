@@ -1,0 +1,21 @@
+import pytest
+
+from periscopy_sim.errors import PeriscopyError, PhotographError
+
+
+@pytest.mark.parametrize("held", ["a\nb", "a\r\x1b[2Jb", "a\0b", "a\u2028b", "a\ud800b"])
+def test_message_is_one_line_that_can_be_printed_whatever_it_quotes(held):
+    line = str(PhotographError(f"y.npz: holds '{held}'; rename it"))
+    assert line.isprintable() and len(line.splitlines()) == 1
+    line.encode()
+    assert line.startswith("y.npz: holds 'a\\") and line.endswith("b'; rename it")
+
+
+def test_plain_message_stands_as_it_is():
+    assert str(PeriscopyError("größe 2 × 3: λ")) == "größe 2 × 3: λ"
+
+
+def test_long_message_keeps_its_start_and_its_end():
+    line = str(PeriscopyError(f"y.npz: holds {'x' * 100_000}; rename it"))
+    assert len(line) < 1000
+    assert line.startswith("y.npz: holds xxx") and line.endswith("xxx; rename it")
