@@ -1,8 +1,10 @@
 """Train a small network on a data set, as proof that the loader feeds it.
 
 `python -m experiments.dataset_training DATA --out DIR [--seconds 60]` needs PyTorch. The network
-knows nothing of light transport: it sees the photograph, pooled, and is to give the hidden image.
-Its error on geometries that it has not seen stands beside that of the mean hidden image.
+knows nothing of light transport. It sees one colour channel of a photograph, pooled, what a
+quadratic function of the place explains of it taken out, and is to give that channel's hidden image
+in the photograph's units (`signal_scale` f). Its error on geometries that it has not seen stands
+beside that of the mean hidden image.
 """
 
 from __future__ import annotations
@@ -24,6 +26,12 @@ from periscopy_sim.storage.output import staged_file
 
 SHOWN = 6
 
+POOLED = 42
+"""Pixels a side that the network sees."""
+
+UNIT = 1e-3
+"""Of scaled hidden images: A's entries are small."""
+
 
 def main(
     data: Annotated[Path, typer.Argument(help="A data set.")],
@@ -33,13 +41,13 @@ def main(
 ) -> None:
     """Train, test, and draw."""
     torch.manual_seed(seed)
-    train = ps.TorchDataset(data, "train")
-    test = ps.TorchDataset(data, "test")
+    variables = ("photograph", "hidden", "signal_scale")
+    train, test = (ps.TorchDataset(data, split, variables) for split in ("train", "test"))
     batches = DataLoader(
         train, 64, shuffle=True, num_workers=1, generator=torch.Generator().manual_seed(seed)
     )
-    hidden_shape = tuple(train[0]["hidden"].shape)
-    network = build(hidden_shape)
+    hidden_shape = tuple(train[0]["hidden"].shape[1:])
+    network = Network(hidden_shape)
     optimizer = torch.optim.Adam(network.parameters(), 1e-3)
     start = time.perf_counter()
     seen, losses, waited = 0, [], 0.0
@@ -47,29 +55,30 @@ def main(
         asked = time.perf_counter()
         for batch in batches:
             waited += time.perf_counter() - asked
-            loss = nn.functional.mse_loss(network(batch["photograph"]), batch["hidden"])
+            found, contrast = network(batch["photograph"])
+            loss = nn.functional.mse_loss(found, scaled(batch) / contrast)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-            seen += len(batch["hidden"])
+            seen += len(found)
             losses.append(float(loss.detach()))
             asked = time.perf_counter()
             if asked - start > seconds:
                 break
     took = time.perf_counter() - start
     mean = torch.stack([train[k]["hidden"] for k in range(0, len(train), 10)]).mean(dim=0)
-    network.eval()
     errors: dict[str, list[float]] = {"network": [], "mean image": []}
     pictures = []
     with torch.no_grad():
         for batch in DataLoader(test, 64):
-            found = network(batch["photograph"])
-            for name, image in {"network": found, "mean image": mean}.items():
-                squared = (image - batch["hidden"]).square().mean(dim=(1, 2, 3))
+            found, contrast = network(batch["photograph"])
+            image = found * contrast / batch["signal_scale"][:, None, None, None] / UNIT
+            for name, guess in {"network": image, "mean image": mean}.items():
+                squared = (guess - batch["hidden"]).square().mean(dim=(1, 2, 3))
                 errors[name] += squared.tolist()
             if not pictures:
-                pictures = [picture(part[:SHOWN]) for part in (batch["photograph"], batch["hidden"],
-                                                               found)]  # fmt: skip
+                shown = (batch["photograph"], batch["hidden"], image.float())
+                pictures = [picture(part[:SHOWN]) for part in shown]
     result = {
         "samples trained on": seen,
         "samples a second": round(seen / took, 1),
@@ -94,17 +103,40 @@ def main(
             line[0].set_ylabel(name)
 
 
-def build(hidden_shape: tuple[int, ...]) -> nn.Module:
-    """Give a network from a photograph, channels first, to the hidden image."""
-    return nn.Sequential(
-        nn.AdaptiveAvgPool2d(42),
-        nn.InstanceNorm2d(3),
-        nn.Flatten(),
-        nn.Linear(3 * 42 * 42, 512),
-        nn.ReLU(),
-        nn.Linear(512, int(np.prod(hidden_shape))),
-        nn.Unflatten(1, hidden_shape),
-    )
+class Network(nn.Module):
+    """From a photograph to scaled hidden images, channel by channel.
+
+    Parameters
+    ----------
+    hidden_shape
+        (R, C).
+    """
+
+    def __init__(self, hidden_shape: tuple[int, ...]) -> None:
+        super().__init__()
+        place = torch.linspace(-1, 1, POOLED, dtype=torch.float64)
+        y, x = (axis.ravel() for axis in torch.meshgrid(place, place, indexing="ij"))
+        smooth = torch.stack([torch.ones_like(x), x, y, x * x, x * y, y * y], dim=1)
+        self.register_buffer("smooth", torch.linalg.qr(smooth)[0].float())
+        self.linear = nn.Linear(POOLED**2, int(np.prod(hidden_shape)))
+        self.deep = nn.Sequential(
+            nn.Linear(POOLED**2, 512), nn.ReLU(), nn.Linear(512, self.linear.out_features)
+        )
+        self.hidden_shape = hidden_shape
+
+    def forward(self, photograph: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Give images over a channel's contrast, and that contrast, (K, 3, 1, 1)."""
+        y = nn.functional.adaptive_avg_pool2d(photograph, POOLED).flatten(2)
+        y = y - (y @ self.smooth) @ self.smooth.T
+        contrast = y.std(dim=2, keepdim=True) + 1e-6
+        y = y / contrast
+        image = (self.linear(y) + self.deep(y)).unflatten(2, self.hidden_shape)
+        return image, contrast[..., None]
+
+
+def scaled(batch: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Give hidden images in units of their photographs, of numbers near 1."""
+    return UNIT * batch["signal_scale"][:, None, None, None].float() * batch["hidden"]
 
 
 def picture(tensor: Any) -> Any:

@@ -121,8 +121,8 @@ def verify(data: Archive) -> None:
         say(f"samples {first} to {after - 1}: {damage.reason}")
     if damaged:
         raise DatasetError(
-            f"{data}: {whole} samples are whole, {len(damaged)} blocks are not; run "
-            "'periscopy dataset' with its configuration again to mend it"
+            f"{data}: {whole} samples are whole, the others not; run 'periscopy dataset' with its "
+            "configuration again to mend it"
         )
     say(f"{data}: all {whole} samples are whole")
 

@@ -76,12 +76,12 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class Damage:
-    """A block that is not what was written.
+    """Neighbouring blocks that are not what was written.
 
     Attributes
     ----------
     samples
-        Its first sample, and the one after its last.
+        Their first sample, and the one after their last.
     reason
         What is wrong.
     """
@@ -125,7 +125,13 @@ def verify_dataset(
         reason = _fault(path, group, block, place) if mark_of(path, block).is_file() else "missing"
         if not reason and not is_finished(path, layout, digest, block):
             reason = "of another count or configuration"
-        if reason:
+        if (
+            reason
+            and damaged
+            and damaged[-1] == Damage((damaged[-1].samples[0], place.start), reason)
+        ):
+            damaged[-1] = Damage((damaged[-1].samples[0], place.stop), reason)
+        elif reason:
             damaged.append(Damage((place.start, place.stop), reason))
         else:
             whole += place.stop - place.start

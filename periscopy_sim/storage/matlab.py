@@ -44,7 +44,8 @@ def read_matlab_photograph(path: Path, shape: tuple[int, int]) -> NDArray[np.flo
         raise PhotographError(
             f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
         )
-    colour = bayer_colours(counts)
+    with np.errstate(over="ignore", invalid="ignore"):
+        colour = bayer_colours(counts)
     height, width, _ = colour.shape
     if height % shape[0] or width % shape[1] or not colour.size:
         raise PhotographError(
@@ -53,7 +54,8 @@ def read_matlab_photograph(path: Path, shape: tuple[int, int]) -> NDArray[np.flo
         )
     repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[0])
     exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
-    return np.divide(block_means(colour, shape), exposure, dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as infinite
+        return np.divide(block_means(colour, shape), exposure, dtype=np.float64)
 
 
 def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:

@@ -83,6 +83,16 @@ def test_verification_names_damaged_and_missing_blocks(data, name):
     assert damaged[0].reason == "missing" and damaged[1].reason.startswith(f"{name}: ")
 
 
+def test_neighbouring_blocks_that_miss_are_told_as_one(data):
+    for block in (1, 2, 4):
+        mark_of(data, block).unlink()
+    _, damaged = verify_dataset(data)
+    assert [(d.samples, d.reason) for d in damaged] == [
+        ((10, 30), "missing"),
+        ((40, 46), "missing"),
+    ]
+
+
 def test_description_counts_what_there_is(data):
     found = describe(data)
     assert (found["samples"], found["finished"], found["geometries"]) == (46, 46, 3)

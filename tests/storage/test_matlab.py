@@ -183,3 +183,18 @@ def test_files_by_matlab_itself_read_as_scipy_reads_them():
                 assert np.array_equal(matrix.values, expected[name]), path
                 compared += 1
     assert compared > 5
+
+
+@pytest.mark.parametrize(
+    ("image", "shutter_speed"),
+    [
+        (np.full((8, 12), 1e300), 1e-300),
+        (np.full((8, 12), 1.7e308), 0.5),
+        (np.frombuffer(b"\x01\x00\x80\x7f" * 96, "<f4").reshape(8, 12), 0.5),  # signalling NaN
+        (np.tile([[np.inf, -np.inf], [-np.inf, np.inf]], (4, 6)), 0.5),
+    ],
+)
+def test_counts_that_overflow_are_refused_without_a_warning(tmp_path, image, shutter_speed):
+    path = save(tmp_path / "raw.mat", image=image, shutter_speed=shutter_speed, iterations=1.0)
+    with pytest.raises(PhotographError, match="values are NaN or infinite"):
+        read_photograph(path, (2, 3))

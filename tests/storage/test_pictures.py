@@ -187,3 +187,11 @@ def test_what_is_no_image_is_not_written(tmp_path):
     with pytest.raises(OutputError):
         write_png(tmp_path, LIGHT, {})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_signalling_nan_is_refused_without_a_warning(tmp_path):
+    values = np.ones((4, 4, 3), np.float32)
+    values.view(np.uint32)[1, 2, 0] = 0x7F800001
+    np.save(tmp_path / "f.npy", values)
+    with pytest.raises(PhotographError, match="NaN"):
+        read_hidden_image(tmp_path / "f.npy", (2, 2))
