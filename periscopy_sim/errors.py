@@ -8,10 +8,10 @@ class PeriscopyError(ValueError):
     """A mistake in what the user gave; the command line prints it as one line and exits with 2."""
 
     def __str__(self) -> str:
-        """Message as one line: what cannot be printed is spelled out, a long middle left out."""
+        """Message as one line: what cannot be printed spelled out, a long middle left out."""
         line = "".join(
             letter if letter.isprintable() else letter.encode("unicode_escape").decode()
-            for letter in super().__str__()
+            for letter in " ".join(super().__str__().split())
         )
         half = _LONGEST // 2
         return line if len(line) <= _LONGEST else f"{line[:half]} ... {line[-half:]}"

@@ -8,7 +8,12 @@ def test_message_is_one_line_that_can_be_printed_whatever_it_quotes(held):
     line = str(PhotographError(f"y.npz: holds '{held}'; rename it"))
     assert line.isprintable() and len(line.splitlines()) == 1
     line.encode()
-    assert line.startswith("y.npz: holds 'a\\") and line.endswith("b'; rename it")
+    assert line.startswith("y.npz: holds 'a") and line.endswith("b'; rename it")
+
+
+def test_white_space_becomes_a_space_and_what_cannot_be_printed_is_spelled_out():
+    assert str(PeriscopyError("no\n  such\tthing")) == "no such thing"
+    assert str(PeriscopyError("a\x1b[2Jb\0")) == "a\\x1b[2Jb\\x00"
 
 
 def test_plain_message_stands_as_it_is():

@@ -31,6 +31,7 @@ OPTIONS = {
         *("SCENE", "--hidden", "--out", "--samples", "--model"),
         *("--rank-tolerance", "--seed", "-D"),
     },
+    "dataset": {"make", "info", "verify", "export"},
     "sweep": {
         *("SCENE", "--hidden", "--out", "--photograph", "--truth", "--hidden-image", "--sbr"),
         *("--ambient", "--flips", "--methods", "--snr", "--seeds", "--scheduler", "--samples"),
