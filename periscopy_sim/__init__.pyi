@@ -19,6 +19,7 @@ from .evaluation.sweep import Sweep, flips, run_sweep
 from .measurement import Sensor, add_noise, composite
 from .reconstruction.baselines import Differencing, TruncatedSVD
 from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
+from .reconstruction.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.periscope import Periscope, Reconstruction
 from .reconstruction.portable import PortablePeriscope
 from .reconstruction.preconditioner import Preconditioner, form_preconditioner
@@ -42,6 +43,8 @@ __all__ = [
     "Differencing",
     "IterativePeriscope",
     "IterativeReconstruction",
+    "NoiseAware",
+    "NoiseAwareReconstruction",
     "Periscope",
     "PeriscopyError",
     "PortablePeriscope",

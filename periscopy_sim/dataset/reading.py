@@ -118,7 +118,7 @@ def verify_dataset(
     attributes = read_attributes(path)
     layout, digest = layout_of(attributes), digest_of(attributes)
     group: Any = zarr.open_group(path, mode="r", zarr_format=3)
-    damaged = []
+    damaged: list[Damage] = []
     whole = 0
     for block in range(layout.blocks):
         place = layout.samples_in(block)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
 from periscopy_sim.reconstruction.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.periscope import Method, Periscope
 from periscopy_sim.scenario import Scenario
 
@@ -74,6 +75,10 @@ def _iterative(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = Non
     return IterativePeriscope.for_scene(scenario, A, B, mask=mask)
 
 
+def _noise_aware(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None) -> Method:
+    return NoiseAware.for_scene(scenario, A, B, mask=mask)
+
+
 METHODS: dict[str, Factory] = {
     "preconditioned": _preconditioned,
     "differencing": _differencing,
@@ -81,6 +86,7 @@ METHODS: dict[str, Factory] = {
     "truncated-svd": _truncated_svd,
     "pseudoinverse": _pseudoinverse,
     "iterative": _iterative,
+    "noise-aware": _noise_aware,
 }
 """The paper's method, its twin without P, and those it compares with, each with its defaults."""
 

@@ -106,6 +106,11 @@ def _read_tiff(path: Path) -> Raster:
 
     mend = "save it again, uncompressed or with deflate compression"
     with decoding(path, "TIFF", mend), tifffile.TiffFile(path) as file:
+        places: set[int] = set()
+        for each in file.pages:  # the next may be one before, and tifffile would never end
+            if each.offset in places:
+                raise PhotographError(f"{path}: its pages run in a circle; save or copy it again")
+            places.add(each.offset)
         if len(file.series) != 1:
             raise PhotographError(f"{path}: holds {len(file.series)} pictures; save one alone")
         series, page = file.series[0], file.pages[0]

@@ -145,6 +145,18 @@ def test_tiff_strip_that_unpacks_to_more_than_it_holds_is_refused(refusal, tmp_p
     assert "more pixels than its header announces" in said
 
 
+def test_tiff_whose_pages_run_in_a_circle_is_refused(refusal, tmp_path):
+    tifffile.imwrite(tmp_path / "y.tif", np.ones((3, *SHAPE), np.uint16), photometric="minisblack")
+    content = bytearray((tmp_path / "y.tif").read_bytes())
+    with tifffile.TiffFile(io.BytesIO(content)) as file:
+        first, second = (file.pages[k].offset for k in (0, 1))
+    for link in range(len(content) - 4):  # where a page tells of the second one
+        if content[link : link + 4] == struct.pack("<I", second):
+            content[link : link + 4] = struct.pack("<I", first)
+    (tmp_path / "y.tif").write_bytes(content)
+    assert "run in a circle" in refusal(read_photograph, tmp_path / "y.tif", SHAPE)
+
+
 def test_tiff_of_another_packing_is_refused(refusal, tmp_path):
     stream = io.BytesIO()
     tifffile.imwrite(stream, np.ones((*SHAPE, 3), np.uint16), photometric="rgb")

@@ -1,0 +1,280 @@
+"""The hidden image that explains the photograph best, given the photograph's own noise.
+
+    f̂ = argmin_{f ≥ 0} Σ_c ‖A⊥ f_c − y⊥_c‖² / σ_c² + λ Σ ‖∇f‖,   A⊥ = A − Q QᵀA
+
+Q is an orthonormal basis of range(B), so that the misfit is that of y on [A, B] with the ambient
+light fitted freely: the very information that P keeps. But the paper goes on from P y as if its
+noise were white and alike in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. Here the
+noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
+the norm over both directions and all three channels, so that the channels share their edges.
+
+It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
+u = ∇f and v = f ≥ 0 split off and over-relaxed. Each iteration solves (A⊥ᵀA⊥/σ_c² + ρ K) f = ...,
+K = ∇ᵀ∇ + I. The generalized eigenvectors W of (A⊥ᵀA⊥, K), found once for a scene, turn that into
+two products, for any noise, weight and ρ.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from periscopy_sim.reconstruction.colour_splitting import Splitting, advance, right_hand_side
+from periscopy_sim.reconstruction.matrix_product import subtract_combinations, times_rows
+from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.vectorization import vectorization_of
+
+if TYPE_CHECKING:
+    from periscopy_sim.reconstruction.periscope import Seen
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+PENALTY = 0.2
+"""λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
+
+SEEN = 1e-12
+"""Eigenvalues below this part of the largest are patterns that the wall does not show."""
+
+LARGEST_RATIO = 30
+"""Between the noises of two channels: one that has less is not believed."""
+
+CHECKED = 10
+"""Iterations between two looks at the residuals."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseAwareReconstruction:
+    """A hidden image and how it came about.
+
+    Attributes
+    ----------
+    image
+        (R, C, 3), in units of the photograph's over those of A.
+    noise
+        (3,) standard deviation of the photograph's noise, as estimated from what no hidden image
+        and no ambient light explains of it.
+    weight
+        λ.
+    iterations
+        Those taken.
+    residual
+        The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
+    converged
+        Whether that is what was asked for.
+    """
+
+    image: Array
+    noise: Array
+    weight: float
+    iterations: int
+    residual: float
+    converged: bool
+
+
+class NoiseAware:
+    """Recover hidden images by penalized likelihood; fit once to a scene.
+
+    λ = `tv_weight` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the photograph's
+    noise and units.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds; None for none.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    rank_tolerance
+        Relative tolerance on B's singular values, see `background_basis`.
+    tv_weight
+        Relative weight of the total variation as above.
+    positive
+        Whether f ≥ 0.
+    tolerance, max_iterations
+        Stop when both relative residuals are at most this, or after so many iterations.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        Which pixels to use, see `vectorization_of`; None for all.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, A or B is not finite, B explains all of A, or a number is out of
+        range.
+    """
+
+    def __init__(
+        self,
+        A: Image,
+        B: Image | None = None,
+        *,
+        hidden_shape: tuple[int, int],
+        channel_gain: Image | None = None,
+        rank_tolerance: float = TOLERANCE,
+        tv_weight: float = 0.02,
+        positive: bool = True,
+        tolerance: float = 1e-3,
+        max_iterations: int = 1000,
+        photograph_shape: tuple[int, int] | None = None,
+        mask: NDArray[np.bool_] | None = None,
+    ) -> None:
+        if not 0 < tv_weight < np.inf:
+            raise ValueError(f"tv_weight is {tv_weight}: give a positive, finite number")
+        if not 0 < tolerance < 1:
+            raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
+        if max_iterations < 1:
+            raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+        self._vectorization = vectorization_of(
+            A, hidden_shape, channel_gain, mask, photograph_shape
+        )
+        self.photograph_shape = photograph_shape
+        self.hidden_shape = hidden_shape
+        self.tv_weight = tv_weight
+        self.positive = positive
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
+        used = np.ascontiguousarray(self._vectorization.used(A, "A"), np.float64)
+        if not np.isfinite(used).all():
+            raise ValueError("A must be finite")
+        Q = np.zeros((len(used), 0))
+        if B is not None:
+            Q = background_basis(self._vectorization.used(B), rank_tolerance)
+        self._background = np.ascontiguousarray(Q.T)
+        self._transport = np.ascontiguousarray(used.T, np.float32)
+        C = Q.T @ used
+        gram = used.T @ used - C.T @ C
+        energy = float(np.trace(gram))
+        if not energy > 1e-12 * float(np.vdot(used, used)):
+            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+        self.norm = np.sqrt(energy)
+        # Scaled by the mean energy of a patch, f is near 1 in units of y over that root.
+        self._unit = np.sqrt(energy / len(gram))
+        eigenvalues, W = linalg.eigh(gram / self._unit**2, laplacian(hidden_shape))
+        self._eigenvalues = np.maximum(eigenvalues, 0)
+        self._W = np.ascontiguousarray(W, np.float32)
+        self._WT = np.ascontiguousarray(W.T, np.float32)
+
+    @classmethod
+    def for_scene(cls, scene: Seen, A: Image, B: Image | None = None, **settings: Any) -> Self:
+        """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
+        return cls(
+            A,
+            B,
+            hidden_shape=scene.hidden_shape,
+            photograph_shape=scene.photograph_shape,
+            channel_gain=scene.channel_gain,
+            **settings,
+        )
+
+    def reconstruct(self, photograph: Image) -> Array:
+        """Recover the hidden image from one photograph.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3), linear, in any unit.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3) float64, linear.
+
+        Raises
+        ------
+        ValueError
+            If the photograph has not M pixels of 3 channels or is not finite.
+
+        Warns
+        -----
+        RuntimeWarning
+            The tolerance was not reached.
+        """
+        return self.solve(photograph).image
+
+    def solve(self, photograph: Image) -> NoiseAwareReconstruction:
+        """Recover the hidden image and tell how it came about; see `reconstruct`."""
+        y = self._vectorization.planar(np.asarray(photograph)[None], self.photograph_shape)[0]
+        subtract_combinations(y, times_rows(y, self._background), self._background)
+        level = float(np.sqrt(np.mean(y**2))) or 1.0  # single precision needs numbers near 1
+        h = times_rows((y / level).astype(np.float32), self._transport) * np.float32(1 / self._unit)
+        coefficients = times_rows(h, self._WT).astype(np.float64)
+        noise = self._noise(y / level, coefficients)
+        image, state = self._minimize(coefficients, noise)
+        if not state.residual <= self.tolerance:
+            warnings.warn(
+                f"noise-aware recovery stopped after {state.iterations} iterations at a relative "
+                f"residual of {state.residual:.1e}, above {self.tolerance:.1e}: raise "
+                "max_iterations or tolerance",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        scale = level / self._unit
+        return NoiseAwareReconstruction(
+            image=np.moveaxis(image.astype(np.float64), 0, -1) * scale,
+            noise=level * noise,
+            weight=self.tv_weight * self.norm / (level * float(noise.mean())),
+            iterations=state.iterations,
+            residual=state.residual,
+            converged=state.residual <= self.tolerance,
+        )
+
+    def _noise(self, y: Array, coefficients: Array) -> Array:
+        """Take the standard deviation of what is left by the least-squares hidden image."""
+        seen = self._eigenvalues > SEEN * self._eigenvalues[-1]
+        explained = (coefficients[:, seen] ** 2 / self._eigenvalues[seen]).sum(axis=1)
+        left = np.einsum("cm,cm->c", y, y) - explained
+        freedom = max(y.shape[1] - len(self._background) - int(seen.sum()), 1)
+        noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
+        # A photograph without noise is still one of finite precision, and a black channel no oracle.
+        rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30
+        return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))
+
+    def _minimize(self, coefficients: Array, noise: Array) -> tuple[Image, _State]:
+        """Run the splitting, in units in which A⊥ᵀA⊥ has a mean diagonal of 1."""
+        σ = float(noise.mean())
+        w = (σ / noise) ** 2  # the problem times σ²
+        λ = self.tv_weight * np.sqrt(len(self._eigenvalues)) * σ / 2
+        data = w[:, None] * coefficients
+        ridge = data / (w[:, None] * self._eigenvalues + 0.01)
+        scale = float(np.sqrt(np.mean(times_rows(ridge.astype(np.float32), self._W) ** 2)))
+        if not scale > 0:
+            return np.zeros((3, *self.hidden_shape), np.float32), _State(0, 0.0)
+        ρ = λ / (PENALTY * scale)
+        inverse = 1 / (w[:, None] * self._eigenvalues + ρ)
+        fixed = (inverse * data).astype(np.float32)
+        damped = (ρ * inverse).astype(np.float32)
+        split = Splitting.zeros(self.hidden_shape)
+        residual, iteration = np.inf, 0
+        while residual > self.tolerance and iteration < self.max_iterations:
+            iteration += 1
+            g = right_hand_side(split)
+            f = times_rows(fixed + damped * times_rows(g, self._WT), self._W)
+            residuals = advance(f.reshape(3, *self.hidden_shape), split, λ / ρ, self.positive)
+            if iteration % CHECKED == 0 or iteration == self.max_iterations:
+                residual = float(max(residuals))
+        return split.v, _State(iteration, residual)
+
+
+@dataclass(frozen=True)
+class _State:
+    iterations: int
+    residual: float
+
+
+def laplacian(shape: tuple[int, int]) -> Array:
+    """Form K = ∇ᵀ∇ + I for images of (R, C) patches, (N, N), of forward differences."""
+    rows, columns = (np.diff(np.eye(size), axis=0) for size in shape)
+    down, across = rows.T @ rows, columns.T @ columns
+    K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
+    K[np.diag_indices_from(K)] += 1
+    return K
