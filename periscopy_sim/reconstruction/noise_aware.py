@@ -235,7 +235,7 @@ class NoiseAware:
         left = np.einsum("cm,cm->c", y, y) - explained
         freedom = max(y.shape[1] - len(self._background) - int(seen.sum()), 1)
         noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
-        # A photograph without noise is still one of finite precision, and a black channel no oracle.
+        # Without noise there still is finite precision; and a black channel is no oracle.
         rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30
         return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))
 
