@@ -27,6 +27,7 @@ from scipy import linalg
 from periscopy_sim.reconstruction.colour_splitting import Splitting, advance, right_hand_side
 from periscopy_sim.reconstruction.matrix_product import subtract_combinations, times_rows
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.uncertainty import standard_errors
 from periscopy_sim.reconstruction.vectorization import vectorization_of
 
 if TYPE_CHECKING:
@@ -159,6 +160,7 @@ class NoiseAware:
         self.norm = np.sqrt(energy)
         # Scaled by the mean energy of a patch, f is near 1 in units of y over that root.
         self._unit = np.sqrt(energy / len(gram))
+        self._gram = gram
         eigenvalues, W = linalg.eigh(gram / self._unit**2, laplacian(hidden_shape))
         self._eigenvalues = np.maximum(eigenvalues, 0)
         self._W = np.ascontiguousarray(W, np.float32)
@@ -227,6 +229,21 @@ class NoiseAware:
             residual=state.residual,
             converged=state.residual <= self.tolerance,
         )
+
+    def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
+        """Tell how sure each patch of a recovered image is, see `uncertainty`.
+
+        Parameters
+        ----------
+        found
+            From `solve`.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3) standard errors, in units of the image.
+        """
+        return standard_errors(self._gram, found.noise, found.image, found.weight)
 
     def _noise(self, y: Array, coefficients: Array) -> Array:
         """Take the standard deviation of what is left by the least-squares hidden image."""

@@ -19,6 +19,7 @@ from periscopy_sim.evaluation.methods import (
 )
 from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
 from periscopy_sim.reconstruction.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.periscope import Periscope
 
 RNG = np.random.default_rng(8)
@@ -86,6 +87,7 @@ def test_the_methods_of_the_paper_and_its_comparisons_are_there():
         "truncated-svd": TruncatedSVD,
         "pseudoinverse": Periscope,
         "iterative": IterativePeriscope,
+        "noise-aware": NoiseAware,
     }
     assert list(fitted) == list(METHODS)
     converged, published = fitted["differencing"], fitted["differencing-published"]
