@@ -14,6 +14,10 @@ Image = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
 
+SMALLEST = 1e-30
+"""Largest value of a photograph that is still taken for light; its reciprocal is the other end."""
+
+
 @dataclass(frozen=True, eq=False)
 class Vectorization:
     """The sizes of photograph and hidden image, the wall's colour, and where the wall is used.
@@ -84,7 +88,7 @@ class Vectorization:
         ValueError
             If the photograph has not M pixels of 3 channels or is not finite where it is used.
         """
-        photograph = np.asarray(photograph)
+        photograph = _real(photograph)
         if photograph.ndim < 2 or photograph.shape[-1] != 3 or photograph.size != 3 * self.pixels:
             raise ValueError(
                 f"the photograph has shape {photograph.shape}; A has {self.pixels} rows, so it "
@@ -94,10 +98,7 @@ class Vectorization:
         values = photograph.reshape(self.pixels, 3)
         if self.mask is not None:
             values = values[self.mask.ravel()]
-        y: Array = values.astype(np.float64) / self.channel_gain
-        if not np.isfinite(y).all():
-            raise ValueError("the photograph must be finite")
-        return y
+        return _checked(values.astype(np.float64) / self.channel_gain)
 
     def planar(self, photographs: Image, photograph_shape: tuple[int, int] | None = None) -> Array:
         """Turn many photographs into planes, each channel's pixels side by side in memory.
@@ -119,7 +120,7 @@ class Vectorization:
         ValueError
             If a photograph has another size or is not finite where it is used.
         """
-        photographs = np.asarray(photographs)
+        photographs = _real(photographs)
         size = photographs.shape[1:-1]
         if photograph_shape is not None and len(size) == 2 and size != tuple(photograph_shape):
             raise ValueError(
@@ -137,10 +138,7 @@ class Vectorization:
         if self.mask is not None:
             values = values[:, self.mask.ravel()]
         planes = np.moveaxis(values, -1, 1)
-        y: Array = np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64)
-        if not np.isfinite(y).all():
-            raise ValueError("the photograph must be finite")
-        return y
+        return _checked(np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64))
 
     def image(self, f: Array) -> Array:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
@@ -153,6 +151,27 @@ class Vectorization:
                 f"the photograph has {size[0]}x{size[1]} pixels, the mask "
                 f"{self.mask.shape[0]}x{self.mask.shape[1]}"
             )
+
+
+def _real(photograph: Image) -> Image:
+    """Refuse what is no array of real numbers."""
+    values = np.asarray(photograph)
+    if values.dtype.kind not in "buif":
+        raise ValueError(f"the photograph is of type {values.dtype}; give real numbers")
+    return values
+
+
+def _checked(y: Array) -> Array:
+    """Refuse numbers whose squares would leave double precision's range."""
+    if not np.isfinite(y).all():
+        raise ValueError("the photograph must be finite")
+    largest = float(np.abs(y).max(initial=0))
+    if largest > 0 and not SMALLEST <= largest <= 1 / SMALLEST:
+        raise ValueError(
+            f"the photograph's largest value is {largest:.1e}; scale it to between {SMALLEST:g} "
+            f"and {1 / SMALLEST:g}"
+        )
+    return y
 
 
 def vectorization_of(

@@ -231,3 +231,20 @@ def test_as_many_pixels_as_patches_are_enough():
 def test_fewer_pixels_than_patches_are_allowed_where_they_always_were():
     few = vectorization_of(A[:8], HIDDEN, mask=np.arange(8) > 2)
     assert few.vectorized(np.ones((8, 3))).shape == (5, 3)
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e31, 1e-31, 1e-300])
+def test_photographs_whose_squares_would_overflow_or_vanish_are_refused(scale):
+    kept = vectorization_of(np.ones((6, 2)), (1, 2))
+    with pytest.raises(ValueError, match=r"largest value is .*scale it"):
+        kept.planar(np.full((1, 6, 3), scale))
+    with pytest.raises(ValueError, match=r"largest value is .*scale it"):
+        kept.vectorized(np.full((6, 3), scale))
+    assert not kept.vectorized(np.zeros((6, 3))).any()
+
+
+@pytest.mark.parametrize("value", [1j, "x", None])
+def test_what_is_no_real_number_is_refused(value):
+    kept = vectorization_of(np.ones((6, 2)), (1, 2))
+    with pytest.raises(ValueError, match="give real numbers"):
+        kept.vectorized(np.full((6, 3), value))
