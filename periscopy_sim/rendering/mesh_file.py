@@ -116,7 +116,7 @@ def _binary_rows(body: bytes, elements: list[_Element]) -> list[NDArray[np.void]
     rows, start = [], 0
     for element in elements:
         if start + element.count * element.row.itemsize > len(body):
-            raise ValueError(f"is cut short: it announces {element.count} of {element.name}")
+            raise ValueError(f"is cut short: it should hold {element.count} x {element.name}")
         rows.append(np.frombuffer(body, element.row, element.count, start))
         start += element.count * element.row.itemsize
     return rows
@@ -129,7 +129,7 @@ def _text_rows(body: bytes, elements: list[_Element]) -> list[NDArray[np.void]]:
         width = sum(shape[0] if shape else 1 for _, *shape in flat)
         stop = start + element.count * width
         if stop > len(words):
-            raise ValueError(f"is cut short: it announces {element.count} of {element.name}")
+            raise ValueError(f"is cut short: it should hold {element.count} x {element.name}")
         table = _numbers(words[start:stop]).reshape(element.count, width)
         if not (np.abs(table) <= _LARGEST).all():
             raise ValueError(f"has a {element.name} that is no row of finite numbers")

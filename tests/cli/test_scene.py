@@ -50,7 +50,12 @@ def test_monitor_that_faces_away_is_refused(edited_scene, refused):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "missing file"), (b"", "empty file"), (b"solid metal\n", "no PLY header"), (1500, "cut short")],
+    [
+        (None, "missing file"),
+        (b"", "empty file"),
+        (b"solid metal\n", "no PLY header"),
+        (1500, "cut short"),
+    ],
 )
 def test_unreadable_mesh_is_refused_by_name(content, message, edited_scene, refused, tmp_path):
     scene = edited_scene()

@@ -123,7 +123,7 @@ def test_counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocat
 ):
     name = element.split()[0]
     content = ply(form).replace(element, name + f" {count}".encode())
-    assert reason(path, content) == f"is cut short: it announces {count} of {name.decode()}"
+    assert reason(path, content) == f"is cut short: it should hold {count} x {name.decode()}"
 
 
 @pytest.mark.parametrize(
