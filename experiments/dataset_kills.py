@@ -22,13 +22,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from periscopy_sim.dataset.archive import (
-    MAKING,
-    digest_of,
-    is_finished,
-    layout_of,
-    read_attributes,
-)
+from periscopy_sim.dataset.layout import MAKING, digest_of, layout_of, read_attributes
+from periscopy_sim.dataset.marks import is_finished
 from periscopy_sim.errors import DatasetError
 
 CONFIGURATION = """

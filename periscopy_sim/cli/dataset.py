@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -72,10 +74,20 @@ def make(
     settings = load_configuration(configuration)
     start = time.perf_counter()
     try:
-        with _sample_progress("samples") as report:
+        with _sample_progress("samples") as report, _between_blocks() as check:
+
+            def blocks(done: int, total: int) -> None:
+                report(done, total)
+                check()
+
+            @contextmanager
+            def rendering(name: str) -> Iterator[Callable[[float], None]]:
+                with progress(name) as show:
+                    yield lambda fraction: (show(fraction), check())[0]
+
             made = make_dataset(
-                settings, out, count=count, scheduler=scheduler, progress=report,
-                rendering=progress,
+                settings, out, count=count, scheduler=scheduler, progress=blocks,
+                rendering=rendering,
             )  # fmt: skip
     except KeyboardInterrupt:
         message = "interrupted; the same command goes on where it stopped"
@@ -185,6 +197,39 @@ def _in_words(name: str, value: Any) -> str:
     if isinstance(value, list):
         return " to ".join(f"{number:.4g}" for number in value)
     return str(value)
+
+
+@contextmanager
+def _between_blocks() -> Iterator[Callable[[], None]]:
+    """Keep Ctrl-C for where the work can stop: the second one stops it anywhere.
+
+    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length.
+
+    Yields
+    ------
+    callable
+        Raises KeyboardInterrupt if one was pressed.
+    """
+    pressed: list[int] = []
+
+    def press(number: int, _: Any) -> None:
+        pressed.append(number)
+        if len(pressed) > 1:
+            raise KeyboardInterrupt
+
+    def check() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield check
+        return
+    before = {number: signal.signal(number, press) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

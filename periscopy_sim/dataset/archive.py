@@ -9,89 +9,38 @@ configuration gives the same bytes, however often its making was stopped, and by
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from periscopy_sim.dataset.layout import (
+    LABELS,
+    MAKING,
+    PATCHES,
+    PIXELS,
+    VARIABLES,
+    Layout,
+    digest_of,
+    read_attributes,
+)
+from periscopy_sim.dataset.marks import (
+    checksum,
+    file_of,
+    is_finished,
+    is_marked,
+    mark_of,
+    read_mark,
+)
 from periscopy_sim.dataset.samples import Block
 from periscopy_sim.errors import DatasetError, OutputError
+from periscopy_sim.storage.folder_lock import LOCK
 from periscopy_sim.storage.held_settings import check_settings
 from periscopy_sim.storage.output import out_of_space_reported, staged_file
-
-MAKING = "making"
-"""Folder (and empty Zarr group) of what belongs to the making alone."""
-
-KIND = "periscopy data set"
-
-PIXELS = ("row", "column", "channel")
-PATCHES = ("hidden_row", "hidden_column", "channel")
-
-VARIABLES: dict[str, dict[str, str]] = {
-    "photograph": {
-        "long_name": "photograph of the wall, linear light",
-        "units": "mean of a photograph of exposure 1",
-    },
-    "hidden": {"long_name": "hidden image, linear light", "units": "white of the monitor"},
-    "background": {
-        "long_name": "ambient light of the photograph, without noise",
-        "units": "mean of a photograph of exposure 1",
-    },
-    "signal_scale": {
-        "long_name": "photograph's unit over that of A f: photograph = scale A f + background",
-        "units": "1",
-    },
-    "sbr": {"long_name": "signal-to-background ratio", "units": "1"},
-    "snr": {"long_name": "signal-to-noise ratio", "units": "dB"},
-    "exposure": {"long_name": "mean of the photograph without noise", "units": "1"},
-    "clip_number": {"long_name": "number of the video that the photograph is of"},
-    "frame": {"long_name": "number of the frame within its video"},
-    "geometry": {"long_name": "number of the scene and its parameters"},
-    "split": {"long_name": "train, validation or test"},
-    "hidden_kind": {"long_name": "source of the hidden image"},
-    "ambient": {"long_name": "source of the ambient light"},
-}
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The sizes of a data set.
-
-    Attributes
-    ----------
-    count
-        Samples.
-    block
-        Samples in a block.
-    photograph_shape, hidden_shape
-        (rows, columns) and (R, C).
-    photograph_type
-        Of the photographs' numbers.
-    keep_background
-        Whether there is a variable `background`.
-    """
-
-    count: int
-    block: int
-    photograph_shape: tuple[int, int]
-    hidden_shape: tuple[int, int]
-    photograph_type: str
-    keep_background: bool
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks; the last may be cut short."""
-        return -(-self.count // self.block)
-
-    def samples_in(self, block: int) -> slice:
-        """Give the indices of a block's samples."""
-        return slice(block * self.block, min((block + 1) * self.block, self.count))
 
 
 class Archive:
@@ -126,11 +75,14 @@ class Archive:
         self.path, self.layout = path, layout
         self.digest = digest_of(attributes)
         self._check_held(attributes)
-        for torn in path.rglob("*.partial"):  # of a write that was killed
-            torn.unlink()
-        with out_of_space_reported(path), TemporaryDirectory(dir=path / MAKING) as folder:
-            _lay_out(Path(folder), layout, attributes, geometries)
-            _replace_what_differs(Path(folder), path)
+        head = path / MAKING / "head"
+        with out_of_space_reported(path):
+            _clear(path, head)
+            for block in self._numbers():  # before the head tells of more samples than it has
+                if not is_marked(path, layout, self.digest, block):
+                    mark_of(path, block).unlink()
+            _lay_out(head, layout, attributes, geometries)
+            _replace_what_differs(head, path)
         self._group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
 
     def unfinished(self) -> Iterator[int]:
@@ -149,7 +101,7 @@ class Archive:
         """
         place = self.layout.samples_in(block)
         count = place.stop - place.start
-        with out_of_space_reported(self.path):
+        with out_of_space_reported(self.path), _writing(self.path):
             mark = mark_of(self.path, block)
             mark.unlink(missing_ok=True)
             for name, each in values.items():
@@ -166,19 +118,35 @@ class Archive:
 
     def _check_held(self, wanted: Mapping[str, Any]) -> None:
         """Refuse samples of other attributes; the marks tell what they are of, or else the head."""
-        marks = [_mark(file) for file in (self.path / MAKING / "finished").glob("*.json")]
-        if any(block >= self.layout.blocks for block, _ in marks):
+        read = ((block, read_mark(self.path, block)) for block in self._numbers())
+        marks = {block: mark for block, mark in read if mark is not None}
+        if not marks:
+            return  # there is nothing to lose: what there is of a head is written anew
+        known = {mark["of"] for mark in marks.values()}
+        last = max(marks)
+        if last * self.layout.block + marks[last]["samples"] > self.layout.count:
             raise OutputError(
                 f"{self.path} holds more than {self.layout.count} samples; ask for as many or "
                 "more, or name another folder"
             )
-        known = {of for _, of in marks if of is not None}
-        head = self.path / "zarr.json"
-        if known == {self.digest} or not head.is_file() or (not known and _is_damaged(head)):
-            return  # what there is of a head is written anew
-        held = read_attributes(self.path)
-        del held["count"]
-        check_settings(held, wanted, str(self.path), "data set")
+        if known == {self.digest}:
+            return  # a damaged head is written anew
+        try:
+            held = read_attributes(self.path)
+        except DatasetError:
+            held = {}
+        held.pop("count", None)
+        if held:
+            check_settings(held, wanted, str(self.path), "data set")
+        raise OutputError(
+            f"{self.path} holds samples of another data set, whose head is lost; name another "
+            "folder, or remove it to start anew"
+        )
+
+    def _numbers(self) -> list[int]:
+        """Numbers of the blocks that have a mark, whole or not."""
+        marks = (self.path / MAKING / "finished").glob("*.json")
+        return sorted(int(file.stem) for file in marks if file.stem.isdecimal())
 
 
 def check_place(path: Path) -> None:
@@ -192,111 +160,40 @@ def check_place(path: Path) -> None:
     try:
         if path.exists() and not path.is_dir():
             raise OutputError(f"cannot write {path}: it is a file; name a folder")
-        if path.is_dir() and any(path.iterdir()) and not (path / MAKING).is_dir():
-            raise OutputError(f"{path} is not empty and no data set; name another folder")
+        making = path / MAKING
+        begun = any((making / name).is_file() for name in ("zarr.json", LOCK))
+        if begun or not path.is_dir() or not any(path.rglob("*")):
+            return
+        try:
+            read_attributes(path)
+        except DatasetError:
+            if any(file.is_file() for file in path.rglob("*")):
+                raise OutputError(
+                    f"{path} is not empty and no data set; name another folder"
+                ) from None
     except OSError as error:
         raise OutputError(f"cannot read {path}: {error.strerror}; name another folder") from error
 
 
-def read_attributes(path: Path) -> dict[str, Any]:
-    """Read what a data set was made of.
+def _clear(path: Path, head: Path) -> None:
+    """Remove what a run that was killed has left of its writing."""
+    shutil.rmtree(head, ignore_errors=True)
+    places = [path / MAKING, *(path / name for name in VARIABLES)]
+    for torn in (file for place in places for file in place.rglob("*") if file.is_file()):
+        hidden = torn.name.startswith(".") and torn.name != LOCK and MAKING in torn.parts
+        if hidden or torn.suffix == ".partial":
+            torn.unlink()
 
-    Raises
-    ------
-    DatasetError
-        If the path holds no data set, or its head is damaged.
-    """
-    file = path / "zarr.json"
-    if not file.is_file():
-        what = "is no data set" if path.exists() else "no such data set"
-        raise DatasetError(f"{path}: {what}; name a folder that 'periscopy dataset' has written")
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Tell what the system has against a file within the archive; a full disk is told elsewhere."""
     try:
-        attributes = dict(json.loads(file.read_text("utf-8"))["attributes"])
-        if attributes["kind"] == KIND and isinstance(attributes["count"], int):
-            return attributes
-    except (ValueError, KeyError, TypeError, OSError):
-        pass
-    raise DatasetError(
-        f"{file}: is damaged, or of no data set; run 'periscopy dataset' into another folder"
-    )
-
-
-def digest_of(attributes: Mapping[str, Any]) -> str:
-    """Tell data sets apart by all that their samples depend on; the count is not of it."""
-    fixed = {name: value for name, value in attributes.items() if name != "count"}
-    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def layout_of(attributes: Mapping[str, Any]) -> Layout:
-    """Read the sizes from a data set's attributes."""
-    sizes = attributes["layout"]
-    return Layout(
-        count=attributes["count"],
-        block=sizes["block"],
-        photograph_shape=tuple(sizes["photograph_shape"]),
-        hidden_shape=tuple(sizes["hidden_shape"]),
-        photograph_type=sizes["photograph_type"],
-        keep_background=sizes["keep_background"],
-    )
-
-
-def is_finished(path: Path, layout: Layout, digest: str, block: int) -> bool:
-    """Tell whether a block's files are there, whole and of as many samples as they should be.
-
-    Parameters
-    ----------
-    path, layout
-        The data set.
-    digest
-        Of its attributes, from `digest_of`.
-    block
-        Number of the block.
-    """
-    place = layout.samples_in(block)
-    try:
-        record = json.loads(mark_of(path, block).read_text("utf-8"))
-        right = record["of"] == digest and record["samples"] == place.stop - place.start
-        return right and all(
-            checksum(path, name, block) == value for name, value in record["crc32c"].items()
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return False
-
-
-def mark_of(path: Path, block: int) -> Path:
-    """Name the file that tells that a block is finished."""
-    return path / MAKING / "finished" / f"{block:08d}.json"
-
-
-def file_of(path: Path, name: str, dimensions: int, block: int) -> Path:
-    """Name the file of a block's values of one variable."""
-    return path.joinpath(name, "c", str(block), *["0"] * (dimensions - 1))
-
-
-def checksum(path: Path, name: str, block: int) -> str:
-    """CRC-32C of the file of a block's values of one variable, in hexadecimal."""
-    import google_crc32c
-
-    dimensions = 4 if name in ("photograph", "hidden", "background") else 1
-    content = file_of(path, name, dimensions, block).read_bytes()
-    return f"{google_crc32c.value(content):08x}"
-
-
-def _mark(file: Path) -> tuple[int, str | None]:
-    """Read a mark: its block, and the digest of what that is of."""
-    try:
-        return int(file.stem), json.loads(file.read_text("utf-8"))["of"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return -1, None
-
-
-def _is_damaged(head: Path) -> bool:
-    """Tell whether a file is no JSON; one of other contents is not ours to replace."""
-    try:
-        json.loads(head.read_text("utf-8"))
-    except ValueError:
-        return True
-    return False
+        yield
+    except (IsADirectoryError, NotADirectoryError, PermissionError) as error:
+        raise OutputError(
+            f"cannot write {error.filename or path}: {error.strerror}; remove what stands there"
+        ) from error
 
 
 def _lay_out(
@@ -327,7 +224,7 @@ def _lay_out(
             dtype=dtype, fill_value=np.nan, dimension_names=("sample", *dimensions),
             attributes=VARIABLES[name], compressors=[blosc, Crc32cCodec()],
         )  # fmt: skip
-    for name, dtype in _LABELS.items():
+    for name, dtype in LABELS.items():
         fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
         group.create_array(
             name, shape=(layout.count,), chunks=(layout.block,), dtype=dtype, fill_value=fill,
@@ -339,20 +236,6 @@ def _lay_out(
         array = np.array(values, np.dtypes.StringDType() if is_text else None)
         dimension = name if name == "channel" else "geometries"
         group.create_array(name, data=array, dimension_names=(dimension,))
-
-
-_LABELS: dict[str, Any] = {
-    "signal_scale": "float64",
-    "sbr": "float64",
-    "snr": "float64",
-    "exposure": "float64",
-    "clip_number": "int64",
-    "frame": "int32",
-    "geometry": "int32",
-    "split": str,
-    "hidden_kind": str,
-    "ambient": str,
-}
 
 
 def _replace_what_differs(new: Path, old: Path) -> None:
@@ -367,5 +250,4 @@ def _replace_what_differs(new: Path, old: Path) -> None:
             continue
         target.parent.mkdir(parents=True, exist_ok=True)
         file.replace(target)
-    shutil.rmtree(new, ignore_errors=True)
-    new.mkdir()  # for its owner to remove
+    shutil.rmtree(new)

@@ -67,7 +67,7 @@ def backgrounds_of(
                     for name in source.names
                 ]
             else:
-                pictures = [_given(name, scenario) for name in source.files]
+                pictures = [given_picture(name, scenario) for name in source.files]
             # The wall's colour is the geometry's.
             gain = scenario.channel_gain.astype(np.float32)
             found[view][number] = np.stack(pictures) / gain
@@ -82,22 +82,31 @@ def _rendered(
     from periscopy_sim.storage.ambient_photographs import find_condition
     from periscopy_sim.storage.exr import read_exr, write_exr
     from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.provenance import scene_sha256
 
-    file = folder / f"{Path(name).stem}.exr"
+    path = find_condition(name)
+    file = folder / f"{path.stem}-{scene_sha256(path)[:8]}-{target:g}.exr"
     if not file.is_file():
         with staged_file(file) as staged, show(f"ambient light: {Path(name).stem}") as report:
             background = render_background(
-                find_condition(name), scenario, target=target, seed=seed, progress=report
+                path, scenario, target=target, seed=seed, progress=report
             )
             write_exr(staged, background.photograph, {})
     # Also what was just rendered: as kept, so that a later run computes the same.
     return read_exr(file)[0]
 
 
-def _given(name: str, scenario: Scenario) -> NDArray[np.float32]:
+def given_picture(name: str, scenario: Scenario) -> NDArray[np.float32]:
+    """Read a photograph of ambient light, of the size of the scene's.
+
+    Raises
+    ------
+    PeriscopyError
+        If it cannot be read, is of another size, or has not a positive mean.
+    """
     from periscopy_sim.storage.photographs import read_photograph
 
     picture = read_photograph(name, scenario.photograph_shape).values
     if not picture.mean() > 0:
-        raise ConfigurationError(f"{name}: is black; ambient light must have a positive mean")
+        raise ConfigurationError(f"{name}: its mean is not positive; give ambient light")
     return picture.astype(np.float32)

@@ -25,6 +25,10 @@ _MISTAKES = (  # what PyYAML raises where text is not of its tag's form, or nest
     RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError,
 )  # fmt: skip
 
+MOST_SAMPLES = 10**8
+
+MOST_GEOMETRIES = 10**5
+
 SPLITS = ("train", "validation", "test")
 
 
@@ -37,9 +41,12 @@ class SceneSource(Source):
         A shipped scene's name, or a Mitsuba XML file, as seen from the configuration's folder.
     parameters
         Values for its ``<default>``s: text, a number, or how to draw one.
+    version
+        Digest of the scene's files, filled in when a data set is made.
     """
 
     scene: str
+    version: str = ""
     parameters: dict[str, Quantity | str] = Field(default_factory=dict)
 
 
@@ -121,12 +128,12 @@ class Configuration(Strict):
         Where relative paths start; set by `load_configuration`.
     """
 
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    count: Annotated[int, Field(ge=1, le=10**9)]
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
+    count: Annotated[int, Field(strict=True, ge=1, le=MOST_SAMPLES)]
     hidden: tuple[int, int]
-    samples_per_geometry: Annotated[int, Field(ge=1)] = 1000
-    samples_per_shard: Annotated[int, Field(ge=1, le=10_000)] = 50
-    clip_length: Annotated[int, Field(ge=1)] = 1
+    samples_per_geometry: Annotated[int, Field(strict=True, ge=1)] = 1000
+    samples_per_shard: Annotated[int, Field(strict=True, ge=1, le=1000)] = 50
+    clip_length: Annotated[int, Field(strict=True, ge=1)] = 1
     splits: Splits = Splits()
     scenes: Annotated[tuple[SceneSource, ...], Field(min_length=1)]
     hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
@@ -170,7 +177,19 @@ class Configuration(Strict):
                 f"samples_per_geometry ({self.samples_per_geometry}) must be a multiple of "
                 f"samples_per_shard ({self.samples_per_shard})"
             )
+        if self.geometries > MOST_GEOMETRIES:
+            raise ValueError(
+                f"{self.count} samples are of {self.geometries} geometries, more than "
+                f"{MOST_GEOMETRIES}; raise samples_per_geometry"
+            )
+        if self.photograph_type == "float16" and self.exposure.bounds[1] > 100:
+            raise ValueError("an exposure above 100 may not fit float16; use float32")
         return self
+
+    @property
+    def geometries(self) -> int:
+        """Number of geometries; the last may be cut short."""
+        return -(-self.count // self.samples_per_geometry)
 
 
 def load_configuration(path: str | Path) -> Configuration:

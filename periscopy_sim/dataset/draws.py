@@ -6,15 +6,17 @@ streams of their own: that one takes more draws than before leaves the others as
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.dataset.configuration import SPLITS, Configuration
 from periscopy_sim.dataset.light_sources import Conditions, Darkness, Lamps
-from periscopy_sim.dataset.quantity import Source
+from periscopy_sim.dataset.quantity import Quantity, Source
 
 Array = NDArray[np.float64]
 
@@ -104,7 +106,8 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     """Draw a scene, its parameters and its split.
 
     The splits follow multiples of the golden ratio, so that any number of geometries is shared
-    among them as nearly by their sizes as it can be.
+    among them as nearly by their sizes as it can be, the first to the largest. A scene of which
+    nothing varies steadily comes again: its splits follow from what it is.
     """
     rng = generator(configuration, GEOMETRY, number)
     source = _weighted(rng, configuration.scenes)
@@ -112,11 +115,17 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
         name: quantity if isinstance(quantity, str) else f"{quantity.draw(rng):.9g}"
         for name, quantity in configuration.scenes[source].parameters.items()
     }
-    offset = generator(configuration, SPLIT, 0).random()
-    shares = np.cumsum([getattr(configuration.splits, name) for name in SPLITS])
-    place = (offset + number * GOLDEN) % 1
-    split = SPLITS[min(int(np.searchsorted(shares, place, side="right")), len(SPLITS) - 1)]
-    return GeometryDraw(number, source, parameters, split)
+    scene = configuration.scenes[source]
+    sizes = np.array([getattr(configuration.splits, name) for name in SPLITS])
+    edges = np.cumsum(sizes)
+    if any(isinstance(q, Quantity) and q.is_steady for q in scene.parameters.values()):
+        largest = int(sizes.argmax())
+        place = (edges[largest] - sizes[largest] / 2 + number * GOLDEN) % 1
+    else:
+        pose = zlib.crc32(repr((scene.scene, sorted(parameters.items()))).encode())
+        place = generator(configuration, SPLIT, pose).random()
+    split = int(np.searchsorted(edges, place, side="right"))
+    return GeometryDraw(number, source, parameters, SPLITS[min(split, len(SPLITS) - 1)])
 
 
 def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
@@ -148,7 +157,7 @@ def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> Amb
     names = source.names if isinstance(source, Conditions) else source.files
     count = 1
     if isinstance(source, Conditions):
-        count = min(int(source.mixed.draw(rng)), len(names))
+        count = min(round(source.mixed.draw(rng)), len(names))
     chosen = np.sort(rng.choice(len(names), count, replace=False)).tolist()
     weights = rng.dirichlet(np.ones(count)) if count > 1 else np.ones(1)
     turned = rng.random((count, 2)) < (0.5 if source.flip else 0)
@@ -156,7 +165,9 @@ def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> Amb
         (which, float(weight), bool(down), bool(across))
         for which, weight, (down, across) in zip(chosen, weights, turned, strict=True)
     )
-    return AmbientDraw(number, " + ".join(names[which] for which in chosen), mixture=mixture)
+    return AmbientDraw(
+        number, " + ".join(Path(names[which]).stem for which in chosen), mixture=mixture
+    )
 
 
 def _weighted(rng: np.random.Generator, sources: Sequence[Source]) -> int:

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 Photographer = Callable[[Array, int], Array]
 """Takes (R, C, 3) and a seed, gives (rows, columns, 3)."""
 
+REMEMBERED = 4
+"""Geometries kept ready: of direct light 66 MB each at 36 x 29 patches and 126 x 126 pixels."""
+
 _rendering = threading.RLock()
 """Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
 
@@ -87,7 +90,7 @@ def found_scene(configuration: Configuration, name: str) -> Path:
 
 
 def geometry_of(configuration: str, number: int) -> Geometry:
-    """Render what all photographs of a geometry share; the last two are remembered.
+    """Render what all photographs of a geometry share; the last few are remembered.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ def geometry_of(configuration: str, number: int) -> Geometry:
         return _rendered(configuration, number)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=REMEMBERED)
 def _rendered(configuration: str, number: int) -> Geometry:
     settings = Configuration.model_validate_json(configuration)
     scenario = scenario_of(settings, number)

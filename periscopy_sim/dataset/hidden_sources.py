@@ -51,7 +51,7 @@ class Shapes(Source):
         aspect = shape[1] / shape[0]
         default = Quantity(uniform=(0.01, 0.06)) if self.kind == "moving" else Quantity(value=0.0)
         speed = self.speed or default
-        count = int(self.number.draw(rng))
+        count = round(self.number.draw(rng))
         ground = _colour(rng) * rng.uniform(0, 0.5)
         corners = [_outline(rng) * self.size.draw(rng) for _ in range(count)]
         colours = [_colour(rng) for _ in range(count)]
@@ -75,7 +75,7 @@ class Text(Source):
     Attributes
     ----------
     characters
-        What is drawn from.
+        What is drawn from, no spaces.
     length
         How many at once.
     height
@@ -83,7 +83,7 @@ class Text(Source):
     """
 
     kind: Literal["text", "digits"]
-    characters: Annotated[str, Field(min_length=1, max_length=1000)] | None = None
+    characters: Annotated[str, Field(pattern=r"^\S+$", max_length=1000)] | None = None
     length: within(1, 40) | None = None  # type: ignore[valid-type]
     height: within(0.05, 2) = Quantity(uniform=(0.35, 0.9))  # type: ignore[valid-type]
 
@@ -92,7 +92,7 @@ class Text(Source):
         digits = self.kind == "digits"
         characters = self.characters or ("0123456789" if digits else _LETTERS)
         length = self.length or Quantity(choice=(1,) if digits else (1, 2, 3, 4))
-        text = "".join(rng.choice(list(characters), int(length.draw(rng))))
+        text = "".join(rng.choice(list(characters), round(length.draw(rng))))
         covered = _lettering(text, self.height.draw(rng), rng.random(2), shape)
         ground, ink = _contrasting(rng)
         return _at_rest(ground + covered * (ink - ground), frames)
@@ -168,16 +168,19 @@ class Folder(Source):
         As seen from the configuration's own.
     flip
         Whether to mirror half of them, left to right.
+    version
+        Digest of the pictures, filled in when a data set is made.
     """
 
     kind: Literal["folder"]
     folder: str
     flip: bool = False
+    version: str = ""
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, at rest; the folder is an absolute path by now."""
-        files = pictures_in(self.folder)
-        image = _picture(str(files[int(rng.integers(len(files)))]), shape)
+        files = pictures_in(self.folder, self.version)
+        image = _picture(str(files[int(rng.integers(len(files)))]), shape, self.version)
         if self.flip and rng.random() < 0.5:
             image = image[:, ::-1]
         return _at_rest(image, frames)
@@ -187,8 +190,8 @@ HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discr
 
 
 @lru_cache(maxsize=64)
-def pictures_in(folder: str) -> tuple[Path, ...]:
-    """List the pictures of a folder, sorted.
+def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: ARG001
+    """List the pictures of a folder, sorted; remembered for each version of it.
 
     Raises
     ------
@@ -196,7 +199,11 @@ def pictures_in(folder: str) -> tuple[Path, ...]:
         If there is none.
     """
     files = tuple(
-        sorted(file for file in Path(folder).rglob("*") if file.suffix.lower() in SUFFIXES)
+        sorted(
+            file
+            for file in Path(folder).rglob("*")
+            if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
+        )
     )
     if not files:
         raise ConfigurationError(
@@ -205,8 +212,8 @@ def pictures_in(folder: str) -> tuple[Path, ...]:
     return files
 
 
-@lru_cache(maxsize=4096)
-def _picture(file: str, shape: tuple[int, int]) -> Array:
+@lru_cache(maxsize=512)
+def _picture(file: str, shape: tuple[int, int], version: str) -> Array:  # noqa: ARG001
     from periscopy_sim.storage.pictures import read_hidden_image
 
     image = read_hidden_image(file, shape)

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.dataset.archive import KIND, Layout
 from periscopy_sim.dataset.configuration import Configuration
 from periscopy_sim.dataset.draws import GeometryDraw
 from periscopy_sim.dataset.geometry import found_scene
 from periscopy_sim.dataset.hidden_sources import Folder, pictures_in
+from periscopy_sim.dataset.layout import KIND, Layout
 from periscopy_sim.dataset.light_sources import Conditions, Pictures
 from periscopy_sim.errors import ConfigurationError
 
@@ -25,6 +25,7 @@ def resolved(configuration: Configuration) -> Configuration:
         Naming the first that does not.
     """
     from periscopy_sim.storage.ambient_photographs import find_condition
+    from periscopy_sim.storage.provenance import scene_sha256
 
     folder = configuration.folder
 
@@ -37,9 +38,10 @@ def resolved(configuration: Configuration) -> Configuration:
     hidden = []
     for source in configuration.hidden_images:
         if isinstance(source, Folder):
-            source = source.model_copy(update={"folder": beside(source.folder)})
             pictures_in.cache_clear()
-            pictures_in(source.folder)
+            place = beside(source.folder)
+            version = _sha256(pictures_in(place))
+            source = source.model_copy(update={"folder": place, "version": version})
         hidden.append(source)
     ambient = []
     for light in configuration.ambient:
@@ -50,10 +52,11 @@ def resolved(configuration: Configuration) -> Configuration:
         elif isinstance(light, Pictures):
             light = light.model_copy(update={"files": tuple(map(beside, light.files))})
         ambient.append(light)
-    scenes = [
-        scene.model_copy(update={"scene": str(found_scene(configuration, scene.scene).resolve())})
-        for scene in configuration.scenes
-    ]
+    scenes = []
+    for scene in configuration.scenes:
+        path = found_scene(configuration, scene.scene).resolve()
+        version = scene_sha256(path)
+        scenes.append(scene.model_copy(update={"scene": str(path), "version": version}))
     return configuration.model_copy(
         update={
             "scenes": tuple(scenes), "hidden_images": tuple(hidden), "ambient": tuple(ambient)
@@ -83,11 +86,9 @@ def attributes_of(settings: Configuration, layout: Layout) -> dict[str, Any]:
     entries = settings.model_dump(mode="json", exclude={"count", "folder"})
     for entry, scene in zip(entries["scenes"], settings.scenes, strict=True):
         entry["scene"] = Path(scene.scene).stem
-        entry["sha256"] = scene_sha256(Path(scene.scene))
     for entry, source in zip(entries["hidden_images"], settings.hidden_images, strict=True):
         if isinstance(source, Folder):
             entry["folder"] = Path(source.folder).name
-            entry["sha256"] = _sha256(pictures_in(source.folder))
     for entry, light in zip(entries["ambient"], settings.ambient, strict=True):
         if isinstance(light, Conditions):
             entry["names"] = [Path(name).stem for name in light.names]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -29,14 +30,14 @@ class Lamps(Source):
 
     kind: Literal["lamps"]
     number: within(1, 1000) = Quantity(choice=(1, 2, 3, 4, 5, 6))  # type: ignore[valid-type]
-    across: Quantity = Quantity(uniform=(-3.0, 3.0))
+    across: within(-1000, 1000) = Quantity(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
     away: within(0.05, 1000) = Quantity(uniform=(1.0, 7.0))  # type: ignore[valid-type]
-    up: Quantity = Quantity(uniform=(-3.0, 3.0))
+    up: within(-1000, 1000) = Quantity(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
     tint: within(0, 3) = Quantity(value=0.2)  # type: ignore[valid-type]
 
     def draw(self, rng: Rng) -> tuple[Array, Array]:
         """Draw places, (L, 3) as (across, away, up), and powers, (L, 3) by channel."""
-        count = int(self.number.draw(rng))
+        count = round(self.number.draw(rng))
         axes = (self.across, self.away, self.up)
         places = np.array([[axis.draw(rng) for axis in axes] for _ in range(count)])
         brightness = rng.uniform(0.2, 1.0, (count, 1))
@@ -66,8 +67,8 @@ class Conditions(Source):
 
     @model_validator(mode="after")
     def _are_distinct(self) -> Conditions:
-        if len(set(self.names)) < len(self.names):
-            raise ValueError("a condition is named twice")
+        if len({Path(name).stem for name in self.names}) < len(self.names):
+            raise ValueError("two conditions have one name")
         return self
 
 

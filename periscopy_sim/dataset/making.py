@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
-from periscopy_sim.dataset.archive import MAKING, Archive, Layout, check_place
-from periscopy_sim.dataset.backgrounds import Rendering, backgrounds_of
+from periscopy_sim.dataset.archive import Archive, check_place
+from periscopy_sim.dataset.backgrounds import Rendering, backgrounds_of, given_picture
 from periscopy_sim.dataset.configuration import Configuration
-from periscopy_sim.dataset.draws import draw_geometry
+from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
 from periscopy_sim.dataset.geometry import Backgrounds, as_json, geometry_of, scenario_of
 from periscopy_sim.dataset.inputs import attributes_of, geometry_variables, resolved
+from periscopy_sim.dataset.layout import MAKING, Layout
+from periscopy_sim.dataset.light_sources import Pictures
 from periscopy_sim.dataset.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.reconstruction.threads import ahead
@@ -84,12 +87,12 @@ def make_dataset(
 
     out, report = Path(out), progress or (lambda *_: None)
     if count is not None:
-        configuration = configuration.model_copy(update={"count": count})
+        configuration = _of_count(configuration, count)
     check_place(out)
     settings = resolved(configuration)
-    first = scenario_of(settings, 0)
+    draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
+    first = _checked_scenes(settings, draws)
     layout = _layout(settings, first)
-    draws = [draw_geometry(settings, number) for number in range(_geometries(settings))]
     attributes = attributes_of(settings, layout)
     with alone_in(out / MAKING):
         archive = Archive(out, layout, attributes, geometry_variables(settings, draws))
@@ -164,14 +167,7 @@ def make_block(
     settings = Configuration.model_validate_json(configuration)
     start = block * settings.samples_per_shard
     ready = geometry_of(configuration, geometry)
-    if ready.scenario.photograph_shape != photograph_shape:
-        sizes = (
-            "x".join(map(str, size)) for size in (ready.scenario.photograph_shape, photograph_shape)
-        )
-        raise ConfigurationError(
-            "geometry {} has photographs of {} pixels, geometry 0 of {}; give all scenes films of "
-            "one size".format(geometry, *sizes)
-        )
+    _check_shape(geometry, ready.scenario, photograph_shape)
     return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
 
 
@@ -209,8 +205,46 @@ def _layout(settings: Configuration, scenario: Scenario) -> Layout:
     )
 
 
-def _geometries(settings: Configuration) -> int:
-    return -(-settings.count // settings.samples_per_geometry)
+def _of_count(configuration: Configuration, count: int) -> Configuration:
+    """Change the number of samples, which is checked as the file's own.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is out of range.
+    """
+    try:
+        return Configuration.model_validate({**dict(configuration), "count": count})
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise ConfigurationError(f"count {count}: {message}") from None
+
+
+def _checked_scenes(settings: Configuration, draws: Sequence[GeometryDraw]) -> Scenario:
+    """Load each scene once, and read the given ambient light; return the scenario of geometry 0.
+
+    Raises
+    ------
+    PeriscopyError
+        If one cannot be used, or has another film size than the first.
+    """
+    first = scenario_of(settings, 0)
+    for number in {draw.source: draw.number for draw in reversed(draws)}.values():
+        if number:
+            _check_shape(number, scenario_of(settings, number), first.photograph_shape)
+    for source in settings.ambient:
+        for name in source.files if isinstance(source, Pictures) else ():
+            given_picture(name, first)
+    return first
+
+
+def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
+    if scenario.photograph_shape != expected:
+        sizes = ("x".join(map(str, size)) for size in (scenario.photograph_shape, expected))
+        raise ConfigurationError(
+            "geometry {} has photographs of {} pixels, geometry 0 of {}; give all scenes films of "
+            "one size".format(geometry, *sizes)
+        )
 
 
 def _length(layout: Layout, block: int) -> int:

@@ -75,6 +75,14 @@ class Quantity(Strict):
         values = self.choice or self.uniform or self.log_uniform or (self.value or 0.0,)
         return min(values), max(values)
 
+    @property
+    def is_steady(self) -> bool:
+        """Whether no two draws are alike."""
+        if self.normal is not None:
+            return self.normal[1] > 0
+        interval = self.uniform or self.log_uniform
+        return interval is not None and interval[0] < interval[1]
+
     def draw(self, rng: np.random.Generator) -> float:
         """Draw a number."""
         if self.uniform is not None:
@@ -100,7 +108,7 @@ class Source(Strict):
         How often it is drawn, relative to the others.
     """
 
-    weight: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
+    weight: Annotated[float, Field(gt=0, le=1e6)] = 1.0
 
 
 def within(low: float, high: float) -> Any:

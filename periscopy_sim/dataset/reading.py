@@ -11,14 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive import (
-    checksum,
-    digest_of,
-    is_finished,
-    layout_of,
-    mark_of,
-    read_attributes,
-)
+from periscopy_sim.dataset.layout import Layout, digest_of, layout_of, read_attributes
+from periscopy_sim.dataset.marks import checksum, is_marked, mark_of, read_mark
 from periscopy_sim.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -50,9 +44,10 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     import xarray as xr
 
     path = Path(path)
-    layout = layout_of(read_attributes(path))
+    attributes = read_attributes(path)
+    layout, digest = layout_of(attributes), digest_of(attributes)
     marked = 0
-    while marked < layout.blocks and mark_of(path, marked).is_file():
+    while marked < layout.blocks and is_marked(path, layout, digest, marked):
         marked += 1
     ready = min(marked * layout.block, layout.count)
     if ready < layout.count and not incomplete:
@@ -112,19 +107,22 @@ def verify_dataset(
     DatasetError
         If the path holds no data set.
     """
-    import zarr
-
     path = Path(path)
     attributes = read_attributes(path)
     layout, digest = layout_of(attributes), digest_of(attributes)
-    group: Any = zarr.open_group(path, mode="r", zarr_format=3)
     damaged: list[Damage] = []
     whole = 0
+    group, reason = _opened(path, layout)
+    if reason:
+        return 0, [Damage((0, layout.count), reason)]
     for block in range(layout.blocks):
         place = layout.samples_in(block)
-        reason = _fault(path, group, block, place) if mark_of(path, block).is_file() else "missing"
-        if not reason and not is_finished(path, layout, digest, block):
-            reason = "of another count or configuration"
+        if not mark_of(path, block).is_file():
+            reason = "missing"
+        elif not is_marked(path, layout, digest, block):
+            reason = "its mark is damaged, or of another count or configuration"
+        else:
+            reason = _fault(path, group, block, place)
         if (
             reason
             and damaged
@@ -142,12 +140,8 @@ def verify_dataset(
 
 def _fault(path: Path, group: Any, block: int, place: slice) -> str:
     """Say what is wrong with a block; empty where nothing is."""
-    import json
-
-    try:
-        expected = json.loads(mark_of(path, block).read_text("utf-8"))["crc32c"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return "its mark is damaged"
+    mark = read_mark(path, block)
+    expected = {} if mark is None else mark["crc32c"]
     for name in expected:
         try:
             if checksum(path, name, block) != expected[name]:
@@ -158,9 +152,29 @@ def _fault(path: Path, group: Any, block: int, place: slice) -> str:
             values = np.asarray(group[name][place])
         except Exception as error:  # whatever a codec says of bytes it cannot decode
             return f"{name}: {type(error).__name__}: {error}"
-        if values.dtype.kind == "f" and np.isnan(values).any():
-            return f"{name}: holds NaN"
+        if values.dtype.kind == "f" and name != "sbr" and not np.isfinite(values).all():
+            return f"{name}: holds NaN or infinity"
     return ""
+
+
+def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
+    """Open the archive and read what is not of samples; say what is wrong, if anything is."""
+    import zarr
+
+    name = "zarr.json"
+    try:
+        group: Any = zarr.open_group(path, mode="r", zarr_format=3)
+        for name, array in group.arrays():
+            if array.metadata.dimension_names[0] != "sample":
+                if not (path / name / "c" / "0").is_file():
+                    return None, f"{name}: its file is missing"
+                np.asarray(array[:])
+            elif array.shape[0] != layout.count:
+                return None, f"{name}: has {array.shape[0]} samples, not {layout.count}"
+        missing = [each for each in layout.variables if each not in group]
+    except Exception as error:  # whatever a codec says of bytes it cannot decode
+        return None, f"{name}: {type(error).__name__}: {error}"
+    return group, f"{missing[0]}: is missing" if missing else ""
 
 
 def describe(path: str | Path) -> dict[str, Any]:
@@ -183,12 +197,16 @@ def describe(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     attributes = read_attributes(path)
-    layout = layout_of(attributes)
-    done = sum(mark_of(path, block).is_file() for block in range(layout.blocks))
+    layout, digest = layout_of(attributes), digest_of(attributes)
+    places = [
+        layout.samples_in(block)
+        for block in range(layout.blocks)
+        if is_marked(path, layout, digest, block)
+    ]
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": min(done * layout.block, layout.count),
+        "finished": sum(place.stop - place.start for place in places),
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
         "bytes": size,
@@ -196,6 +214,9 @@ def describe(path: str | Path) -> dict[str, Any]:
         "versions": attributes["versions"],
     }
     data = open_dataset(path, incomplete=True)
+    missing = [name for name in layout.variables if name not in data.variables]
+    if missing:
+        raise DatasetError(f"{path}: its variable '{missing[0]}' is lost; make it again")
     for name in ("split", "hidden_kind", "ambient"):
         description[name] = dict(Counter(str(text) for text in data[name].values).most_common())
     for name in ("sbr", "snr", "exposure"):

@@ -18,6 +18,7 @@ from periscopy_sim.dataset.draws import (
 )
 from periscopy_sim.dataset.geometry import Backgrounds, Geometry, view_digest
 from periscopy_sim.dataset.lamp_light import lamp_light
+from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.reconstruction.matrix_product import times_rows
 from periscopy_sim.reconstruction.threads import in_parallel
@@ -66,28 +67,38 @@ def make_samples(
     ambient = np.empty_like(photographs if kept else photographs[:0])
     scales = np.empty(len(hidden))
 
-    def expose(k: int) -> None:
-        clip = clips[k // length]
-        signal, light = signals[k], lights[k // length]
-        mean = signal.mean()
+    def expose(number: int) -> None:
+        """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
+        clip, light, first = clips[number], lights[number], number * length
+        frames = slice(first, first + length)
+        mean = signals[frames].mean()
         if light is None:
-            light_free, share = signal / mean, 1.0
+            exposed, share = signals[frames] / mean, 1.0
         else:
-            light_free, share = composite(signal, light, clip.sbr), clip.sbr / (1 + clip.sbr)
-        scales[k] = clip.exposure * share / mean
-        noise = random_seed(configuration, NOISE, start + k)
-        photograph = add_noise(clip.exposure * light_free, clip.snr, noise)
-        if configuration.saturation is not None:
-            np.minimum(photograph, configuration.saturation, out=photograph)
-        photographs[k] = photograph
+            share = clip.sbr / (1 + clip.sbr)
+            exposed = composite(signals[frames], np.stack([light] * length), clip.sbr)
+        scales[frames] = clip.exposure * share / mean
+        for k, picture in enumerate(exposed, first):
+            noise = random_seed(configuration, NOISE, start + k)
+            photograph = add_noise(clip.exposure * picture, clip.snr, noise)
+            if configuration.saturation is not None:
+                np.minimum(photograph, configuration.saturation, out=photograph)
+            photographs[k] = photograph
         if kept:
-            ambient[k] = (
+            ambient[frames] = (
                 0 if light is None else light * (clip.exposure * (1 - share) / light.mean())
             )
 
-    in_parallel(expose, range(len(hidden)))
+    in_parallel(expose, range(len(clips)))
+    with np.errstate(over="ignore"):
+        kept_photographs = photographs.astype(configuration.photograph_type, copy=False)
+    if not np.isfinite(kept_photographs).all():
+        raise ConfigurationError(
+            f"photographs of samples {start} to {stop - 1} do not fit "
+            f"{configuration.photograph_type}; lower exposure, or use float32"
+        )
     block: Block = {
-        "photograph": photographs.astype(configuration.photograph_type, copy=False),
+        "photograph": kept_photographs,
         "hidden": hidden.astype(np.float32),
         "signal_scale": scales,
         **_labels(configuration, geometry, clips, start, stop),

@@ -34,7 +34,7 @@ class TorchDataset(Dataset):  # type: ignore[misc]
     split
         ``train``, ``validation`` or ``test``; None for all.
     variables
-        Names of the variables that a sample holds.
+        Names of the variables that a sample holds, or one name.
     transform
         Applied to each sample, a dict of tensors.
 
@@ -48,9 +48,10 @@ class TorchDataset(Dataset):  # type: ignore[misc]
         self,
         path: str | Path,
         split: str | None = None,
-        variables: Sequence[str] = ("photograph", "hidden"),
+        variables: Sequence[str] | str = ("photograph", "hidden"),
         transform: Callable[[dict[str, Any]], Any] | None = None,
     ) -> None:
+        variables = (variables,) if isinstance(variables, str) else tuple(variables)
         data = open_dataset(path)
         for name in variables:
             if name not in data.variables or data[name].dims[0] != "sample":
@@ -62,7 +63,7 @@ class TorchDataset(Dataset):  # type: ignore[misc]
             found = ", ".join(sorted(set(data["split"].values.tolist())))
             raise DatasetError(f"{path}: has no samples of split '{split}'; it has {found}")
         self.path = Path(path)
-        self.variables = tuple(variables)
+        self.variables = variables
         self.transform = transform
         self._opened: tuple[int, Any] | None = None
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene_file import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene_nodes import SceneNodes, monitor_texture
 from periscopy_sim.rendering.variant import use_variant
@@ -110,7 +111,13 @@ class Monitor:
         self._parameters = mi.traverse(self._scene)
         emitter = shape_of(self._scene, "monitor").emitter()
         names = [f"monitor.{name}.radiance.data" for name in ("emitter", emitter.id())]
-        self._texture = next(name for name in names if name in self._parameters)
+        found = [name for name in names if name in self._parameters]
+        if not found:
+            raise SceneError(
+                f"scene '{scenario.path}': the monitor's radiance cannot be changed; "
+                "give it an emitter of type area or lcd"
+            )
+        self._texture = found[0]
 
     def photograph(
         self,

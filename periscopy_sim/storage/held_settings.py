@@ -44,6 +44,10 @@ def _first_difference(held: Any, wanted: Any, key: str = "") -> tuple[str, Any, 
             if held.get(name) != wanted.get(name):
                 inner = f"{key}.{name}" if key else name
                 return _first_difference(held.get(name), wanted.get(name), inner)
+    if isinstance(held, list) and isinstance(wanted, list) and len(held) == len(wanted):
+        for number, (there, here) in enumerate(zip(held, wanted, strict=True)):
+            if there != here:
+                return _first_difference(there, here, f"{key}[{number}]")
     return key, held, wanted
 
 

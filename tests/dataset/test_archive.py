@@ -3,17 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from periscopy_sim.dataset.archive import (
-    MAKING,
-    Archive,
-    Layout,
-    check_place,
-    digest_of,
-    file_of,
-    is_finished,
-    mark_of,
-    read_attributes,
-)
+from periscopy_sim.dataset.archive import Archive, check_place
+from periscopy_sim.dataset.layout import MAKING, Layout, digest_of, read_attributes
+from periscopy_sim.dataset.marks import file_of, is_finished, mark_of
 from periscopy_sim.errors import DatasetError, OutputError
 
 ATTRIBUTES = {"kind": "periscopy data set", "configuration": {"seed": 1}}
@@ -160,7 +152,60 @@ def test_samples_of_other_attributes_are_neither_added_to_nor_believed(tmp_path)
         archive(tmp_path / "d", attributes=other)
     # Even where the head was lost.
     (tmp_path / "d/zarr.json").unlink()
-    assert list(archive(tmp_path / "d", attributes=other).unfinished()) == [0, 1, 2]
+    with pytest.raises(OutputError, match="another data set, whose head is lost"):
+        archive(tmp_path / "d", attributes=other)
+
+
+def test_growth_that_is_stopped_leaves_no_mark_of_fewer_samples(tmp_path):
+    filled(tmp_path / "d", 7)
+    archive(tmp_path / "d", 9)
+    assert sorted(f.name for f in (tmp_path / "d/making/finished").iterdir()) == [
+        "00000000.json", "00000001.json",
+    ]  # fmt: skip
+
+
+def test_fewer_samples_of_the_same_blocks_are_refused_too(tmp_path):
+    filled(tmp_path / "d", 9)
+    with pytest.raises(OutputError, match="holds more than 8 samples"):
+        archive(tmp_path / "d", 8)
+
+
+def test_archive_without_samples_is_laid_out_anew_for_others(tmp_path):
+    archive(tmp_path / "d", 11)
+    other = {**ATTRIBUTES, "configuration": {"seed": 2}}
+    assert list(archive(tmp_path / "d", 7, other).unfinished()) == [0, 1, 2]
+
+
+def test_mark_that_names_not_every_variable_is_none(tmp_path):
+    made = filled(tmp_path / "d")
+    mark = mark_of(tmp_path / "d", 0)
+    record = json.loads(mark.read_text())
+    mark.write_text(json.dumps({**record, "crc32c": {}}))
+    assert not is_finished(tmp_path / "d", layout(), made.digest, 0)
+
+
+def test_leftovers_of_killed_runs_go_and_files_of_others_stay(tmp_path):
+    filled(tmp_path / "d")
+    before = contents(tmp_path / "d")
+    (tmp_path / "d/making/head/photograph").mkdir(parents=True)
+    (tmp_path / "d/making/head/zarr.json").write_text("x")
+    (tmp_path / "d/making/finished/.00000000-abc.json").write_text("x")
+    archive(tmp_path / "d")
+    assert contents(tmp_path / "d") == before
+    (tmp_path / "mine/making").mkdir(parents=True)
+    (tmp_path / "mine/thesis.partial").write_text("precious")
+    with pytest.raises(OutputError, match="not empty and no data set"):
+        check_place(tmp_path / "mine")
+
+
+def test_folder_in_the_place_of_a_chunk_is_told(tmp_path):
+    made = filled(tmp_path / "d")
+    mark_of(tmp_path / "d", 1).unlink()
+    file = file_of(tmp_path / "d", "sbr", 1, 1)
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(OutputError, match="remove what stands there"):
+        made.write(1, block(1))
 
 
 def test_write_that_fails_leaves_the_block_unmarked(tmp_path, monkeypatch):

@@ -51,6 +51,23 @@ def test_geometries_are_shared_among_the_splits_by_their_shares(configured, coun
             assert abs(splits[split] - share * count) <= 2
 
 
+def test_scene_that_comes_again_is_in_one_split_and_the_first_geometry_in_the_largest(configured):
+    scenes = [
+        {"scene": "chair", "parameters": {"resolution": {"choice": [16, 18, 20]}}},
+        {"scene": "plate"},
+        {"scene": "chair", "parameters": {"occluder_dx": {"uniform": [0, 0.1]}}, "weight": 3},
+    ]
+    for seed in range(10):
+        configuration = configured(seed=seed, scenes=scenes)
+        splits = {}
+        for number in range(120):
+            drawn = draw_geometry(configuration, number)
+            pose = (drawn.source, tuple(drawn.parameters.items()))
+            assert splits.setdefault(pose, drawn.split) == drawn.split
+        assert len(splits) > 40
+        assert draw_geometry(configured(seed=seed), 0).split == "train"
+
+
 def test_split_of_no_share_stays_empty(configured):
     configuration = configured(splits={"train": 1.0, "validation": 0.0, "test": 0.0})
     assert {draw_geometry(configuration, n).split for n in range(100)} == {"train"}

@@ -184,6 +184,36 @@ def test_other_pictures_under_the_same_name_are_another_data_set(configured, tmp
         make_dataset(settings, tmp_path / "d.zarr")
 
 
+def test_other_pictures_under_the_same_name_are_shown_in_another_data_set(configured, tmp_path):
+    settings = configured(
+        hidden_images=[{"kind": "folder", "folder": "pictures"}], count=2
+    ).model_copy(update={"folder": tmp_path})
+    (tmp_path / "pictures").mkdir()
+    for value in (255, 0):
+        image = np.array([[[255, value, value]]], np.uint8)
+        Image.fromarray(image).save(tmp_path / "pictures/a.png")
+        make_dataset(settings, tmp_path / f"{value}.zarr")
+        hidden = ps.open_dataset(tmp_path / f"{value}.zarr").hidden.values
+        assert (hidden[..., 0] == 1).all() and (hidden[..., 1] == value / 255).all()
+
+
+def test_every_scene_is_tried_before_anything_is_made(configured, tmp_path):
+    scenes = [
+        {"scene": "chair", "parameters": {"resolution": 16}, "weight": 100},
+        {"scene": "plate", "parameters": {"resolution": 24}},
+    ]
+    settings = configured(scenes=scenes, count=10_000)
+    with pytest.raises(ConfigurationError, match="photographs of 24x24 pixels, geometry 0 of 16"):
+        make_dataset(settings, tmp_path / "d.zarr")
+    assert not (tmp_path / "d.zarr").exists()
+
+
+@pytest.mark.parametrize("count", [0, 10**9])
+def test_counts_out_of_range_are_refused(configured, tmp_path, count):
+    with pytest.raises(ConfigurationError, match=f"count {count}: "):
+        make_dataset(configured(), tmp_path / "d.zarr", count=count)
+
+
 def test_given_ambient_light_is_read_checked_and_coloured(configured, tmp_path):
     light = np.random.default_rng(0).random((16, 16, 3)).astype(np.float32) + 1
     np.save(tmp_path / "light.npy", light)

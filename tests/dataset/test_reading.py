@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.archive import file_of, mark_of
 from periscopy_sim.dataset.making import make_dataset
-from periscopy_sim.dataset.reading import describe, verify_dataset
+from periscopy_sim.dataset.marks import file_of, mark_of
+from periscopy_sim.dataset.reading import Damage, describe, verify_dataset
 from periscopy_sim.errors import DatasetError
 
 
@@ -32,7 +32,7 @@ def test_variables_have_labelled_dimensions_units_and_provenance(whole):
     assert data.photograph.dtype == np.float32 and data.photograph.attrs["units"]
     assert data.channel.values.tolist() == ["red", "green", "blue"]
     assert data.attrs["configuration"]["seed"] == 3
-    assert data.attrs["configuration"]["scenes"][0]["sha256"]
+    assert data.attrs["configuration"]["scenes"][0]["version"]
     assert {"mitsuba", "variant", "numpy"} <= set(data.attrs["versions"])
     assert np.isfinite(data.photograph.values).all()
 
@@ -51,6 +51,38 @@ def test_unfinished_data_set_is_refused_unless_asked_for(data, configured):
     assert ps.open_dataset(data, incomplete=True).sizes["sample"] == 20
     make_dataset(configured(), data)
     assert ps.open_dataset(data).sizes["sample"] == 46
+
+
+@pytest.mark.parametrize("stopped", ["before the block", "never"])
+def test_data_set_that_grows_never_passes_for_whole_before_it_is(
+    data, configured, monkeypatch, stopped
+):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    if stopped == "before the block":
+        monkeypatch.setattr("periscopy_sim.dataset.making.Archive.write", stop)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(configured(), data, count=50)
+        with pytest.raises(DatasetError, match="not finished, 40 of 50"):
+            ps.open_dataset(data)
+        assert describe(data)["finished"] == 40
+    else:
+        make_dataset(configured(), data, count=50)
+        assert np.isfinite(ps.open_dataset(data).photograph.values).all()
+
+
+@pytest.mark.parametrize("lost", ["parameter_occluder_dx", "channel"])
+def test_verification_misses_what_is_not_of_samples_too(data, lost):
+    (data / lost / "c/0").unlink()
+    assert verify_dataset(data) == (0, [Damage((0, 46), f"{lost}: its file is missing")])
+
+
+def test_variable_that_is_lost_is_told(data):
+    shutil.rmtree(data / "sbr")
+    assert verify_dataset(data)[1][0].reason == "sbr: is missing"
+    with pytest.raises(DatasetError, match="'sbr' is lost"):
+        describe(data)
 
 
 def test_damaged_chunk_is_an_error_not_a_sample(data):

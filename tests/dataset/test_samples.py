@@ -6,7 +6,9 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.dataset.draws import draw_clip
 from periscopy_sim.dataset.geometry import as_json, geometry_of, view_digest
+from periscopy_sim.dataset.quantity import Quantity
 from periscopy_sim.dataset.samples import make_samples
+from periscopy_sim.errors import ConfigurationError
 
 INTERVAL = 4.9
 """Standard deviations that one of 10⁶ normal draws exceeds."""
@@ -45,11 +47,30 @@ def test_signal_stands_to_the_background_as_asked(block, geometry):
     signal, clean = noise_free(block, geometry)
     lit = np.isfinite(block["sbr"])
     assert 0 < lit.sum() < 20
-    ratio = signal[lit].mean(axis=(1, 2, 3)) / block["background"][lit].mean(axis=(1, 2, 3))
-    np.testing.assert_allclose(ratio, block["sbr"][lit], rtol=1e-5)
-    np.testing.assert_allclose(clean.mean(axis=(1, 2, 3)), block["exposure"], rtol=1e-5)
+
+    def of_clips(values):
+        return values.reshape(10, 2, -1).mean(axis=(1, 2))
+
+    with np.errstate(divide="ignore"):
+        found = of_clips(signal) / of_clips(block["background"])
+    np.testing.assert_allclose(found, block["sbr"][::2], rtol=1e-5)
+    np.testing.assert_allclose(of_clips(clean), block["exposure"][::2], rtol=1e-5)
     assert (block["background"][~lit] == 0).all()
     assert (block["ambient"][~lit] == "none").all()
+
+
+def test_lamps_and_monitor_stay_as_they_are_throughout_a_clip(block):
+    for first in range(0, 20, 2):
+        assert block["signal_scale"][first] == block["signal_scale"][first + 1]
+        np.testing.assert_array_equal(block["background"][first], block["background"][first + 1])
+
+
+def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry):
+    bright = configured(photograph_type="float16", exposure=90, ambient=[{"kind": "none"}])
+    make_samples(bright, geometry, {}, 0, 2)
+    too_bright = bright.model_copy(update={"exposure": Quantity(value=1e6)})
+    with pytest.raises(ConfigurationError, match="do not fit float16"):
+        make_samples(too_bright, geometry, {}, 0, 2)
 
 
 def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):

@@ -13,7 +13,9 @@ torch = pytest.importorskip("torch")
 @pytest.fixture(scope="module")
 def path(configured, tmp_path_factory):
     out = tmp_path_factory.mktemp("torch") / "data.zarr"
-    settings = configured(splits={"train": 0.5, "validation": 0.25, "test": 0.25}, count=80)
+    settings = configured(
+        splits={"train": 0.5, "validation": 0.25, "test": 0.25}, count=80, samples_per_geometry=10
+    )
     make_dataset(settings, out)
     return out
 
