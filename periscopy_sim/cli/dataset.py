@@ -83,7 +83,12 @@ def make(
             @contextmanager
             def rendering(name: str) -> Iterator[Callable[[float], None]]:
                 with progress(name) as show:
-                    yield lambda fraction: (show(fraction), check())[0]
+
+                    def fraction_done(fraction: float) -> None:
+                        show(fraction)
+                        check()
+
+                    yield fraction_done
 
             made = make_dataset(
                 settings, out, count=count, scheduler=scheduler, progress=blocks,

@@ -91,6 +91,7 @@ def _rendered(
             background = render_background(
                 path, scenario, target=target, seed=seed, progress=report
             )
+            report(1.0)  # who interrupts may have stopped Mitsuba in the midst of it
             write_exr(staged, background.photograph, {})
     # Also what was just rendered: as kept, so that a later run computes the same.
     return read_exr(file)[0]

@@ -118,7 +118,7 @@ def _rendered(configuration: str, number: int) -> Geometry:
 
 
 def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:
-    from periscopy_sim.rendering.photograph import Monitor
+    from periscopy_sim.rendering.photograph import Monitor, without_warnings
 
     monitor = Monitor(
         scenario, scenario.hidden_shape, samples=light.samples, bounces=light.bounces,
@@ -126,7 +126,7 @@ def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:
     )  # fmt: skip
 
     def photograph(image: Array, seed: int) -> Array:
-        with _rendering:
+        with _rendering, without_warnings():
             return monitor.photograph(image, seed=seed)
 
     return photograph

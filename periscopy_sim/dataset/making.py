@@ -69,7 +69,8 @@ def make_dataset(
     scheduler
         Address of a Dask scheduler; None for this process.
     progress
-        Called with the samples that are done and those that there will be.
+        Called with the samples that are done and those that there will be, before each block is
+        kept; what it raises stops the making.
     rendering
         Told of each ambient condition that is rendered, gives what takes the fraction done.
 
@@ -105,9 +106,11 @@ def make_dataset(
             for block, values in _made(
                 settings, shares, layout.photograph_shape, backgrounds, scheduler
             ):
+                # Before it is kept: who interrupts may have stopped Mitsuba in the midst of it.
+                report(done, layout.count)
                 archive.write(block, values)
                 done += _length(layout, block)
-                report(done, layout.count)
+            report(done, layout.count)
     made = sum(_length(layout, block) for blocks in shares.values() for block in blocks)
     return Made(layout.count, made, len(shares))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,19 @@ class Monitor:
         return path_trace(
             self._scene, self._depth, samples=self._samples, seed=seed, progress=progress
         )
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Keep Mitsuba from printing, for one, that it was interrupted."""
+    import mitsuba as mi
+
+    before = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Error)
+    try:
+        yield
+    finally:
+        mi.set_log_level(before)
 
 
 def _checked_image(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:

@@ -1,4 +1,8 @@
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 import yaml
@@ -154,3 +158,25 @@ def test_other_settings_are_refused_and_named(refused, configuration):
     assert "holds more than 3 samples" in refused(
         "dataset", "config.yaml", "--out", "d.zarr", "--count", "3"
     )
+
+
+@pytest.mark.parametrize("light", [{"kind": "direct"}, {"kind": "path-traced", "samples": 256}])
+def test_interrupt_stops_between_blocks_in_one_line_and_the_same_command_goes_on(
+    succeeds, configuration, tmp_path, light
+):
+    configuration(light=light, count=3000, samples_per_geometry=3000)
+    command = [sys.executable, "-m", "periscopy_sim", "dataset", "config.yaml", "--out", "d.zarr"]
+    run = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    marks = tmp_path / "d.zarr/making/finished"
+    while not list(marks.glob("*.json")) and run.poll() is None:
+        time.sleep(0.01)
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    assert (run.returncode, out) == (130, "")
+    assert err == "periscopy: error: interrupted; the same command goes on where it stopped\n"
+    done = len(list(marks.glob("*.json")))
+    assert 0 < done < 1000
+    configuration(light=light, count=3 * done + 3, samples_per_geometry=3000)
+    assert succeeds("dataset", "config.yaml", "--out", "d.zarr").startswith("wrote d.zarr: 3 ")
