@@ -9,13 +9,16 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out, progress, say
+from periscopy_sim.cli.arguments import Out, progress, say, warn
 from periscopy_sim.errors import DatasetError, PeriscopyError
+
+if TYPE_CHECKING:
+    from periscopy_sim.dataset.configuration import Splits
 
 Archive = Annotated[
     Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
@@ -99,6 +102,7 @@ def make(
         print(f"periscopy: error: {message}", file=sys.stderr)
         raise SystemExit(130) from None
     seconds = time.perf_counter() - start
+    _warn_of_empty_splits(out, settings.splits)
     if not made.made:
         say(f"{out} is complete: {made.count} samples")
         return
@@ -190,6 +194,19 @@ def parse_indices(text: str, count: int) -> list[int]:
     if not indices:
         raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
     return indices
+
+
+def _warn_of_empty_splits(data: Path, splits: Splits) -> None:
+    """Tell splits that were asked for and have no geometry."""
+    from periscopy_sim.dataset.reading import open_dataset
+
+    found = set(open_dataset(data)["geometry_split"].values.tolist())
+    empty = [name for name, share in splits if share > 0 and name not in found]
+    if empty:
+        warn(
+            f"no geometry is for {' or '.join(empty)}: give more of them, by more samples or a "
+            "smaller samples_per_geometry"
+        )
 
 
 def _in_words(name: str, value: Any) -> str:

@@ -291,12 +291,24 @@ def _first_mistake(error: ValidationError | RecursionError, document: yaml.Node 
     known, line = _located(document, first["loc"])
     entry = ".".join(str(part) for part in known)
     message = first["msg"].removeprefix("Value error, ")
+    message = _IN_WORDS.get(first["type"], message)
     if first["type"] == "extra_forbidden":
         message = "is not known; see 'periscopy dataset --example'"
     elif first["type"] == "missing":
         entry, message = ".".join(str(part) for part in first["loc"]), "is missing"
     more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
     return f"line {line}, {entry}: {message}{more}" if entry else f"{message}{more}"
+
+
+_IN_WORDS = {
+    "union_tag_not_found": "has no 'kind'",
+    "tuple_type": "give a list",
+    "list_type": "give a list",
+    "dict_type": "give entries, NAME: VALUE",
+    "model_type": "give entries, NAME: VALUE",
+    "too_long": "holds too many",
+}
+"""Where pydantic's words are a programmer's."""
 
 
 def _located(node: Any, location: tuple[int | str, ...]) -> tuple[list[int | str], int]:

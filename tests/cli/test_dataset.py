@@ -20,6 +20,7 @@ CONFIGURATION = {
     "hidden": "3x4",
     "samples_per_geometry": 6,
     "samples_per_shard": 3,
+    "splits": {"train": 1.0, "validation": 0.0, "test": 0.0},
     "scenes": [{"scene": "chair", "parameters": {"resolution": 16}}],
     "hidden_images": [{"kind": "shapes"}],
     "ambient": [{"kind": "lamps"}],
@@ -63,8 +64,18 @@ def test_example_is_printed_as_it_stands_and_can_be_made(succeeds, tmp_path):
     assert succeeds("dataset", "--example") == EXAMPLE.read_text("utf-8")
     small = EXAMPLE.read_text("utf-8").replace("resolution: 126 ", "resolution: 24 ")
     small = small.replace("29x36", "4x5").replace("resolution: 126\n", "resolution: 24\n")
+    small = (
+        small.replace("train: 0.8", "train: 1").replace("n: 0.1", "n: 0").replace("t: 0.1", "t: 0")
+    )
     (tmp_path / "small.yaml").write_text(small)
     assert "3 samples" in succeeds("dataset", "small.yaml", "--out", "d.zarr", "--count", "3")
+
+
+def test_splits_without_a_geometry_are_told(periscopy, configuration):
+    configuration(splits={"train": 0.8, "validation": 0.1, "test": 0.1})
+    outcome = periscopy("dataset", "config.yaml", "--out", "d.zarr")
+    assert outcome.code == 0
+    assert outcome.err.startswith("periscopy: warning: no geometry is for validation or test: give")
 
 
 @pytest.mark.usefixtures("made")
