@@ -11,6 +11,7 @@ import typer
 from numpy.typing import NDArray
 
 from periscopy_sim.cli.arguments import warn
+from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
     from periscopy_sim.defects import DefectivePixels
@@ -31,10 +32,25 @@ SUGGESTED = "mask.png"
 
 
 def read(path: Path | None, scenario: Scenario) -> Mask | None:
-    """Read the mask that a command was given, (rows, columns); None if it was given none."""
+    """Read the mask that a command was given, (rows, columns); None if it was given none.
+
+    Raises
+    ------
+    PhotographError
+        If it cannot be read, is of another size, or leaves fewer pixels than there are patches.
+    """
     from periscopy_sim.storage.masks import read_mask
 
-    return None if path is None else read_mask(path, scenario.photograph_shape)
+    if path is None:
+        return None
+    mask = read_mask(path, scenario.photograph_shape)
+    pixels, patches = int(mask.sum()), scenario.transport_shape[1]
+    if pixels < patches:
+        raise PhotographError(
+            f"{path}: leaves {pixels} pixels of the wall, fewer than the {patches} patches; leave "
+            "out less, or ask for fewer patches"
+        )
+    return mask
 
 
 def record(path: Path | None, mask: Mask | None) -> dict[str, Any]:
