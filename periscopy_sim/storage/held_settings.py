@@ -46,7 +46,7 @@ def _first_difference(held: Any, wanted: Any, key: str = "") -> tuple[str, Any, 
                 return _first_difference(held.get(name), wanted.get(name), inner)
     if isinstance(held, list) and isinstance(wanted, list) and len(held) == len(wanted):
         for number, (there, here) in enumerate(zip(held, wanted, strict=True)):
-            if there != here:
+            if there != here and isinstance(there, Mapping):
                 return _first_difference(there, here, f"{key}[{number}]")
     return key, held, wanted
 
