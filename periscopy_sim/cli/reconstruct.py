@@ -157,6 +157,7 @@ def reconstruct(
                 own_errors(method, f"failed on {photo}"),
             ):
                 image = image_by(fitted, given.values, scenario.hidden_shape).astype(np.float64)
+            settings |= _tell_certainty(folder, fitted, given.values, text)
         if matrix is not None and not matrix.with_suffix(".json").is_file():
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
@@ -242,6 +243,30 @@ def _draw_stages(
         path, [(title, figures.displayable(image)) for title, image in panels], metadata=text
     )
     return {"noise": solution.noise, "lambda": solution.weight, "kappa": solution.threshold}
+
+
+def _tell_certainty(
+    folder: Path, method: Any, photograph: Array, text: dict[str, str]
+) -> dict[str, Any]:
+    """Write how sure a method that knows it is of each patch; return its weights."""
+    from periscopy_sim.evaluation import figures
+    from periscopy_sim.reconstruction.noise_aware import NoiseAware
+
+    if not isinstance(method, NoiseAware):
+        return {}
+    found = method.solve(photograph)
+    errors = method.standard_errors(found)
+    np.save(folder / "standard_error.npy", errors.astype(np.float32))
+    white = float(np.percentile(found.image, 99)) or 1.0
+    figures.draw_panels(
+        folder / "certainty.png",
+        [
+            ("reconstruction", figures.displayable(found.image, white=white)),
+            ("standard error, the same scale", figures.displayable(errors, white=white)),
+        ],
+        metadata=text,
+    )
+    return {"noise": found.noise, "lambda": found.weight, "iterations": found.iterations}
 
 
 def _compare(

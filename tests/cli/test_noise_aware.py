@@ -1,0 +1,33 @@
+"""`periscopy reconstruct --method noise-aware`."""
+
+import json
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+TINY = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+
+
+def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
+    scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
+    hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))
+    signal = (ps.render_transport(scenario, samples=4) @ hidden).reshape(24, 24, 3)
+    noise = 1e-3 * signal.mean() * np.random.default_rng(1).standard_normal(signal.shape)
+    np.save(tmp_path / "y.npy", signal + noise)
+    succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
+    folder = tmp_path / "out"
+    names = {"certainty.png", "reconstruction.npy", "reconstruction.png", "standard_error.npy"}
+    assert {path.name for path in folder.iterdir()} == names | {"summary.json"}
+    image, errors = (np.load(folder / f"{n}.npy") for n in ("reconstruction", "standard_error"))
+    assert image.shape == errors.shape == (4, 5, 3) and errors.dtype == np.float32
+    assert (image >= 0).all() and (errors > 0).all()
+    off = np.sqrt(np.mean((image - hidden.reshape(4, 5, 3)) ** 2))
+    assert off < 0.2 and errors.mean() < 1
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["method"] == "noise-aware" and summary["iterations"] > 0
+    assert np.allclose(summary["noise"], 1e-3 * signal.mean(), rtol=0.2)
+    assert summary["lambda"] > 0
