@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from periscopy_sim.cli.arguments import Out, progress, say, warn
-from periscopy_sim.errors import DatasetError, PeriscopyError
+from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 
 if TYPE_CHECKING:
     from periscopy_sim.dataset.configuration import Splits
@@ -163,6 +163,8 @@ def export(
     from periscopy_sim.storage.output import staged_folder
 
     count = describe(data)["finished"]
+    if data.resolve() in (out.resolve(), *out.resolve().parents):
+        raise OutputError(f"{out} lies within the data set; name another folder")
     with staged_folder(out) as folder, _sample_progress("samples") as report:
         written = export_samples(data, folder, parse_indices(samples, count), report)
     say(f"wrote {out}: {len(written)} files, and among them sheet.png")
@@ -186,14 +188,15 @@ def parse_indices(text: str, count: int) -> list[int]:
     indices: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not first.isdecimal() or (dash and not last.isdecimal()):
+        numbers = (first, last) if dash else (first,)
+        if not all(number.isascii() and number.isdecimal() for number in numbers):
             raise PeriscopyError(f"'{text}' are no samples; write 0,5,7 or a range such as 0-11")
         if len(first) > 12 or len(last) > 12 or (dash and int(last) < int(first)):
             raise PeriscopyError(f"'{part}' is no range of samples; write its least number first")
         indices += range(int(first), min(int(last), count - 1) + 1) if dash else [int(first)]
     if not indices:
         raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
-    return indices
+    return list(dict.fromkeys(indices))
 
 
 def _warn_of_empty_splits(data: Path, splits: Splits) -> None:

@@ -115,13 +115,15 @@ def test_samples_are_exported_as_pictures_with_a_sheet(succeeds, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("0", [0]), ("1, 3", [1, 3]), ("2-4", [2, 3, 4]), ("8-99", [8, 9]), ("0,0", [0, 0])],
+    [("0", [0]), ("1, 3", [1, 3]), ("2-4", [2, 3, 4]), ("8-99", [8, 9]), ("0,0", [0])],
 )
 def test_lists_of_samples_are_read(text, expected):
     assert parse_indices(text, 10) == expected
 
 
-@pytest.mark.parametrize("text", ["", "a", "-1", "3-1", "1-", "1,,2", "1.5", "9" * 30, "20-30"])
+@pytest.mark.parametrize(
+    "text", ["", "a", "-1", "3-1", "1-", "1,,2", "1.5", "9" * 30, "20-30", "\u0663"]
+)
 def test_what_is_no_list_of_samples_is_refused(text):
     with pytest.raises(PeriscopyError):
         parse_indices(text, 10)
@@ -158,6 +160,12 @@ def test_sample_that_is_not_there_is_refused(refused):
     assert "has no sample 12; it has 0 to 11" in refused(
         "dataset", "export", "d.zarr", "--samples", "12", "--out", "x"
     )
+
+
+@pytest.mark.usefixtures("made")
+def test_export_into_the_data_set_itself_is_refused(refused):
+    for out in ("d.zarr", "d.zarr/look"):
+        assert "lies within the data set" in refused("dataset", "export", "d.zarr", "--out", out)
 
 
 @pytest.mark.usefixtures("made")
