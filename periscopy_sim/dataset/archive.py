@@ -122,26 +122,27 @@ class Archive:
         marks = {block: mark for block, mark in read if mark is not None}
         if not marks:
             return  # there is nothing to lose: what there is of a head is written anew
-        known = {mark["of"] for mark in marks.values()}
-        last = max(marks)
-        if last * self.layout.block + marks[last]["samples"] > self.layout.count:
-            raise OutputError(
-                f"{self.path} holds more than {self.layout.count} samples; ask for as many or "
-                "more, or name another folder"
-            )
-        if known == {self.digest}:
-            return  # a damaged head is written anew
         try:
             held = read_attributes(self.path)
         except DatasetError:
             held = {}
-        held.pop("count", None)
-        if held:
-            check_settings(held, wanted, str(self.path), "data set")
-        raise OutputError(
-            f"{self.path} holds samples of another data set, whose head is lost; name another "
-            "folder, or remove it to start anew"
-        )
+        known = {mark["of"] for mark in marks.values()}
+        if digest_of(held) != self.digest and self.digest not in known:
+            if held:
+                del held["count"]
+                check_settings(held, wanted, str(self.path), "data set")
+            raise OutputError(
+                f"{self.path} holds samples of another data set, whose head is lost; name another "
+                "folder, or remove it to start anew"
+            )
+        # Where head and marks contradict each other, one of them is damaged, and made anew.
+        last = max(marks)
+        beyond = last * self.layout.block + marks[last]["samples"] > self.layout.count
+        if beyond and held.get("count", np.inf) > self.layout.count:
+            raise OutputError(
+                f"{self.path} holds more than {self.layout.count} samples; ask for as many or "
+                "more, or name another folder"
+            )
 
     def _numbers(self) -> list[int]:
         """Numbers of the blocks that have a mark, whole or not."""

@@ -156,6 +156,18 @@ def test_samples_of_other_attributes_are_neither_added_to_nor_believed(tmp_path)
         archive(tmp_path / "d", attributes=other)
 
 
+@pytest.mark.parametrize("change", [{"of": "0" * 16}, {"samples": 9}, {"samples": -1}])
+@pytest.mark.parametrize("number", [0, 2])
+def test_mark_that_contradicts_the_head_is_made_anew(tmp_path, change, number):
+    filled(tmp_path / "d")
+    before = contents(tmp_path / "d")
+    mark = mark_of(tmp_path / "d", number)
+    mark.write_text(json.dumps({**json.loads(mark.read_text()), **change}))
+    assert list(archive(tmp_path / "d").unfinished()) == [number]
+    filled(tmp_path / "d")
+    assert contents(tmp_path / "d") == before
+
+
 def test_growth_that_is_stopped_leaves_no_mark_of_fewer_samples(tmp_path):
     filled(tmp_path / "d", 7)
     archive(tmp_path / "d", 9)
