@@ -111,8 +111,8 @@ def files_of(archive: Path) -> dict[str, str]:
 
 
 def marks(archive: Path) -> list[Path]:
-    """List the marks of finished blocks."""
-    return sorted((archive / MAKING / "finished").glob("*.json"))
+    """List the marks of finished blocks, and not those that were being written."""
+    return sorted((archive / MAKING / "finished").glob("[0-9]*.json"))
 
 
 def check_marks(archive: Path, expected: dict[str, str], tally: Counter[str]) -> None:
