@@ -52,7 +52,7 @@ def make_samples(
     Returns
     -------
     dict
-        The variables of `archive.variables`, by name.
+        The variables of `Layout.variables`, by name.
     """
     scenario, length = geometry.scenario, configuration.clip_length
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 BATCH = 64
-"""Photographs preconditioned in one product: enough for its full speed, 10 MB each at 500 x 500."""
+"""Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
 
 
 class Method(Protocol):
