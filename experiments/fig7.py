@@ -67,7 +67,9 @@ def run(setting: Setting) -> Section:
 
     def photographed(truths: list[Array], kind: int) -> list[Array]:
         return [
-            _photographs(A, scenario.channel_gain, truth, background, (setting.seed, kind, number))
+            photographs_of(
+                A, scenario.channel_gain, truth, background, (setting.seed, kind, number)
+            )
             for number, truth in enumerate(truths)
         ]
 
@@ -84,12 +86,18 @@ def run(setting: Setting) -> Section:
     return _section(setting, found, at_rest)
 
 
-def _photographs(
-    A: NDArray[np.float32], gain: Array, truth: Array, background: Array, seed: tuple[int, ...]
+def photographs_of(
+    A: NDArray[np.float32],
+    gain: Array,
+    truth: Array,
+    background: Array,
+    seed: tuple[int, ...],
+    sbr: float = SBR,
 ) -> Array:
+    """Photograph the frames of a clip under steady light, as A has them, with noise of `SNR`."""
     signals = [(A @ f.reshape(-1, 3) * gain).reshape(background.shape) for f in truth]
     # The camera's exposure stays, and with it the brightness of the frames.
-    exposed = ps.composite(np.stack(signals), np.stack([background] * len(signals)), SBR)
+    exposed = ps.composite(np.stack(signals), np.stack([background] * len(signals)), sbr)
     draws = np.random.SeedSequence(seed).generate_state(len(truth))
     return np.stack([ps.add_noise(y, SNR, int(s)) for y, s in zip(exposed, draws, strict=True)])
 

@@ -38,6 +38,7 @@ EXPERIMENTS = (
     "table1",
     "numbers",
     "ambient_model",
+    "noise_aware_video",
 )
 """Modules of this folder with a function ``run``, in the order of the page."""
 

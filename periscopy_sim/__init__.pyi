@@ -6,6 +6,7 @@ from .analytic.point_light import (
     point_light_response,
 )
 from .analytic.transport import analytic_transport
+from .calibration.calibrating import Calibration, calibrate
 from .dataset.configuration import load_configuration
 from .dataset.making import make_dataset
 from .dataset.reading import open_dataset
@@ -20,6 +21,7 @@ from .measurement import Sensor, add_noise, composite
 from .reconstruction.baselines import Differencing, TruncatedSVD
 from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
 from .reconstruction.noise_aware import NoiseAware, NoiseAwareReconstruction
+from .reconstruction.noise_aware_video import NoiseAwareVideo
 from .reconstruction.periscope import Periscope, Reconstruction
 from .reconstruction.portable import PortablePeriscope
 from .reconstruction.preconditioner import Preconditioner, form_preconditioner
@@ -40,11 +42,13 @@ from .storage.pictures import read_hidden_image
 
 __all__ = [
     "Background",
+    "Calibration",
     "Differencing",
     "IterativePeriscope",
     "IterativeReconstruction",
     "NoiseAware",
     "NoiseAwareReconstruction",
+    "NoiseAwareVideo",
     "Periscope",
     "PeriscopyError",
     "PortablePeriscope",
@@ -58,6 +62,7 @@ __all__ = [
     "Video",
     "add_noise",
     "analytic_transport",
+    "calibrate",
     "composite",
     "defective_pixels",
     "diagnose",

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,32 +28,20 @@ from periscopy_sim.cli.arguments import (
     write_json,
 )
 from periscopy_sim.cli.video_input import check_left_over, decoded_photographs, decoded_truth
+from periscopy_sim.cli.video_methods import (
+    Coupling,
+    Method,
+    checked_settings,
+    fitted,
+    live_rate,
+    solutions,
+)
 from periscopy_sim.cli.video_metrics import Record, compare, medians_of, record_of, write_table
 from periscopy_sim.cli.video_pictures import draw_frames, draw_sheet, draw_video, white_of
-from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
+    from periscopy_sim.cli.video_methods import Solution
     from periscopy_sim.evaluation.figures import Image
-    from periscopy_sim.reconstruction.periscope import Reconstruction
-    from periscopy_sim.reconstruction.video import Video
-
-LIVE_FRAMES = 16
-"""Most frames on which the rate of frames that come one at a time is measured."""
-
-BYTES_FOR_P = 24
-"""For each entry of A, while P is formed: A and P in single precision, each in double beside."""
-
-
-class Coupling(StrEnum):
-    """How a frame is tied to the one before it; see `Video`."""
-
-    total_variation = "total-variation"
-    l1 = "l1"
-    none = "none"
-
-
-WEIGHTS = {"temporal_weight": Coupling.total_variation, "l1_weight": Coupling.l1}
-"""The coupling that each weight belongs to."""
 
 
 def _not_nan(value: float | None) -> float | None:
@@ -77,8 +63,15 @@ def video(
     scene: SceneOption,
     hidden: Hidden,
     out: Out,
+    method: Annotated[
+        Method, typer.Option(help="How each frame is recovered.")
+    ] = Method.preconditioned,
     coupling: Annotated[
-        Coupling, typer.Option(help="How each frame is denoised with the one before it.")
+        Coupling,
+        typer.Option(
+            help="How each frame is tied to the one before it; total-variation is of the "
+            "preconditioned method."
+        ),
     ] = Coupling.l1,
     temporal_weight: Annotated[
         float | None,
@@ -86,7 +79,7 @@ def video(
             min=0,
             max=1e9,
             callback=_not_nan,
-            help="Weight of differences in time within total variation.",
+            help="Weight of differences in time within total variation; 1 if not given.",
         ),
     ] = None,
     l1_weight: Annotated[
@@ -95,7 +88,8 @@ def video(
             min=0,
             max=1e9,
             callback=_not_nan,
-            help="Weight of the l1 difference to the frame before, over that of TV.",
+            help="Weight of the l1 difference to the frame before, over that of TV; 0.4 if not "
+            "given, by noise-aware 0.8.",
         ),
     ] = None,
     samples: Samples = 16,
@@ -105,33 +99,34 @@ def video(
         typer.Option("--transport", help="Take A from this NPY file rather than render it."),
     ] = None,
     tv_weight: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=0,
             max=1e9,
             callback=_not_nan,
-            help="TV weight, in standard errors of the estimate; 0: none.",
+            help="TV weight, in standard errors of the estimate; 0: none; 1 if not given. This "
+            "and the next two are of the preconditioned method.",
         ),
-    ] = 1.0,
+    ] = None,
     repair_threshold: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=0,
             max=1e9,
             callback=_not_nan,
             help="Repair patches that differ from their neighbours by more than this part of the "
-            "image's 99th percentile.",
+            "image's 99th percentile; 0.1 if not given.",
         ),
-    ] = 0.1,
+    ] = None,
     rank_tolerance: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=1e-15,
             max=0.5,
             callback=_not_nan,
-            help="Relative tolerance on B's singular values.",
+            help="Relative tolerance on B's singular values; 1e-10 if not given.",
         ),
-    ] = 1e-10,
+    ] = None,
     truth: Annotated[
         str | None,
         typer.Option(
@@ -145,7 +140,8 @@ def video(
         typer.Option(min=0.1, max=1000, callback=_not_nan, help="Animation's frames a second."),
     ] = 16.0,
     batch: Annotated[
-        int, typer.Option(min=1, max=4096, help="Photographs that P is applied to in one product.")
+        int,
+        typer.Option(min=1, max=4096, help="Photographs that P or A is applied to in one product."),
     ] = 16,
     mask: masks.MaskOption = None,
     seed: Seed = 0,
@@ -156,13 +152,18 @@ def video(
 
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.defects import defective_pixels
-    from periscopy_sim.reconstruction.periscope import Periscope
-    from periscopy_sim.reconstruction.video import Video
     from periscopy_sim.storage.frames import open_frames
     from periscopy_sim.storage.output import staged_folder
     from periscopy_sim.storage.provenance import as_text
 
-    weights = _weights(coupling, temporal_weight=temporal_weight, l1_weight=l1_weight)
+    weights, settings = checked_settings(
+        method,
+        coupling,
+        {"temporal_weight": temporal_weight, "l1_weight": l1_weight},
+        tv_weight=tv_weight,
+        repair_threshold=repair_threshold,
+        rank_tolerance=rank_tolerance,
+    )
     timed = Stopwatch()
     with staged_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"):
@@ -183,31 +184,19 @@ def video(
                 A = scenes.read_transport(matrix, scenario)
             else:
                 A = scenes.transport(scenario, samples, seed, model)
-        explicit = _fits_in_memory(BYTES_FOR_P * A.size)
-        with (
-            timed("form the preconditioner"),
-            mendable(str(matrix or f"scene '{scenario.path}'")),
-        ):
-            periscope = Periscope.for_scene(
-                scenario,
-                A,
-                point_light_backgrounds(scenario),
-                tolerance=rank_tolerance,
-                tv_weight=tv_weight,
-                repair_threshold=repair_threshold,
-                explicit=explicit,
-                mask=used,
-            )
+        with timed("fit the method"), mendable(str(matrix or f"scene '{scenario.path}'")):
+            B = point_light_backgrounds(scenario)
+            recovery = fitted(method, coupling, weights, settings, scenario, A, B, used)
         if matrix is not None and not matrix.with_suffix(".json").is_file():
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
-        method = Video(periscope, coupling=coupling.value, **weights)
         file = folder / "frames.npy"
         # Products this small gain little from threads, which wait for each other on a busy machine.
         with threadpool_limits(1), mendable(str(frames)):
             with timed("rehearse"):
-                live = _live_rate(method, photographs)
+                live = live_rate(recovery.video, photographs)
             with timed("reconstruct"):
-                images, records = _reconstructed(method, photographs, sequence.names, batch, file)
+                solved = solutions(recovery.video, photographs, batch)
+                images, records = _written(file, solved, sequence.names, scenario.hidden_shape)
         provenance = scenes.provenance_of(scenario, seed)
         text = as_text(provenance)
         with timed("draw"):
@@ -229,13 +218,7 @@ def video(
             "model": "file" if matrix else model.value,
             "transport": matrix,
             "samples": None if matrix else samples,
-            "tv_weight": tv_weight,
-            "repair_threshold": repair_threshold,
-            "rank_tolerance": rank_tolerance,
-            "background_rank": periscope.preconditioner.Q.shape[1],
-            "explicit": explicit,
-            "coupling": coupling.value,
-            **{n: getattr(method, n) for n, owner in WEIGHTS.items() if owner is coupling},
+            **recovery.settings,
             "batch": batch,
             "rate": rate,
             "white": white,
@@ -258,85 +241,27 @@ def video(
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
 
 
-# -- what is given -------------------------------------------------------------------------------
-
-
-def _weights(coupling: Coupling, **given: float | None) -> dict[str, float]:
-    """Keep the weights that are given.
-
-    Raises
-    ------
-    PeriscopyError
-        If one belongs to another coupling.
-    """
-    weights = {name: value for name, value in given.items() if value is not None}
-    for name in weights:
-        if WEIGHTS[name] is not coupling:
-            raise PeriscopyError(
-                f"--{name.replace('_', '-')} belongs to --coupling {WEIGHTS[name].value}, not to "
-                f"{coupling.value}; leave it out"
-            )
-    return weights
-
-
-def _fits_in_memory(size: int) -> bool:
-    """Tell whether so many bytes are less than half of this machine's memory."""
-    try:
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return True
-    return 2 * size < memory
-
-
-# -- the reconstruction --------------------------------------------------------------------------
-
-
-def _live_rate(method: Video, photographs: Image) -> float:
-    """Measure frames a second when they come one at a time and the compiled code is loaded."""
-    for photograph in photographs[:2]:  # a first frame and one that follows
-        method.next_frame(photograph)
-    shown = photographs[:LIVE_FRAMES]
-    start = time.perf_counter()
-    for photograph in shown:
-        method.next_frame(photograph)
-    seconds = time.perf_counter() - start
-    method.restart()
-    return len(shown) / seconds
-
-
-def _reconstructed(
-    method: Video, photographs: Image, names: Sequence[str], batch: int, file: Path
+def _written(
+    file: Path,
+    solved: Iterator[tuple[Solution, float]],
+    names: Sequence[str],
+    hidden_shape: tuple[int, int],
 ) -> tuple[Image, list[Record]]:
     """Write each frame as it is recovered; return all of them, mapped, and a record of each."""
     from periscopy_sim.storage.stacks import mapped_stack, npy_stack
 
-    count = len(photographs)
-    shape = (count, *method.periscope.hidden_shape, 3)
+    count = len(names)
+    shape = (count, *hidden_shape, 3)
     records: list[Record] = []
     with (
         _frame_progress("reconstructing", count) as report,
         npy_stack(file, shape, np.float32) as write,
     ):
-        solved = zip(names, _solutions(method, photographs, batch), strict=True)
-        for k, (name, (solution, seconds)) in enumerate(solved):
+        for k, (name, (solution, seconds)) in enumerate(zip(names, solved, strict=True)):
             write(solution.image)
             records.append(record_of(k, name, solution, seconds))
             report(k + 1)
     return mapped_stack(file), records
-
-
-def _solutions(
-    method: Video, photographs: Image, batch: int
-) -> Iterator[tuple[Reconstruction, float]]:
-    """Frames in turn, with the seconds each took: its own and its share of its batch's product."""
-    for start in range(0, len(photographs), batch):
-        clock = time.perf_counter()
-        estimate = method.periscope.estimate(photographs[start : start + batch])
-        share = (time.perf_counter() - clock) / len(estimate.noise)
-        for k in range(len(estimate.noise)):
-            clock = time.perf_counter()
-            solution = method.finish(estimate, k)
-            yield solution, share + time.perf_counter() - clock
 
 
 @contextmanager

@@ -11,22 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from periscopy_sim.cli.video_methods import Solution
     from periscopy_sim.evaluation.figures import Image
-    from periscopy_sim.reconstruction.periscope import Reconstruction
 
 Record = dict[str, Any]
 
 
-def record_of(frame: int, name: str, solution: Reconstruction, seconds: float) -> Record:
+def record_of(frame: int, name: str, solution: Solution, seconds: float) -> Record:
     """Tell how a frame came about; of noise and λ the root mean square over the channels."""
-    return {
+    from periscopy_sim.reconstruction.noise_aware import NoiseAwareReconstruction
+
+    record: Record = {
         "frame": frame,
         "name": name,
         "seconds": seconds,
         "noise": _root_mean_square(solution.noise),
-        "lambda": _root_mean_square(solution.weight),
-        "kappa": float(solution.threshold),
+        "lambda": _root_mean_square(np.asarray(solution.weight)),
     }
+    if isinstance(solution, NoiseAwareReconstruction):
+        return {**record, "iterations": solution.iterations}
+    return {**record, "kappa": float(solution.threshold)}
 
 
 def compare(records: Sequence[Record], images: Image, known: Image) -> None:

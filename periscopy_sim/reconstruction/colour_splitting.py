@@ -4,6 +4,8 @@ With u = ∇f, v = f and their scaled multipliers p and q (Boyd et al. 2011, Sec
 after f has been solved for is, x̃ the over-relaxed f (ibid., Sec. 3.4.3),
 
     u ← shrink(∇x̃ + p, λ/ρ),   p ← p + ∇x̃ − u;     v ← max(x̃ + q, 0),   q ← q + x̃ − v.
+
+In a video v is drawn towards the frame before it, by Σ‖v − v_prev‖ over the patches' colours.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ from periscopy_sim.reconstruction.compiled import compiled_reordered
 Image = NDArray[Any]
 
 RELAXATION = 1.8
+
+BISECTIONS = 24
+"""As many as single precision tells apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +52,11 @@ class Splitting:
         (u, p), (v, q) = fields, images
         return cls(u, p, v, q)
 
+    def scaled(self, image: float, multiplier: float) -> Splitting:
+        """Multiply what is of the image, and the multipliers over ρ, by numbers of their own."""
+        primal, dual = np.float32(image), np.float32(multiplier)
+        return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
+
 
 def right_hand_side(split: Splitting) -> Image:
     """Give ∇ᵀ(u − p) + v − q, (3, R C)."""
@@ -55,7 +65,14 @@ def right_hand_side(split: Splitting) -> Image:
     return g.reshape(3, -1)
 
 
-def advance(f: Image, split: Splitting, threshold: float, positive: bool) -> tuple[float, float]:
+def advance(
+    f: Image,
+    split: Splitting,
+    threshold: float,
+    positive: bool,
+    previous: Image | None = None,
+    pull: float = 0.0,
+) -> tuple[float, float]:
     """Update what is split off from a new f.
 
     Parameters
@@ -68,6 +85,10 @@ def advance(f: Image, split: Splitting, threshold: float, positive: bool) -> tup
         λ/ρ.
     positive
         Whether v ≥ 0.
+    previous
+        (3, R, C) in single precision, ≥ 0 where v is: the frame before; None for a still.
+    pull
+        Weight of the distance to it, over ρ.
 
     Returns
     -------
@@ -75,7 +96,8 @@ def advance(f: Image, split: Splitting, threshold: float, positive: bool) -> tup
         The primal residual ‖(∇f − u, f − v)‖ over the larger of ‖(∇f, f)‖ and ‖(u, v)‖, and the
         change of (u, v) over ‖(u, v)‖, to which the dual residual is in proportion.
     """
-    sums = _advance(f, split.u, split.p, split.v, split.q, threshold, positive, RELAXATION)
+    fields = split.u, split.p, split.v, split.q
+    sums = _advance(f, *fields, threshold, positive, previous, pull, RELAXATION)
     gap, change, size, split_size = (math.sqrt(value) for value in sums)
     if split_size == 0:
         return (gap / size if size else 0.0), 0.0
@@ -109,12 +131,15 @@ def _advance(
     q: Image,
     threshold: float,
     positive: bool,
+    previous: Image | None,
+    pull: float,
     relaxation: float,
 ) -> tuple[float, float, float, float]:
     channels, rows, columns = f.shape
     α, κ = f.dtype.type(relaxation), f.dtype.type(threshold)
     rest = f.dtype.type(1) - α
     moved = np.empty((2, channels), f.dtype)
+    target, kept = np.empty(channels, f.dtype), np.empty(channels, f.dtype)
     gap = change = size = split_size = 0.0
     for i in range(rows):
         for j in range(columns):
@@ -139,10 +164,54 @@ def _advance(
                     u[axis, c, i, j] = new
                 here = f[c, i, j]
                 gap += (here - v[c, i, j]) ** 2
-                target = α * here + rest * v[c, i, j] + q[c, i, j]
-                kept = max(target, f.dtype.type(0)) if positive else target
-                change += (kept - v[c, i, j]) ** 2
-                split_size += kept * kept
-                q[c, i, j] = target - kept
-                v[c, i, j] = kept
+                target[c] = α * here + rest * v[c, i, j] + q[c, i, j]
+                kept[c] = max(target[c], f.dtype.type(0)) if positive else target[c]
+            if previous is not None:
+                _approach(target, previous[:, i, j], f.dtype.type(pull), positive, kept)
+            for c in range(channels):
+                change += (kept[c] - v[c, i, j]) ** 2
+                split_size += kept[c] * kept[c]
+                q[c, i, j] = target[c] - kept[c]
+                v[c, i, j] = kept[c]
     return gap, change, size, split_size
+
+
+@compiled_reordered
+def _approach(target: Image, previous: Image, pull: float, positive: bool, kept: Image) -> None:
+    """Set v = argmin ½‖v − target‖² + pull ‖v − previous‖, over v ≥ 0 where that is asked for.
+
+    With d = ‖v − previous‖, v is max(0, t + s (previous − t)), s = pull/(d + pull): in closed form
+    as long as nothing is cut off, and otherwise with the one d that agrees with its v.
+    """
+    zero = target.dtype.type(0)
+    squared = zero
+    for c in range(len(target)):
+        # Black before and to be darker yet: it stays black, which need not be searched for.
+        kept[c] = max(target[c], zero) if positive and previous[c] == 0 else target[c]
+        squared += (kept[c] - previous[c]) ** 2
+    distance = max(math.sqrt(squared) - pull, zero)
+    if positive and _is_cut_off(kept, previous, distance, pull):
+        near, far = zero, distance
+        for _ in range(BISECTIONS):
+            distance = (near + far) / 2
+            share = distance / (distance + pull)
+            squared = zero
+            for c in range(len(target)):
+                squared += min(share * (previous[c] - kept[c]), previous[c]) ** 2
+            if squared > distance * distance:
+                near = distance
+            else:
+                far = distance
+    share = pull / (distance + pull) if distance > 0 else zero
+    for c in range(len(target)):
+        # Not from the frame before, which may be so bright that the rest is lost in rounding.
+        value = kept[c] + share * (previous[c] - kept[c]) if distance > 0 else previous[c]
+        kept[c] = max(value, zero) if positive else value
+
+
+@compiled_reordered
+def _is_cut_off(target: Image, previous: Image, distance: float, pull: float) -> bool:
+    least = target.dtype.type(0)
+    for c in range(len(target)):
+        least = min(least, distance * target[c] + pull * previous[c])
+    return bool(least < 0)

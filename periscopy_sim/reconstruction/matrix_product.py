@@ -171,3 +171,57 @@ def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop
                 a, p = coefficients[k, r], rows[r, first:last]
                 for m in range(last - first):
                     v[m] -= a * p[m]
+
+
+def filter_rows(vectors: Array, rows: Array, gain: Array, offset: Array) -> Array:
+    """Combine rows by filtered products with them: `(gain * (vectors @ rows.T) + offset) @ rows`.
+
+    Each row is read once for both products, which memory is too slow to read twice.
+
+    Parameters
+    ----------
+    vectors
+        (K, N), C-contiguous.
+    rows
+        (r, N) of the same type, C-contiguous.
+    gain, offset
+        (K, r), likewise.
+
+    Returns
+    -------
+    ndarray
+        (K, N).
+    """
+    combined = np.zeros_like(vectors)
+    _filter(vectors, rows, gain, offset, combined)
+    return combined
+
+
+@compiled_reordered
+def _filter(vectors: Array, rows: Array, gain: Array, offset: Array, combined: Array) -> None:
+    columns = rows.shape[1]
+    whole = len(rows) // 4 * 4
+    for r in range(0, whole, 4):
+        p, q, s, t = rows[r], rows[r + 1], rows[r + 2], rows[r + 3]
+        for k in range(len(vectors)):
+            v, result = vectors[k], combined[k]
+            a = b = c = d = combined.dtype.type(0)
+            for n in range(columns):
+                a += p[n] * v[n]
+                b += q[n] * v[n]
+                c += s[n] * v[n]
+                d += t[n] * v[n]
+            a, b = gain[k, r] * a + offset[k, r], gain[k, r + 1] * b + offset[k, r + 1]
+            c, d = gain[k, r + 2] * c + offset[k, r + 2], gain[k, r + 3] * d + offset[k, r + 3]
+            for n in range(columns):
+                result[n] += a * p[n] + b * q[n] + c * s[n] + d * t[n]
+    for r in range(whole, len(rows)):
+        p = rows[r]
+        for k in range(len(vectors)):
+            v, result = vectors[k], combined[k]
+            a = combined.dtype.type(0)
+            for n in range(columns):
+                a += p[n] * v[n]
+            a = gain[k, r] * a + offset[k, r]
+            for n in range(columns):
+                result[n] += a * p[n]

@@ -8,10 +8,7 @@ noise were white and alike in all patches (Eq. 10), where its covariance is σ²
 noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
 the norm over both directions and all three channels, so that the channels share their edges.
 
-It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
-u = ∇f and v = f ≥ 0 split off and over-relaxed. Each iteration solves (A⊥ᵀA⊥/σ_c² + ρ K) f = ...,
-K = ∇ᵀ∇ + I. The generalized eigenvectors W of (A⊥ᵀA⊥, K), found once for a scene, turn that into
-two products, for any noise, weight and ρ.
+`penalized_likelihood` minimizes it.
 """
 
 from __future__ import annotations
@@ -22,10 +19,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
-from periscopy_sim.reconstruction.colour_splitting import Splitting, advance, right_hand_side
+from periscopy_sim.reconstruction.colour_splitting import Splitting
 from periscopy_sim.reconstruction.matrix_product import subtract_combinations, times_rows
+from periscopy_sim.reconstruction.patterns import Patterns
+from periscopy_sim.reconstruction.penalized_likelihood import Evidence, Objective, Schedule
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
 from periscopy_sim.reconstruction.uncertainty import standard_errors
 from periscopy_sim.reconstruction.vectorization import vectorization_of
@@ -40,7 +38,7 @@ PENALTY = 0.2
 """λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
 
 SEEN = 1e-12
-"""Eigenvalues below this part of the largest are patterns that the wall does not show."""
+"""Curvatures below this part of the largest are patterns that the wall does not show."""
 
 LARGEST_RATIO = 30
 """Between the noises of two channels: one that has less is not believed."""
@@ -66,8 +64,8 @@ class NoiseAwareReconstruction:
         Those taken.
     residual
         The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
-    converged
-        Whether that is what was asked for.
+    tolerance
+        What it was to be at most.
     """
 
     image: Array
@@ -75,7 +73,23 @@ class NoiseAwareReconstruction:
     weight: float
     iterations: int
     residual: float
-    converged: bool
+    tolerance: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether the residual is what was asked for."""
+        return self.residual <= self.tolerance
+
+    def warn_unless_converged(self) -> None:
+        """Tell where the iterations did not suffice."""
+        if not self.converged:
+            warnings.warn(
+                f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
+                f"residual of {self.residual:.1e}, above {self.tolerance:.1e}: raise "
+                "max_iterations or tolerance",
+                RuntimeWarning,
+                stacklevel=3,
+            )
 
 
 class NoiseAware:
@@ -161,10 +175,7 @@ class NoiseAware:
         # Scaled by the mean energy of a patch, f is near 1 in units of y over that root.
         self._unit = np.sqrt(energy / len(gram))
         self._gram = gram
-        eigenvalues, W = linalg.eigh(gram / self._unit**2, laplacian(hidden_shape))
-        self._eigenvalues = np.maximum(eigenvalues, 0)
-        self._W = np.ascontiguousarray(W, np.float32)
-        self._WT = np.ascontiguousarray(W.T, np.float32)
+        self._patterns = Patterns(gram / self._unit**2, hidden_shape)
 
     @classmethod
     def for_scene(cls, scene: Seen, A: Image, B: Image | None = None, **settings: Any) -> Self:
@@ -205,30 +216,87 @@ class NoiseAware:
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Recover the hidden image and tell how it came about; see `reconstruct`."""
-        y = self._vectorization.planar(np.asarray(photograph)[None], self.photograph_shape)[0]
+        (evidence,) = self.evidence(np.asarray(photograph)[None])
+        found, _ = self.recover(evidence)
+        found.warn_unless_converged()
+        return found
+
+    def evidence(self, photographs: Image) -> list[Evidence]:
+        """Take from photographs what the objective needs, Aᵀ applied to all in one product.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
+
+        Returns
+        -------
+        list
+            An `Evidence` of each.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct`.
+        """
+        planes = self._vectorization.planar(photographs, self.photograph_shape)
+        y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
-        level = float(np.sqrt(np.mean(y**2))) or 1.0  # single precision needs numbers near 1
-        h = times_rows((y / level).astype(np.float32), self._transport) * np.float32(1 / self._unit)
-        coefficients = times_rows(h, self._WT).astype(np.float64)
-        noise = self._noise(y / level, coefficients)
-        image, state = self._minimize(coefficients, noise)
-        if not state.residual <= self.tolerance:
-            warnings.warn(
-                f"noise-aware recovery stopped after {state.iterations} iterations at a relative "
-                f"residual of {state.residual:.1e}, above {self.tolerance:.1e}: raise "
-                "max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=2,
+        levels = np.sqrt(np.mean(planes**2, axis=(1, 2)))
+        levels[levels == 0] = 1
+        planes /= levels[:, None, None]  # single precision needs numbers near 1
+        h = times_rows(y.astype(np.float32), self._transport) * np.float32(1 / self._unit)
+        products = times_rows(h, self._patterns.rows).astype(np.float64)
+        return [
+            Evidence(coefficients, self._noise(plane, coefficients), float(level))
+            for coefficients, plane, level in zip(
+                products.reshape(*planes.shape[:2], -1), planes, levels, strict=True
             )
-        scale = level / self._unit
-        return NoiseAwareReconstruction(
-            image=np.moveaxis(image.astype(np.float64), 0, -1) * scale,
-            noise=level * noise,
-            weight=self.tv_weight * self.norm / (level * float(noise.mean())),
-            iterations=state.iterations,
-            residual=state.residual,
-            converged=state.residual <= self.tolerance,
+        ]
+
+    def recover(
+        self,
+        evidence: Evidence,
+        schedule: Schedule | None = None,
+        start: Splitting | None = None,
+        previous: Image | None = None,
+        l1_weight: float = 0.0,
+    ) -> tuple[NoiseAwareReconstruction, Splitting | None]:
+        """Recover the hidden image from a photograph's evidence.
+
+        Parameters
+        ----------
+        evidence
+            Of the photograph.
+        schedule
+            How the minimum is found; None for the way of `solve`.
+        start
+            What was split off from an image nearby; None for a start from black.
+        previous
+            (R, C, 3) the frame before, in a video; None for a still.
+        l1_weight
+            λ₂ over λ, λ₂ the weight of the distance to that frame.
+
+        Returns
+        -------
+        tuple
+            The image with how it came about, and what was split off.
+        """
+        if schedule is None:
+            schedule = Schedule(PENALTY, self.tolerance, self.max_iterations, CHECKED)
+        unit = evidence.level / self._unit
+        before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
+        objective = Objective(self._patterns, self.hidden_shape, self.tv_weight, self.positive)
+        minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
+        found = NoiseAwareReconstruction(
+            image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
+            noise=evidence.level * evidence.noise,
+            weight=self.tv_weight * self.norm / (evidence.level * float(evidence.noise.mean())),
+            iterations=minimum.iterations,
+            residual=minimum.residual,
+            tolerance=schedule.tolerance,
         )
+        return found, minimum.split
 
     def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
         """Tell how sure each patch of a recovered image is, see `uncertainty`.
@@ -247,51 +315,12 @@ class NoiseAware:
 
     def _noise(self, y: Array, coefficients: Array) -> Array:
         """Take the standard deviation of what is left by the least-squares hidden image."""
-        seen = self._eigenvalues > SEEN * self._eigenvalues[-1]
-        explained = (coefficients[:, seen] ** 2 / self._eigenvalues[seen]).sum(axis=1)
+        curvatures = self._patterns.curvatures
+        seen = curvatures > SEEN * curvatures[-1]
+        explained = (coefficients[:, seen] ** 2 / curvatures[seen]).sum(axis=1)
         left = np.einsum("cm,cm->c", y, y) - explained
         freedom = max(y.shape[1] - len(self._background) - int(seen.sum()), 1)
         noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
         # Without noise there still is finite precision; and a black channel is no oracle.
         rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30
         return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))
-
-    def _minimize(self, coefficients: Array, noise: Array) -> tuple[Image, _State]:
-        """Run the splitting, in units in which A⊥ᵀA⊥ has a mean diagonal of 1."""
-        σ = float(noise.mean())
-        w = (σ / noise) ** 2  # the problem times σ²
-        λ = self.tv_weight * np.sqrt(len(self._eigenvalues)) * σ / 2
-        data = w[:, None] * coefficients
-        ridge = data / (w[:, None] * self._eigenvalues + 0.01)
-        scale = float(np.sqrt(np.mean(times_rows(ridge.astype(np.float32), self._W) ** 2)))
-        if not scale > 0:
-            return np.zeros((3, *self.hidden_shape), np.float32), _State(0, 0.0)
-        ρ = λ / (PENALTY * scale)
-        inverse = 1 / (w[:, None] * self._eigenvalues + ρ)
-        fixed = (inverse * data).astype(np.float32)
-        damped = (ρ * inverse).astype(np.float32)
-        split = Splitting.zeros(self.hidden_shape)
-        residual, iteration = np.inf, 0
-        while residual > self.tolerance and iteration < self.max_iterations:
-            iteration += 1
-            g = right_hand_side(split)
-            f = times_rows(fixed + damped * times_rows(g, self._WT), self._W)
-            residuals = advance(f.reshape(3, *self.hidden_shape), split, λ / ρ, self.positive)
-            if iteration % CHECKED == 0 or iteration == self.max_iterations:
-                residual = float(max(residuals))
-        return split.v, _State(iteration, residual)
-
-
-@dataclass(frozen=True)
-class _State:
-    iterations: int
-    residual: float
-
-
-def laplacian(shape: tuple[int, int]) -> Array:
-    """Form K = ∇ᵀ∇ + I for images of (R, C) patches, (N, N), of forward differences."""
-    rows, columns = (np.diff(np.eye(size), axis=0) for size in shape)
-    down, across = rows.T @ rows, columns.T @ columns
-    K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
-    K[np.diag_indices_from(K)] += 1
-    return K

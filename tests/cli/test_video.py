@@ -13,6 +13,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.cli import video as command
+from periscopy_sim.cli import video_methods
 from periscopy_sim.reconstruction.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -131,7 +132,7 @@ def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
     np.save(tmp_path / "y.npy", few_photographs)
     expected, summary, _ = video("y.npy")
     assert summary["explicit"] is True
-    monkeypatch.setattr(command.os, "sysconf", lambda _: 100)
+    monkeypatch.setattr(video_methods.os, "sysconf", lambda _: 100)
     frames, summary, _ = video("y.npy")
     assert summary["explicit"] is False and not np.array_equal(frames, expected)
     assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
@@ -159,6 +160,7 @@ def test_folder_holds_frames_pictures_table_and_summary(
         "model": "rendered",
         "transport": None,
         "samples": 4,
+        "method": "preconditioned",
         "tv_weight": 1.0,
         "repair_threshold": 0.1,
         "rank_tolerance": 1e-10,

@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.matrix_product import subtract_combinations, times_rows
+from periscopy_sim.reconstruction.matrix_product import (
+    filter_rows,
+    subtract_combinations,
+    times_rows,
+)
 
 PRECISION = {np.float32: 1e-6, np.float64: 1e-14}
 
@@ -70,3 +74,19 @@ def test_products_of_three_vectors_are_the_same_bytes_among_many(upper):
     for k in range(0, 24, 3):
         alone = times_rows(x[k : k + 3].copy(), matrix, upper=upper)
         np.testing.assert_array_equal(alone, among_many[k : k + 3])
+
+
+@pytest.mark.parametrize("dtype", PRECISION)
+@pytest.mark.parametrize("vectors", [1, 3])
+@pytest.mark.parametrize("rows", [0, 1, 3, 4, 9, 44])
+@pytest.mark.parametrize("columns", [1, 17, 1044])
+def test_rows_are_combined_by_filtered_products(dtype, vectors, rows, columns):
+    x, matrix, gain, offset = draw(
+        (vectors, columns), (rows, columns), (vectors, rows), (vectors, rows), dtype=dtype
+    )
+    found = filter_rows(x, matrix, gain, offset)
+    x, matrix, gain, offset = (array.astype(np.float64) for array in (x, matrix, gain, offset))
+    exact = (gain * (x @ matrix.T) + offset) @ matrix
+    size = (np.abs(gain) * (np.abs(x) @ np.abs(matrix).T) + np.abs(offset)) @ np.abs(matrix)
+    assert found.dtype == dtype
+    assert (np.abs(found - exact) <= PRECISION[dtype] * size).all()

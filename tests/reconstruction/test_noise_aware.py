@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from periscopy_sim.reconstruction.noise_aware import NoiseAware, laplacian
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.periscope import Periscope
 
 HIDDEN = (4, 5)
@@ -165,15 +165,6 @@ def test_patches_that_the_wall_does_not_show_take_their_neighbours_light():
 
 def test_dark_photograph_gives_a_dark_image():
     assert not NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(np.zeros((180, 3))).any()
-
-
-def test_laplacian_is_that_of_forward_differences():
-    K = laplacian(HIDDEN)
-    for seed in range(3):
-        f = np.random.default_rng(seed).random(HIDDEN)
-        energy = (np.diff(f, axis=0) ** 2).sum() + (np.diff(f, axis=1) ** 2).sum() + (f**2).sum()
-        assert f.ravel() @ K @ f.ravel() == pytest.approx(energy)
-    np.testing.assert_array_equal(laplacian((1, 1)), [[1.0]])
 
 
 @pytest.mark.parametrize("hidden", [(1, 20), (20, 1), (2, 10)])
