@@ -18,6 +18,7 @@ LEVELS = {
     "cli": 3,
     "evaluation": 2,
     "dataset": 2,
+    "calibration": 2,
     "storage": 2,
     "reconstruction": 1,
     "measurement": 1,

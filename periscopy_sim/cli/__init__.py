@@ -20,6 +20,7 @@ import typer
 from periscopy_sim.cli import (
     ambient,
     analyze,
+    calibrate,
     dataset,
     demo,
     doctor,
@@ -62,6 +63,7 @@ app.command("photograph")(photograph.photograph)
 app.command("ambient")(ambient.ambient)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
+app.command("calibrate")(calibrate.calibrate)
 app.command("sweep")(sweep.sweep)
 app.command("video")(video.video)
 app.add_typer(dataset.app, name="dataset")

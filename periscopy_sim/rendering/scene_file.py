@@ -24,6 +24,8 @@ def load_scenario(
     path: str | Path,
     hidden: tuple[int, int],
     parameters: Mapping[str, str | float] | None = None,
+    *,
+    photograph: tuple[int, int] | None = None,
 ) -> Scenario:
     """Read a scene that keeps the id contract: shapes ``wall`` and ``monitor``, sensor ``camera``.
 
@@ -39,6 +41,9 @@ def load_scenario(
         (R, C), rows and columns of the hidden image.
     parameters
         Values for the file's ``<default>``s.
+    photograph
+        (rows, columns) into which the camera's field of view is cut; None for the film's own
+        pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
 
     Returns
     -------
@@ -70,6 +75,7 @@ def load_scenario(
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
     film_columns, film_rows = (int(n) for n in camera_of(scene).film().crop_size())
+    film_rows, film_columns = photograph or (film_rows, film_columns)
     if not 1 <= film_rows * film_columns <= MOST_PIXELS:
         raise SceneError(
             f"scene '{path}': the camera's film has {film_rows}x{film_columns} pixels; give it "

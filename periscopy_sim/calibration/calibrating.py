@@ -1,0 +1,255 @@
+"""Move what the ruler got wrong until the photograph is explained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.descent import curvature, descend
+from periscopy_sim.calibration.exploration import GENERATIONS, explore, population
+from periscopy_sim.calibration.level import Level, Sampling, Values
+from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
+from periscopy_sim.calibration.physical import InFront
+from periscopy_sim.errors import PhotographError, VariantError
+from periscopy_sim.rendering.scene_file import load_scenario
+from periscopy_sim.rendering.variant import INSTALL_LLVM, is_vectorized
+from periscopy_sim.scenario import Array
+from periscopy_sim.shipped import find_scene
+
+LEVELS = (Sampling(32, 12, 4, 9), Sampling(63, 36, 4, 4), Sampling(126, 36, 16, 1))
+"""Coarse to fine: explored, then descended on. Larger photographs and hidden images are averaged
+down to the last, which tells less than a millimetre on a chair from a metre away."""
+
+ITERATIONS = (12, 6)
+"""Of the descents, at most; the last of them gain little and take long."""
+
+UNDETERMINED = 0.2
+"""Standard error over the half width of the search beyond which a parameter counts as unknown."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter that was free.
+
+    Attributes
+    ----------
+    name
+        Of the scene's ``<default>``.
+    start, value
+        Before and after.
+    standard_error
+        Of the value, from the evidence's curvature and the spread of what stays unexplained.
+    spread
+        Half width of the box that was searched: where shadows have moved by about their own size.
+    """
+
+    name: str
+    start: float
+    value: float
+    standard_error: float
+    spread: float
+
+    @property
+    def determined(self) -> bool:
+        """Whether the photograph determines it."""
+        return self.standard_error < UNDETERMINED * self.spread
+
+
+@dataclass(frozen=True, eq=False)
+class Visited:
+    """Points at which a level was looked at, in order.
+
+    Attributes
+    ----------
+    photograph_shape, hidden_shape
+        The level's.
+    values
+        (K, P) parameters.
+    evidence
+        (K,) infinite where they were not physical.
+    """
+
+    photograph_shape: tuple[int, int]
+    hidden_shape: tuple[int, int]
+    values: Array
+    evidence: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Parameters that explain a photograph.
+
+    Attributes
+    ----------
+    parameters
+        Those that were free.
+    correlation
+        (P, P) of their errors.
+    path
+        What was visited, coarse to fine.
+    noise_before, noise
+        (3,) standard deviation of what the scene leaves unexplained of the photograph, over the
+        photograph's root mean square, at the start and at the end.
+    residual_before, residual
+        (rows, columns, 3) what is left, in the same unit; zero where masked.
+    """
+
+    parameters: tuple[Parameter, ...]
+    correlation: Array
+    path: tuple[Visited, ...]
+    noise_before: Array
+    noise: Array
+    residual_before: Array
+    residual: Array
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The calibrated values, by name."""
+        return {parameter.name: parameter.value for parameter in self.parameters}
+
+
+def calibrate(
+    photograph: NDArray[np.floating[Any]],
+    scene: str | Path,
+    hidden: tuple[int, int],
+    free: Sequence[str],
+    *,
+    parameters: Mapping[str, str | float] | None = None,
+    mask: NDArray[np.bool_] | None = None,
+    samples: int = 16,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Calibration:
+    """Find the values of a scene's parameters that explain a photograph best.
+
+    Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
+    ambient light but that it comes from afar; see `variable_projection`. The search goes from
+    coarse to fine: many points about the start at a low resolution, then descents.
+
+    Parameters
+    ----------
+    photograph
+        (rows, columns, 3), linear, of any unit.
+    scene
+        A Mitsuba XML file, or the name of a shipped scene.
+    hidden
+        (R, C) of the hidden image; of finer ones than 36 patches along a side a coarser one serves.
+    free
+        Names of the ``<default>``s to find.
+    parameters
+        Values of ``<default>``s: where free ones start, where others stay.
+    mask
+        (rows, columns) pixels to use; None for all.
+    samples
+        Rays from a pixel to a patch, at the finest level.
+    seed
+        Of the draws and the rays.
+    progress
+        Called with the fraction done, of the longest that it may take.
+
+    Returns
+    -------
+    Calibration
+        See there.
+
+    Raises
+    ------
+    SceneError
+        If a parameter is unknown or unseen, the start or where the search leads is not physical.
+    PhotographError
+        If the photograph is not of the camera's size, or holds nothing.
+    VariantError
+        In scalar variants, which would take days.
+    """
+    path = find_scene(scene)
+    given = {name: str(value) for name, value in (parameters or {}).items()}
+    start = start_values(path, free, given)
+    first = load_scenario(path, hidden, given)
+    if not is_vectorized():
+        raise VariantError("calibration renders thousands of photographs: " + INSTALL_LLVM)
+    y = _checked(photograph, mask, first.photograph_shape)
+    in_front = InFront(first)
+    samplings = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))
+    coarse, middle, fine = (
+        Level(path, given, tuple(free), y, mask, hidden, sampling, seed, in_front.check)
+        for sampling in samplings
+    )
+    log = _Log(len(start), progress)
+    steps, spreads = steps_and_spreads(coarse, start)
+    values = explore(coarse, start, spreads, seed, log.at(coarse))
+    values, _ = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle))
+    values, after = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], log.at(fine))
+    errors = curvature(fine, values, after, steps / 2).covariance()
+    before = fine.explain(start)
+    deviations = np.sqrt(np.diag(errors))
+    return Calibration(
+        parameters=tuple(
+            Parameter(name, *(float(number) for number in numbers))
+            for name, *numbers in zip(free, start, values, deviations, spreads, strict=True)
+        ),
+        correlation=errors / np.outer(deviations, deviations),
+        path=log.path(),
+        noise_before=before.noise / fine.scale,
+        noise=after.noise / fine.scale,
+        residual_before=fine.picture(before.residuals),
+        residual=fine.picture(after.residuals),
+    )
+
+
+def _checked(
+    photograph: NDArray[np.floating[Any]], mask: NDArray[np.bool_] | None, shape: tuple[int, int]
+) -> Array:
+    y = np.asarray(photograph, np.float64)
+    if y.shape != (*shape, 3):
+        raise PhotographError(
+            f"the photograph has shape {y.shape}, the scene's camera takes {(*shape, 3)}"
+        )
+    used = y if mask is None else y[mask]
+    if not np.isfinite(used).all():
+        raise PhotographError("the photograph has NaN or infinite values; leave them out by a mask")
+    if not used.any():
+        raise PhotographError("the photograph is black; nothing can be learned from it")
+    return y
+
+
+class _Log:
+    """Keep what is visited, and tell how much is done."""
+
+    def __init__(self, parameters: int, progress: Callable[[float], None] | None) -> None:
+        first, later = population(parameters)
+        # In units of one point of the first level; a descent's visits each stand for an iteration.
+        iteration = 4 * parameters + 2
+        self._costs = (1.0, 6.0 * iteration, 25.0 * iteration)
+        points = (first + GENERATIONS * later, *ITERATIONS)
+        self._total = float(np.dot(self._costs, points))
+        self._done = 0.0
+        self._progress = progress or (lambda _: None)
+        self._visited: list[tuple[Level, list[tuple[Values, float]]]] = []
+
+    def at(self, level: Level) -> Callable[[Values, float], None]:
+        points: list[tuple[Values, float]] = []
+        cost = self._costs[len(self._visited)]
+        self._visited.append((level, points))
+
+        def visit(values: Values, evidence: float) -> None:
+            points.append((values, evidence))
+            self._done += cost
+            self._progress(min(self._done / self._total, 1.0))
+
+        return visit
+
+    def path(self) -> tuple[Visited, ...]:
+        return tuple(
+            Visited(
+                level.photograph_shape,
+                level.hidden_shape,
+                np.array([values for values, _ in points]),
+                np.array([evidence for _, evidence in points]),
+            )
+            for level, points in self._visited
+        )

@@ -1,0 +1,234 @@
+"""Levenberg and Marquardt's descent to the parameters that explain a photograph best.
+
+The slope of the evidence is taken from differences of transport matrices either side, its curvature
+from how the photograph moves with a parameter beyond what hidden image and light could follow
+(Gauss and Newton's approximation; Kaufman, BIT 15, 1975).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from periscopy_sim.calibration.level import Level, Values
+from periscopy_sim.errors import SceneError
+from periscopy_sim.reconstruction.variable_projection import Explanation
+from periscopy_sim.scenario import Array
+
+Visit = Callable[[Values, float], None]
+
+DAMPING = 1e-3
+"""The first: part of the curvature that is added to it."""
+
+NOTHING = 1.0
+"""A gain in evidence that is not worth another step: a likelihood ratio of √e."""
+
+UNSEEN = 1e-4
+"""Part of the information below which a direction of the parameters counts as unknown."""
+
+TRIALS = 5
+"""Steps tried, each shorter, before a point is called the best."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """What the photograph tells about the parameters, about one point.
+
+    Attributes
+    ----------
+    slope
+        (P,) derivatives of half the evidence.
+    information
+        (P, P) Fisher information.
+    noisy
+        (P,) its diagonal with the rendering's noise in it: more than it.
+    scores
+        (blocks, P) what each block of pixels adds to the slope of the misfit.
+    """
+
+    slope: Array
+    information: Array
+    noisy: Array
+    scores: Array
+
+    def damped(self, damping: float) -> Array:
+        """Add a part of the diagonal to the information, and what noise made negative in it."""
+        scale = 1 / np.sqrt(self.noisy)
+        values, vectors = np.linalg.eigh(self.information * np.outer(scale, scale))
+        damped = (vectors * (np.maximum(values, 0) + damping)) @ vectors.T
+        return np.asarray(damped / np.outer(scale, scale))
+
+    def covariance(self) -> Array:
+        """Give the parameters' covariance, (P, P).
+
+        What the model leaves unexplained is no white noise, so its spread is taken from the
+        photograph: blocks of pixels are independent, not pixels (the sandwich estimate: White,
+        Econometrica 50, 1982). It is never taken below that of white noise.
+        """
+        scale = 1 / np.sqrt(self.noisy)
+        normalized = self.damped(UNSEEN) * np.outer(scale, scale)
+        inverse = np.linalg.inv(normalized)
+        scores = self.scores * scale
+        spread = scores.T @ scores
+        white, robust = np.diag(inverse), np.diag(inverse @ spread @ inverse)
+        growth = np.sqrt(np.maximum(robust / white, 1))
+        covariance: Array = inverse * np.outer(growth * scale, growth * scale)
+        return covariance
+
+
+def curvature(level: Level, values: Values, explanation: Explanation, steps: Values) -> Curvature:
+    """Differentiate about some values.
+
+    Each difference is rendered twice, with independent rays. Hidden image and light could follow
+    nearly all of how the photograph moves; in the little that is left the noise of one rendering,
+    multiplied by itself, would pass for information.
+
+    Parameters
+    ----------
+    level
+        Where to look.
+    values
+        (P,) parameters.
+    explanation
+        Of the level at those values.
+    steps
+        (P,) differences to either side.
+
+    Raises
+    ------
+    SceneError
+        If neither side of a parameter is physical.
+    """
+    slope, steered, noisy = [], [], []
+    moved: tuple[list[Array], list[Array]] = ([], [])
+    for k, step in enumerate(steps):
+        offset = np.zeros(len(values))
+        offset[k] = step
+        changes = [_difference(level, values, offset, level.seed + s) / step for s in (0, 1)]
+        slope.append(np.mean([explanation.slope(change) for change in changes]) / 2)
+        beyond = [explanation.steer(change) for change in changes]
+        for own, change in zip(moved, changes, strict=True):
+            own.append(explanation.moved(change))
+        steered.append(beyond)
+        noisy.append(np.mean([np.vdot(s, m[-1]) for s, m in zip(beyond, moved, strict=True)]))
+    first, second = (np.array([beyond[s] for beyond in steered]) for s in (0, 1))
+    information = np.einsum("imc,jmc->ij", first, np.array(moved[1]))
+    residuals = explanation.residuals / explanation.noise
+    return Curvature(
+        slope=np.array(slope),
+        information=(information + information.T) / 2,
+        noisy=np.array(noisy),
+        scores=_by_block(np.einsum("imc,mc->mi", (first + second) / 2, residuals), level),
+    )
+
+
+def _difference(level: Level, values: Values, offset: Values, seed: int) -> Array:
+    """Give half the change of A from one side to the other; all of it where one is not physical."""
+    sides = []
+    for sign in (1, -1):
+        try:
+            sides.append((sign, level.matrix(values + sign * offset, seed)))
+        except SceneError as error:
+            unphysical = error
+    if len(sides) == 2:
+        return np.asarray((sides[0][1] - sides[1][1]) / 2)
+    if not sides:
+        raise unphysical
+    sign, A = sides[0]
+    return np.asarray(sign * (A - level.matrix(values, seed)))
+
+
+BLOCKS = 10
+"""Along each side of the photograph."""
+
+
+def _by_block(weighed: Array, level: Level) -> Array:
+    """Add up pixels' scores over square blocks."""
+    rows, columns = np.nonzero(level.used)
+    height, width = level.photograph_shape
+    block = (rows * BLOCKS // height) * BLOCKS + columns * BLOCKS // width
+    sums = np.zeros((BLOCKS**2, weighed.shape[1]))
+    np.add.at(sums, block, weighed)
+    return sums
+
+
+def descend(
+    level: Level,
+    start: Values,
+    steps: Values,
+    longest: Values,
+    iterations: int,
+    visit: Visit,
+) -> tuple[Values, Explanation]:
+    """Walk downhill until nothing is gained.
+
+    Parameters
+    ----------
+    level
+        Where to look.
+    start
+        (P,) parameters.
+    steps
+        (P,) differences by which slopes are taken.
+    longest
+        (P,) at most so far in one step.
+    iterations
+        At most.
+    visit
+        Told each point and its evidence.
+
+    Returns
+    -------
+    values, explanation
+        The best point.
+
+    Raises
+    ------
+    SceneError
+        If the start is not physical, or where it leads.
+    """
+    values, here = start, level.explain(start)
+    visit(values, here.evidence)
+    damping = DAMPING
+    for _ in range(iterations):
+        about = curvature(level, values, here, steps)
+        unphysical: SceneError | None = None
+        for trial in range(TRIALS):
+            step = np.asarray(-np.linalg.solve(about.damped(damping), about.slope), np.float64)
+            step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
+            try:
+                tried = level.explain(values + step)
+            except SceneError as error:
+                unphysical = error if trial == 0 else unphysical
+            else:
+                if tried.evidence < here.evidence:
+                    break
+            damping = max(damping, DAMPING) * 10
+        else:
+            if unphysical is not None:
+                raise SceneError(f"the search left the physical: {unphysical}")
+            break
+        step, tried = _further(level, values, step, tried)
+        gain = here.evidence - tried.evidence
+        values, here = values + step, tried
+        damping /= 5
+        visit(values, here.evidence)
+        if gain < NOTHING:
+            break
+    return values, here
+
+
+def _further(
+    level: Level, values: Values, step: Values, reached: Explanation
+) -> tuple[Values, Explanation]:
+    """Lengthen a step as long as that gains: one rendering, where a new direction takes 4 P."""
+    while True:
+        try:
+            tried = level.explain(values + 2 * step)
+        except SceneError:
+            return step, reached
+        if tried.evidence >= reached.evidence:
+            return step, reached
+        step, reached = 2 * step, tried

@@ -1,0 +1,76 @@
+"""What no chair can do: stand in the wall."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import Array, Scenario
+
+
+class InFront:
+    """Occluders that stood before the wall at first must stay there.
+
+    Parameters
+    ----------
+    scenario
+        The scene at first.
+
+    Raises
+    ------
+    SceneError
+        If an occluder already reaches through the part of the wall that the camera sees.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._names = set()
+        spacing = _spacing(scenario.wall_points)
+        for name, vertices in _meshes(scenario):
+            depth, aside = _before_wall(scenario, vertices)
+            through = (depth < 0) & (aside < 2 * spacing)
+            if through.any() and (depth > 0).any():
+                raise SceneError(_through(scenario, name, float(-depth[through].min())))
+            if (depth > 0).all():
+                self._names.add(name)
+
+    def check(self, scenario: Scenario) -> None:
+        """Look whether they still do.
+
+        Raises
+        ------
+        SceneError
+            If one reaches through the wall.
+        """
+        for name, vertices in _meshes(scenario):
+            depth, _ = _before_wall(scenario, vertices)
+            if name in self._names and (depth < 0).any():
+                raise SceneError(_through(scenario, name, float(-depth.min())))
+
+
+def _meshes(scenario: Scenario) -> list[tuple[str, Array]]:
+    return [(o.name, o.vertices) for o in scenario.occluders if o.vertices is not None]
+
+
+def _before_wall(scenario: Scenario, vertices: Array) -> tuple[Array, Array]:
+    """Distance of vertices from the wall at its nearest point, before it and along it, (V,)."""
+    from scipy.spatial import KDTree
+
+    _, nearest = KDTree(scenario.wall_points).query(vertices)
+    offset = vertices - scenario.wall_points[nearest]
+    normals = scenario.wall_normals[nearest]
+    depth = np.einsum("vi,vi->v", offset, normals)
+    return depth, np.linalg.norm(offset - depth[:, None] * normals, axis=1)
+
+
+def _spacing(points: Array) -> float:
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return extent / float(np.sqrt(len(points)))
+
+
+def _through(scenario: Scenario, name: str, depth: float) -> str:
+    values = ", ".join(f"{key} = {float(value):.4g}" for key, value in scenario.parameters.items())
+    return (
+        f"scene '{scenario.path}': occluder '{name}' reaches {1e3 * depth:.3g} mm through the wall"
+        + (f" at {values}" if values else "")
+        + "; start elsewhere by -D"
+    )

@@ -1,0 +1,83 @@
+"""A scene file with other defaults: its text is kept, comments and all."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from xml.sax.saxutils import quoteattr, unescape
+
+from periscopy_sim.errors import SceneError
+
+_TAG = re.compile(r"<!--.*?-->|<(?:\"[^\"]*\"|'[^']*'|[^>\"'])*>", re.DOTALL)
+_ATTRIBUTE = re.compile(r"([\w:.-]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
+
+
+def with_defaults(path: Path, values: Mapping[str, str], folder: Path) -> str:
+    """Write a scene's text anew with other values of its ``<default>``s.
+
+    Parameters
+    ----------
+    path
+        The scene file, UTF-8.
+    values
+        New values, by name; one that only an included file declares is declared before it.
+    folder
+        Where the text will lie: files that the scene names beside itself are named from there,
+        below it by a relative path, elsewhere by an absolute one.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    SceneError
+        If the file is not UTF-8.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise SceneError(f"scene '{path}' is not UTF-8; save it as that") from None
+    missing = dict(values)
+
+    def rewritten(match: re.Match[str]) -> str:
+        tag = match[0]
+        name = _attribute(tag, "name")
+        if tag.startswith("<default") and name is not None and name in values:
+            missing.pop(name, None)
+            return _with_attribute(tag, "value", values[name])
+        for attribute in ("filename", "value"):
+            target = _attribute(tag, attribute)
+            if target and (attribute == "filename" or tag.startswith(("<string", "<path"))):
+                beside = path.parent / target
+                names_file = beside.exists() or (name == "filename" and "$" in target)
+                if names_file and not Path(target).is_absolute():
+                    tag = _with_attribute(tag, attribute, _named_from(folder, beside))
+        return tag
+
+    copied = _TAG.sub(rewritten, text)
+    declared = "".join(
+        f"\n    <default name={quoteattr(name)} value={quoteattr(value)}/>"
+        for name, value in missing.items()
+    )
+    return re.sub(r"(<scene(?:\"[^\"]*\"|'[^']*'|[^>\"'])*>)", rf"\g<1>{declared}", copied, count=1)
+
+
+def _attribute(tag: str, name: str) -> str | None:
+    found = next((m for m in _ATTRIBUTE.finditer(tag) if m[1] == name), None)
+    return None if found is None else unescape(found[2][1:-1], {"&quot;": '"', "&apos;": "'"})
+
+
+def _with_attribute(tag: str, name: str, value: str) -> str:
+    found = next(m for m in _ATTRIBUTE.finditer(tag) if m[1] == name)
+    return tag[: found.start(2)] + quoteattr(value) + tag[found.end(2) :]
+
+
+def _named_from(folder: Path, file: Path) -> str:
+    file, folder = file.resolve(), folder.resolve()
+    if file.is_relative_to(folder):
+        return os.fspath(file.relative_to(folder))
+    return os.fspath(file)

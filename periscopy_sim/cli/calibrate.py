@@ -1,0 +1,158 @@
+"""`periscopy calibrate`: what the ruler got wrong, from the photograph alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from periscopy_sim.cli import masks
+from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli.arguments import (
+    Define,
+    Hidden,
+    OutFile,
+    Samples,
+    SceneOption,
+    Seed,
+    Stopwatch,
+    parse_definitions,
+    parse_size,
+    progress,
+    say,
+    warn,
+    write_json,
+)
+from periscopy_sim.errors import OutputError
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.calibrating import Calibration
+
+
+def calibrate(
+    photo: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PHOTO", help="EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
+        ),
+    ],
+    scene: SceneOption,
+    hidden: Hidden,
+    free: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME,...",
+            help="The scene's <default>s to find, such as occluder_dx,occluder_dy,occluder_dz.",
+        ),
+    ],
+    out: OutFile,
+    samples: Samples = 16,
+    mask: masks.MaskOption = None,
+    seed: Seed = 0,
+    define: Define = None,
+) -> None:
+    """Move parameters of a scene until it explains a photograph; write the scene anew.
+
+    They start from their defaults, or from -D. Beside the scene appear a JSON file (values,
+    uncertainties, the way there) and a picture.
+    """
+    from periscopy_sim.calibration.calibrating import calibrate as search
+    from periscopy_sim.calibration.scene_copy import with_defaults
+    from periscopy_sim.evaluation.calibration_figure import draw_calibration
+    from periscopy_sim.shipped import find_scene
+    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.provenance import as_text
+
+    if out.suffix != ".xml":
+        raise OutputError(f"--out {out}: the scene is written as .xml; name a file that ends so")
+    path, given = find_scene(scene), parse_definitions(define)
+    if out.exists() and out.samefile(path):
+        raise OutputError(f"--out {out} is the scene itself, which stays as it is; name another")
+    record, picture = out.with_suffix(".json"), out.with_suffix(".png")
+    names = [name.strip() for name in free.split(",") if name.strip()]
+    timed = Stopwatch()
+    with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
+        scenario = scenes.load(scene, hidden, define)
+        used = masks.read(mask, scenario)
+        given_photograph = scenes.read_photograph(photo, scenario, used)
+        with timed("calibrate"), progress("calibrating") as report:
+            found = search(
+                given_photograph.values,
+                path,
+                parse_size(hidden),
+                names,
+                parameters=given,
+                mask=used,
+                samples=samples,
+                seed=seed,
+                progress=report,
+            )
+        values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
+        scene_file.write_text(with_defaults(path, values, out.parent), encoding="utf-8")
+        provenance = scenes.provenance_of(scenario, seed)
+        summary = {
+            "photograph": str(photo),
+            "scene": str(path),
+            "hidden_shape": scenario.hidden_shape,
+            **masks.record(mask, used),
+            "samples": samples,
+            **_told(found),
+            "seconds": timed.seconds,
+            "provenance": provenance,
+        }
+        write_json(json, summary)
+        draw_calibration(png, given_photograph.values, found, as_text(provenance))
+    _say(found)
+    say(f"wrote {out}, {record.name}, {picture.name}")
+
+
+def _told(found: Calibration) -> dict[str, Any]:
+    """Lay a calibration out for JSON."""
+    return {
+        "parameters": {
+            p.name: {
+                "start": p.start,
+                "value": p.value,
+                "standard_error": p.standard_error,
+                "half_width_searched": p.spread,
+                "determined": p.determined,
+            }
+            for p in found.parameters
+        },
+        "correlation": found.correlation,
+        "unexplained_before": found.noise_before,
+        "unexplained": found.noise,
+        "path": [
+            {
+                "photograph_shape": visited.photograph_shape,
+                "hidden_shape": visited.hidden_shape,
+                "values": visited.values,
+                "evidence": [e if np.isfinite(e) else None for e in visited.evidence.tolist()],
+            }
+            for visited in found.path
+        ],
+    }
+
+
+def _say(found: Calibration) -> None:
+    """Print the parameters, and warn of those that the photograph leaves open."""
+    width = max(len(p.name) for p in found.parameters)
+    for k, p in enumerate(found.parameters):
+        say(f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}   from {p.start:.4g}")
+        if not p.determined:
+            others = np.abs(found.correlation[k])
+            others[k] = 0
+            tied = int(np.argmax(others))
+            known_if = (
+                f"; it is tied to {found.parameters[tied].name} (correlation "
+                f"{found.correlation[k, tied]:.2f}): leave one of them out of --free"
+                if others[tied] > 0.8
+                else "; leave it out of --free"
+            )
+            warn(f"the photograph does not determine {p.name}{known_if}")
+    before, after = (
+        100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
+    )
+    say(f"unexplained: {before:.2f} % of the photograph at the start, {after:.2f} % now")
