@@ -15,7 +15,7 @@ from periscopy_sim.calibration.exploration import GENERATIONS, explore, populati
 from periscopy_sim.calibration.level import Level, Sampling, Values
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
 from periscopy_sim.calibration.physical import InFront
-from periscopy_sim.errors import PhotographError, VariantError
+from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.rendering.scene_file import load_scenario
 from periscopy_sim.rendering.variant import INSTALL_LLVM, is_vectorized
 from periscopy_sim.scenario import Array
@@ -182,8 +182,11 @@ def calibrate(
     log = _Log(len(start), progress)
     steps, spreads = steps_and_spreads(coarse, start)
     values = explore(coarse, start, spreads, seed, log.at(coarse))
-    values, _ = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle))
-    values, after = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], log.at(fine))
+    values = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle)).values
+    end = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], log.at(fine))
+    if end.unphysical is not None:
+        raise SceneError(f"the search left the physical: {end.unphysical}")
+    values, after = end.values, end.explanation
     errors = curvature(fine, values, after, steps / 2).covariance()
     before = fine.explain(start)
     deviations = np.sqrt(np.diag(errors))

@@ -33,6 +33,25 @@ TRIALS = 5
 
 
 @dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent ended.
+
+    Attributes
+    ----------
+    values
+        (P,) the best parameters.
+    explanation
+        Of the photograph by them.
+    unphysical
+        Why it went no further, if the border of the physical stopped it.
+    """
+
+    values: Values
+    explanation: Explanation
+    unphysical: SceneError | None
+
+
+@dataclass(frozen=True, eq=False)
 class Curvature:
     """What the photograph tells about the parameters, about one point.
 
@@ -161,7 +180,7 @@ def descend(
     longest: Values,
     iterations: int,
     visit: Visit,
-) -> tuple[Values, Explanation]:
+) -> Descent:
     """Walk downhill until nothing is gained.
 
     Parameters
@@ -181,20 +200,22 @@ def descend(
 
     Returns
     -------
-    values, explanation
-        The best point.
+    Descent
+        Where it ended.
 
     Raises
     ------
     SceneError
-        If the start is not physical, or where it leads.
+        If the start is not physical.
     """
     values, here = start, level.explain(start)
     visit(values, here.evidence)
-    damping = DAMPING
+    damping, gain, unphysical = DAMPING, np.inf, None
     for _ in range(iterations):
+        if gain < NOTHING:
+            break
         about = curvature(level, values, here, steps)
-        unphysical: SceneError | None = None
+        gain, unphysical = 0.0, None
         for trial in range(TRIALS):
             step = np.asarray(-np.linalg.solve(about.damped(damping), about.slope), np.float64)
             step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
@@ -204,20 +225,14 @@ def descend(
                 unphysical = error if trial == 0 else unphysical
             else:
                 if tried.evidence < here.evidence:
+                    step, tried = _further(level, values, step, tried)
+                    gain = here.evidence - tried.evidence
+                    values, here = values + step, tried
+                    visit(values, here.evidence)
+                    damping /= 5
                     break
             damping = max(damping, DAMPING) * 10
-        else:
-            if unphysical is not None:
-                raise SceneError(f"the search left the physical: {unphysical}")
-            break
-        step, tried = _further(level, values, step, tried)
-        gain = here.evidence - tried.evidence
-        values, here = values + step, tried
-        damping /= 5
-        visit(values, here.evidence)
-        if gain < NOTHING:
-            break
-    return values, here
+    return Descent(values, here, unphysical if gain < NOTHING else None)
 
 
 def _further(

@@ -107,7 +107,7 @@ class Level:
         """
         from periscopy_sim.rendering.scene_file import load_scenario
 
-        given = {name: repr(float(value)) for name, value in zip(self.names, values, strict=True)}
+        given = {name: f"{value:.17g}" for name, value in zip(self.names, values, strict=True)}
         scenario = load_scenario(
             self.path, self.hidden_shape, self._fixed | given, photograph=self.photograph_shape
         )

@@ -102,6 +102,11 @@ def steps_and_spreads(level: Level, start: Values) -> tuple[Values, Values]:
                 step = offset[k]
             if change >= SPREAD:
                 break
+        if np.isnan(spread):
+            raise SceneError(
+                f"scene '{level.path}': '{name}' cannot be moved from {start[k]:g}; leave it out "
+                "of --free, or start it elsewhere by -D"
+            )
         if np.isnan(step):
             raise SceneError(
                 f"scene '{level.path}': the photograph cannot see '{name}': moved by up to "

@@ -2,16 +2,20 @@
 
     y_c = A f_c + B b_c + n_c,   f_c ~ N(0, σ_c²/α_c K⁻¹),   n_c ~ N(0, σ_c² I),   b_c free
 
-K = ∇ᵀ∇ + ε I says that hidden images are smooth rather than not. Everything but A is eliminated in
-closed form (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), the image not
-at its best fit but by integration (the evidence: MacKay, Neural Comput. 4, 1992): a best fit alone
-would favour the A that bends to any photograph. What is left is one number for a channel,
+K = ∇ᵀ∇ + ε I says that hidden images are smooth rather than not. Everything but A is eliminated
+(variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), the image not at its best
+fit but by integration (the evidence: MacKay, Neural Comput. 4, 1992): a best fit alone would favour
+the A that bends to any photograph. What is left is one number for a channel,
 
     E_c = M log S_c + Σ log(1 + μ/α_c),   S_c = ‖y⊥‖² − Σ z_c²/(μ + α_c) = M σ_c²,
 
 twice the negative logarithm of the evidence but for a constant; μ and W are the generalized
 eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B) projected out. Each α_c
-is where E_c is least. `slope` and `information` are the derivatives along a change of A.
+is where E_c is least.
+
+Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
+f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
+more often than a right one; without this the wrong one may win.
 """
 
 from __future__ import annotations
@@ -35,6 +39,13 @@ RATIOS = np.geomspace(1e-8, 1e2, 21)
 """Values of α that are tried, over the mean energy of a patch, before the best is refined."""
 
 
+LEAST = 1e-14
+"""Of the photograph's energy: below it is rounding, not misfit."""
+
+PATIENCE = 3
+"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
+
+
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """A photograph explained by a transport matrix.
@@ -44,7 +55,7 @@ class Explanation:
     evidence
         Σ E_c; a difference of 2 is a likelihood ratio of e.
     images
-        (N, 3) the most probable hidden image, f̂.
+        (N, 3) the most probable hidden image, f̂ ≥ 0.
     noise
         (3,) σ_c, of what is left unexplained.
     residuals
@@ -59,6 +70,7 @@ class Explanation:
     _background: Array
     _weights: Array
     _W: Array
+    _curvatures: tuple[Array, ...]
 
     def slope(self, change: Array) -> float:
         """Differentiate the evidence along a change dA of the matrix, (M, N).
@@ -77,13 +89,17 @@ class Explanation:
         Returns
         -------
         ndarray
-            (M, 3) J̃ = J⊥ − A⊥ (A⊥ᵀA⊥ + αK)⁻¹ A⊥ᵀ J⊥ over σ, J = dA f̂. The information on two
-            parameters is the sum of the product of one's J̃ and the other's `moves` .
+            (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, J = dA f̂, H = A⊥ᵀA⊥ + αK of patches that shine.
+            The information on two parameters is the product of one's J̃ and the other's `moved`.
         """
         moved = self.moved(change)
-        followed = self._projected @ (
-            self._W @ (self._weights * (self._W.T @ (self._projected.T @ moved)))
-        )
+        followed = np.empty_like(moved)
+        for c, H in enumerate(self._curvatures):
+            shining = self.images[:, c] > 0
+            A = self._projected[:, shining]
+            followed[:, c] = A @ linalg.solve(
+                H[np.ix_(shining, shining)], A.T @ moved[:, c], assume_a="pos"
+            )
         return np.asarray(moved - followed)
 
     def moved(self, change: Array) -> Array:
@@ -126,13 +142,20 @@ def explain(
     z = W.T @ (projected.T @ rest)
     freedom = len(y) - Q.shape[1]
     energy = np.einsum("mc,mc->c", rest, rest)
-    evidence, ratios = 0.0, np.empty(3)
+    evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
+    images, curvatures = np.empty_like(z), []
     for c in range(3):
         ratios[c], value = _best_ratio(μ, z[:, c] ** 2, float(energy[c]), freedom)
-        evidence += value
-    weights = 1 / (μ[:, None] + ratios)
-    images = W @ (weights * z)
-    misfit = np.maximum(energy - np.sum(weights * z**2, axis=0), 1e-14 * energy.max())
+        free = W @ (z[:, c] / (μ + ratios[c]))
+        curvatures.append(gram + ratios[c] * unit * K)
+        correlation = projected.T @ rest[:, c]
+        images[:, c] = nonnegative(curvatures[c], correlation, free)
+        least, attained = (
+            max(energy[c] - float(f @ correlation), LEAST * energy.max())
+            for f in (free, images[:, c])
+        )
+        evidence += value + (freedom * np.log(attained / least) if least > 0 else 0.0)
+        misfit[c] = attained
     return Explanation(
         evidence=evidence,
         images=images,
@@ -140,9 +163,52 @@ def explain(
         residuals=rest - projected @ images,
         _projected=projected,
         _background=Q,
-        _weights=weights,
+        _weights=1 / (μ[:, None] + ratios),
         _W=W,
+        _curvatures=tuple(curvatures),
     )
+
+
+def nonnegative(H: Array, h: Array, start: Array) -> Array:
+    """Minimize f'Hf/2 - h'f over f ≥ 0, exactly.
+
+    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
+    side change sides at once, while that helps; else the last of them alone.
+
+    Parameters
+    ----------
+    H
+        (N, N) symmetric and positive definite.
+    h
+        (N,) right-hand side.
+    start
+        (N,) whose positive entries are tried first.
+
+    Returns
+    -------
+    ndarray
+        (N,) the minimizer, exactly 0 where it is not positive.
+    """
+    shining = start > 0
+    fewest, patience = len(h) + 1, PATIENCE
+    tolerance = 1e-12 * float(np.abs(h).max())
+    while True:
+        f = np.zeros_like(h)
+        if shining.any():
+            f[shining] = linalg.solve(
+                H[np.ix_(shining, shining)], h[shining], assume_a="pos", check_finite=False
+            )
+        wrong = (f < 0) | (~shining & (H @ f - h < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return f
+        if count < fewest:
+            fewest, patience = count, PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        shining ^= wrong
 
 
 def _best_ratio(μ: Array, squared: Array, energy: float, freedom: int) -> tuple[float, float]:
@@ -150,7 +216,7 @@ def _best_ratio(μ: Array, squared: Array, energy: float, freedom: int) -> tuple
 
     def evidence(log_ratio: float) -> float:
         α = np.exp(log_ratio)
-        misfit = max(energy - float(np.sum(squared / (μ + α))), 1e-14 * energy)
+        misfit = max(energy - float(np.sum(squared / (μ + α))), LEAST * energy)
         return float(freedom * np.log(misfit) + np.log1p(μ / α).sum())
 
     if not energy > 0:

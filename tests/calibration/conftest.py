@@ -1,0 +1,75 @@
+"""A world of one dimension in closed form: a slat before a row of lights, and noisy rendering."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.reconstruction.variable_projection import explain
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+
+PIXELS, PATCHES = 144, 10
+HIDDEN = (1, PATCHES)
+WALL = np.linspace(-1, 1, PIXELS)
+LIGHTS = np.linspace(-0.8, 0.8, PATCHES)
+LIGHT = np.linalg.qr(np.stack([np.ones(PIXELS), WALL], axis=1))[0]
+TRUTH = np.array([0.05, 0.4])
+NEAREST, WIDTH, PENUMBRA = 0.15, 0.3, 0.05
+
+
+def transport(values):
+    """Irradiance past a slat about x = values[0], values[1] of the way to the lights."""
+    middle, distance = values
+    lit = np.ones((PIXELS, PATCHES))
+    for edge, sign in ((middle - WIDTH / 2, -1), (middle + WIDTH / 2, 1)):
+        shadow = LIGHTS + (edge - LIGHTS) / (1 - distance)
+        lit += sign / (1 + np.exp(-(WALL[:, None] - shadow) / PENUMBRA))
+    return lit / (1 + (WALL[:, None] - LIGHTS) ** 2)
+
+
+class SlatLevel:
+    """What descents and explorations ask of a level."""
+
+    names = ("middle", "distance")
+    path = "slat.xml"
+    photograph_shape = (12, 12)
+    used = np.ones((12, 12), bool)
+
+    def __init__(self, noise, seed, rendering=0.0, bump=0.0):
+        random = np.random.default_rng(seed)
+        image = np.exp(0.3 * np.cumsum(random.standard_normal((PATCHES, 3)), axis=0))  # smooth
+        clean = transport(TRUTH) @ image + LIGHT @ random.standard_normal((2, 3))
+        self.seed, self.rendering, self.bump = seed, rendering, bump
+        self.scale = np.ones(3)
+        self.y = clean + noise * random.standard_normal(clean.shape)
+
+    def matrix(self, values, seed=None):
+        if values[1] < NEAREST or values[1] > 0.9:
+            raise SceneError(f"the slat is in the wall at distance = {values[1]:.3g}")
+        seed = self.seed if seed is None else seed
+        key = [seed, *(int(1e6 * (value + 10)) for value in values)]
+        random = np.random.default_rng(key)
+        A = transport(values)
+        return A + self.rendering * random.standard_normal(A.shape)
+
+    def explain(self, values):
+        return explain(self.matrix(values), LIGHT, self.y, HIDDEN)
+
+    def evidence(self, values):
+        try:
+            rough = self.bump * np.sin(40 * np.pi * np.asarray(values)).sum()
+            return self.explain(values).evidence + rough
+        except SceneError:
+            return np.inf
+
+
+@pytest.fixture
+def slat_level():
+    return SlatLevel
+
+
+@pytest.fixture
+def jit():
+    """Skip where only the scalar variant works: calibration refuses to crawl."""
+    use_variant()
+    if not is_vectorized():
+        pytest.skip("needs LLVM or CUDA")

@@ -1,0 +1,84 @@
+import json
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+SCENE = ("--scene", "chair", "-D", "resolution=32", "--hidden", "6x7")
+MOVED = {"occluder_dx": 0.013, "occluder_dz": -0.011}
+
+
+@pytest.fixture(scope="module")
+def photograph():
+    """A photograph of a chair that is not where its scene says, under ambient light."""
+    scenario = ps.load_scenario("chair", (6, 7), {"resolution": 32, **MOVED})
+    image = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
+    signal = ps.render_transport(scenario, samples=64, seed=9) @ image.reshape(-1, 3)
+    ambient = ps.point_light_backgrounds(scenario)[:, [40]]
+    light = ps.composite(signal.reshape(32, 32, 3), np.tile(ambient.reshape(32, 32, 1), 3), 0.5)
+    return ps.add_noise(light, 60, 3)
+
+
+def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    printed = succeeds(
+        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "found.xml"
+    )
+    record = json.loads((tmp_path / "found.json").read_text())
+    for name, truth in MOVED.items():
+        told = record["parameters"][name]
+        assert told["value"] == pytest.approx(truth, abs=1.5e-3)
+        assert told["determined"]
+        assert 0 < told["standard_error"] < 1e-3
+        assert f"{name}  " in printed
+    assert max(record["unexplained"]) < min(record["unexplained_before"])
+    assert [len(level["values"][0]) for level in record["path"]] == [2, 2, 2]
+    with Image.open(tmp_path / "found.png") as picture:
+        assert picture.info["command"].startswith("periscopy calibrate")
+    defaults = {
+        element.get("name"): element.get("value")
+        for element in ET.parse(tmp_path / "found.xml").iter("default")
+    }
+    assert defaults["resolution"] == "32"
+    for name in MOVED:
+        assert float(defaults[name]) == pytest.approx(record["parameters"][name]["value"], rel=1e-8)
+    assert ps.load_scenario(tmp_path / "found.xml", (6, 7)).photograph_shape == (32, 32)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--free", "sofa"), "'sofa' is not declared in scene"),
+        (("--free", ","), "no parameter is free"),
+        (("--free", "resolution"), "'resolution' cannot be moved"),
+        (("--free", "occluder_dy", "-D", "occluder_dy=0.37"), "through the wall"),
+        (("--free", "occluder_dx", "--out", "found.json"), "written as .xml"),
+        (("--free", "occluder_dx", "-D", "monitor_dx=far"), "could not parse"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_refused(photograph, refused, tmp_path, options, message):
+    np.save(tmp_path / "y.npy", photograph)
+    out = () if "--out" in options else ("--out", "found.xml")
+    assert message in refused("calibrate", "y.npy", *SCENE, *options, *out)
+
+
+def test_the_scene_itself_is_never_overwritten(photograph, refused, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    scene = tmp_path / "scene.xml"
+    scene.write_text(ps.find_scene("plate").read_text())
+    line = refused(
+        "calibrate", "y.npy", "--scene", "scene.xml", "--hidden", "6x7", "--free", "occluder_dx",
+        "--out", "scene.xml",
+    )  # fmt: skip
+    assert "is the scene itself" in line
+
+
+def test_a_black_photograph_is_refused(refused, tmp_path):
+    np.save(tmp_path / "y.npy", np.zeros((32, 32, 3)))
+    line = refused("calibrate", "y.npy", *SCENE, "--free", "occluder_dx", "--out", "found.xml")
+    assert "every value is zero" in line
