@@ -21,6 +21,7 @@ more often than a right one; without this the wrong one may win.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,21 @@ class Explanation:
     _W: Array
     _curvatures: tuple[Array, ...]
 
+    @cached_property
+    def _volume(self) -> Array:
+        """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
+        inverse = (self._W * self._weights.sum(axis=1)) @ self._W.T
+        return np.asarray(self._projected @ inverse)
+
+    @cached_property
+    def _shining(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
+        """Which patches shine in each channel, and the Cholesky factor of their H."""
+        shining = [image > 0 for image in self.images.T]
+        return [
+            (on, linalg.cho_factor(H[np.ix_(on, on)], check_finite=False))
+            for on, H in zip(shining, self._curvatures, strict=True)
+        ]
+
     def slope(self, change: Array) -> float:
         """Differentiate the evidence along a change dA of the matrix, (M, N).
 
@@ -79,9 +95,7 @@ class Explanation:
         range(B), so dA's own does not matter.
         """
         misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.noise**-2)
-        W, weights = self._W, self._weights.sum(axis=1)
-        volume = np.einsum("mi,mi,i->", self._projected @ W, change @ W, weights)
-        return float(2 * (volume - misfit))
+        return float(2 * (np.vdot(self._volume, change) - misfit))
 
     def steer(self, change: Array) -> Array:
         """Tell how the photograph moves along dA, beyond what image and light could follow.
@@ -93,14 +107,12 @@ class Explanation:
             The information on two parameters is the product of one's J̃ and the other's `moved`.
         """
         moved = self.moved(change)
-        followed = np.empty_like(moved)
-        for c, H in enumerate(self._curvatures):
-            shining = self.images[:, c] > 0
-            A = self._projected[:, shining]
-            followed[:, c] = A @ linalg.solve(
-                H[np.ix_(shining, shining)], A.T @ moved[:, c], assume_a="pos"
+        response = np.zeros_like(self.images)
+        for c, (shining, factor) in enumerate(self._shining):
+            response[shining, c] = linalg.cho_solve(
+                factor, (self._projected.T @ moved[:, c])[shining], check_finite=False
             )
-        return np.asarray(moved - followed)
+        return np.asarray(moved - self._projected @ response)
 
     def moved(self, change: Array) -> Array:
         """Give J⊥ / σ, see `steer`: (M, 3)."""
