@@ -22,8 +22,8 @@ Visit = Callable[[Values, float], None]
 DAMPING = 1e-3
 """The first: part of the curvature that is added to it."""
 
-NOTHING = 1.0
-"""A gain in evidence that is not worth another step: a likelihood ratio of √e."""
+NOTHING = 10.0
+"""A gain in evidence that is not worth another step: other rays change it by more."""
 
 UNSEEN = 1e-4
 """Part of the information below which a direction of the parameters counts as unknown."""

@@ -8,13 +8,13 @@ noise were white and alike in all patches (Eq. 10), where its covariance is σ²
 noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
 the norm over both directions and all three channels, so that the channels share their edges.
 
-`penalized_likelihood` minimizes it.
+`penalized_likelihood` minimizes it; `wall_gain` tells of a smooth gain over the wall.
 """
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -27,6 +27,7 @@ from periscopy_sim.reconstruction.penalized_likelihood import Evidence, Objectiv
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
 from periscopy_sim.reconstruction.uncertainty import standard_errors
 from periscopy_sim.reconstruction.vectorization import vectorization_of
+from periscopy_sim.reconstruction.wall_gain import WallGain
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.periscope import Seen
@@ -45,6 +46,9 @@ LARGEST_RATIO = 30
 
 CHECKED = 10
 """Iterations between two looks at the residuals."""
+
+FIRST = 20
+"""Iterations for the image that the gain over the wall is found from; more tell nothing more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +70,9 @@ class NoiseAwareReconstruction:
         The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
     tolerance
         What it was to be at most.
+    gain
+        (rows, columns) gain over the wall that was found and corrected for; 1 where there is none
+        to tell of or none was looked for. (M,) where the photograph's shape is not known.
     """
 
     image: Array
@@ -74,6 +81,12 @@ class NoiseAwareReconstruction:
     iterations: int
     residual: float
     tolerance: float
+    gain: Array
+
+    @property
+    def has_gain(self) -> bool:
+        """Whether a gain over the wall was found."""
+        return bool((self.gain != 1).any())
 
     @property
     def converged(self) -> bool:
@@ -120,12 +133,15 @@ class NoiseAware:
         (rows, columns) that photographs must have; None checks the number of pixels alone.
     mask
         Which pixels to use, see `vectorization_of`; None for all.
+    wall_gain
+        Whether stills are searched for a smooth gain over the wall, see `wall_gain`; None where
+        the rows and columns of photographs are known, from their shape or the mask's.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit, A or B is not finite, B explains all of A, or a number is out of
-        range.
+        If the shapes do not fit, A or B is not finite, B explains all of A, a number is out of
+        range, or a gain is asked for and the rows and columns are not known.
     """
 
     def __init__(
@@ -142,6 +158,7 @@ class NoiseAware:
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
         mask: NDArray[np.bool_] | None = None,
+        wall_gain: bool | None = None,
     ) -> None:
         if not 0 < tv_weight < np.inf:
             raise ValueError(f"tv_weight is {tv_weight}: give a positive, finite number")
@@ -176,6 +193,9 @@ class NoiseAware:
         self._unit = np.sqrt(energy / len(gram))
         self._gram = gram
         self._patterns = Patterns(gram / self._unit**2, hidden_shape)
+        curvatures = self._patterns.curvatures  # they ascend
+        self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
+        self._wall_gain = self._fitted_gain(wall_gain)
 
     @classmethod
     def for_scene(cls, scene: Seen, A: Image, B: Image | None = None, **settings: Any) -> Self:
@@ -216,8 +236,12 @@ class NoiseAware:
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Recover the hidden image and tell how it came about; see `reconstruct`."""
-        (evidence,) = self.evidence(np.asarray(photograph)[None])
-        found, _ = self.recover(evidence)
+        planes = self._rejected(np.asarray(photograph)[None])
+        (evidence,) = self._evidence(planes)
+        if self._wall_gain is None:
+            found, _ = self.recover(evidence)
+        else:
+            found = self._recover_with_gain(self._wall_gain, planes, evidence)
         found.warn_unless_converged()
         return found
 
@@ -239,13 +263,22 @@ class NoiseAware:
         ValueError
             As `reconstruct`.
         """
+        return self._evidence(self._rejected(photographs))
+
+    def _rejected(self, photographs: Image) -> Array:
+        """Project range(B) out of photographs, (K, 3, M')."""
         planes = self._vectorization.planar(photographs, self.photograph_shape)
         y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
+        return planes
+
+    def _evidence(self, planes: Array) -> list[Evidence]:
+        """Take the evidence from (K, 3, M') planes, and divide them by their levels, in place."""
         levels = np.sqrt(np.mean(planes**2, axis=(1, 2)))
         levels[levels == 0] = 1
         planes /= levels[:, None, None]  # single precision needs numbers near 1
-        h = times_rows(y.astype(np.float32), self._transport) * np.float32(1 / self._unit)
+        y = planes.reshape(-1, planes.shape[-1]).astype(np.float32)
+        h = times_rows(y, self._transport) * np.float32(1 / self._unit)
         products = times_rows(h, self._patterns.rows).astype(np.float64)
         return [
             Evidence(coefficients, self._noise(plane, coefficients), float(level))
@@ -283,7 +316,7 @@ class NoiseAware:
             The image with how it came about, and what was split off.
         """
         if schedule is None:
-            schedule = Schedule(PENALTY, self.tolerance, self.max_iterations, CHECKED)
+            schedule = self._schedule(self.max_iterations)
         unit = evidence.level / self._unit
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
         objective = Objective(self._patterns, self.hidden_shape, self.tv_weight, self.positive)
@@ -295,11 +328,14 @@ class NoiseAware:
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
+            gain=np.ones(self._wall_shape),
         )
         return found, minimum.split
 
     def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
         """Tell how sure each patch of a recovered image is, see `uncertainty`.
+
+        A gain over the wall is taken as known.
 
         Parameters
         ----------
@@ -313,13 +349,50 @@ class NoiseAware:
         """
         return standard_errors(self._gram, found.noise, found.image, found.weight)
 
+    def _recover_with_gain(
+        self, wall_gain: WallGain, planes: Array, evidence: Evidence
+    ) -> NoiseAwareReconstruction:
+        """Recover a first image, take away what the gain adds to its light, and go on from it."""
+        tried = min(FIRST, self.max_iterations // 2)
+        first, split = self.recover(evidence, self._schedule(tried))
+        image = first.image.reshape(-1, 3).T / evidence.level
+        gain = wall_gain.estimate(planes[0], evidence.noise, image)
+        if gain.accepted:
+            (even,) = self._evidence(planes - gain.added)
+            evidence = replace(even, level=evidence.level * even.level)
+        rest = self._schedule(self.max_iterations - first.iterations)
+        found, _ = self.recover(evidence, rest, split)
+        field = gain.field if gain.accepted else found.gain
+        return replace(found, iterations=first.iterations + found.iterations, gain=field)
+
+    def _schedule(self, max_iterations: int) -> Schedule:
+        return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)
+
+    def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
+        """Prepare to find gains, if wanted."""
+        shape = self._vectorization.rows_and_columns(self.photograph_shape)
+        self._wall_shape = shape or (self._vectorization.pixels,)
+        if shape is None and wanted:
+            raise ValueError(
+                "wall_gain needs the rows and columns of photographs: give photograph_shape"
+            )
+        if shape is None or wanted is False:
+            return None
+        return WallGain(
+            self._transport,
+            self._background,
+            self._patterns.rows[self._seen],
+            self._patterns.curvatures[self._seen] * self._unit**2,
+            shape,
+            self._vectorization.mask,
+        )
+
     def _noise(self, y: Array, coefficients: Array) -> Array:
         """Take the standard deviation of what is left by the least-squares hidden image."""
-        curvatures = self._patterns.curvatures
-        seen = curvatures > SEEN * curvatures[-1]
-        explained = (coefficients[:, seen] ** 2 / curvatures[seen]).sum(axis=1)
+        curvatures = self._patterns.curvatures[self._seen]
+        explained = (coefficients[:, self._seen] ** 2 / curvatures).sum(axis=1)
         left = np.einsum("cm,cm->c", y, y) - explained
-        freedom = max(y.shape[1] - len(self._background) - int(seen.sum()), 1)
+        freedom = max(y.shape[1] - len(self._background) - len(curvatures), 1)
         noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
         # Without noise there still is finite precision; and a black channel is no oracle.
         rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30

@@ -144,6 +144,15 @@ class Vectorization:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
         return f.reshape(*self.hidden_shape, 3)
 
+    def rows_and_columns(
+        self, photograph_shape: tuple[int, int] | None = None
+    ) -> tuple[int, int] | None:
+        """Tell the size of photographs, as given or as the mask tells it; None if none does."""
+        if photograph_shape is None and self.mask is not None and self.mask.ndim == 2:
+            rows, columns = self.mask.shape
+            return rows, columns
+        return photograph_shape
+
     def _check_size(self, size: tuple[int, ...]) -> None:
         """Refuse a photograph whose rows and columns are not those of the mask."""
         if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:

@@ -31,6 +31,10 @@ OPTIONS = {
         *("SCENE", "--hidden", "--out", "--samples", "--model"),
         *("--rank-tolerance", "--seed", "-D"),
     },
+    "calibrate": {
+        *("PHOTO", "--scene", "--hidden", "--free", "--out", "--samples", "--mask"),
+        *("--seed", "-D"),
+    },
     "dataset": {"make", "info", "verify", "export"},
     "sweep": {
         *("SCENE", "--hidden", "--out", "--photograph", "--truth", "--hidden-image", "--sbr"),

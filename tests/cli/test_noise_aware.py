@@ -31,3 +31,17 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     assert summary["method"] == "noise-aware" and summary["iterations"] > 0
     assert np.allclose(summary["noise"], 1e-3 * signal.mean(), rtol=0.2)
     assert summary["lambda"] > 0
+    assert summary["wall_gain_found"] is False and summary["wall_gain_range"] == [1, 1]
+
+
+def test_gain_over_the_wall_is_told(succeeds, tmp_path):
+    scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
+    hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))
+    signal = (ps.render_transport(scenario, samples=4) @ hidden).reshape(24, 24, 3)
+    gain = 1 + 0.3 * np.linspace(-1, 1, 24)[None, :, None]
+    noise = 1e-4 * signal.mean() * np.random.default_rng(1).standard_normal(signal.shape)
+    np.save(tmp_path / "y.npy", gain * signal + noise)
+    succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["wall_gain_found"] is True
+    np.testing.assert_allclose(summary["wall_gain_range"], [0.7, 1.3], atol=0.1)

@@ -16,7 +16,8 @@ from periscopy_sim.cli import scene as scenes
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 SCENE = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5")
-TINY = (*SCENE, "--samples", "4")
+PAPER = ("--method", "preconditioned")
+TINY = (*SCENE, "--samples", "4", *PAPER)
 PLAIN = ("--tv-weight", "0", "--repair-threshold", "1e9")  # P y alone
 RNG = np.random.default_rng(21)
 HIDDEN = RNG.uniform(0.1, 1, (4, 5, 3))
@@ -50,6 +51,12 @@ def reconstruct(succeeds, tmp_path):
         return np.load(tmp_path / "out" / "reconstruction.npy"), summary
 
     return run
+
+
+def test_the_noise_aware_method_is_the_default(light, succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", sum(light))
+    succeeds("reconstruct", "y.npy", *SCENE, "--samples", "4", "--out", "out")
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["method"] == "noise-aware"
 
 
 # -- what is recovered and written ---------------------------------------------------------------
