@@ -9,6 +9,7 @@ a scene explains given that image (one gain for each channel and the backgrounds
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -70,6 +71,8 @@ def run(setting: Setting) -> Section:
                 photograph, "chair", setting.hidden, free, parameters=start, seed=setting.seed
             )
             explained, images = _worth(setting, measured, photograph, found.values)
+            ends = ", ".join(f"{p.name} {p.value:.5g}" for p in found.parameters)
+            print(f"{kind}, {what} from {signs}: {ends}", file=sys.stderr, flush=True)
             outcomes[kind].append(Outcome(what, signs, found, explained, images))
     for kind, (measured, _, _) in subjects.items():
         _draw(setting, kind, measured, nominal[kind][1], outcomes[kind])
