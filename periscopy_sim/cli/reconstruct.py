@@ -263,15 +263,7 @@ def _tell_certainty(
     found = method.solve(photograph)
     errors = method.standard_errors(found)
     np.save(folder / "standard_error.npy", errors.astype(np.float32))
-    white = float(np.percentile(found.image, 99)) or 1.0
-    figures.draw_panels(
-        folder / "certainty.png",
-        [
-            ("reconstruction", figures.displayable(found.image, white=white)),
-            ("standard error, the same scale", figures.displayable(errors, white=white)),
-        ],
-        metadata=text,
-    )
+    figures.draw_certainty(folder / "certainty.png", found.image, errors, text)
     return {
         "noise": found.noise,
         "lambda": found.weight,

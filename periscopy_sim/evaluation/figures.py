@@ -133,6 +133,44 @@ def draw_maps(
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 
+def draw_certainty(
+    path: Path,
+    image: Image,
+    standard_errors: Image,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw a reconstruction beside how sure each of its patches is.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    image, standard_errors
+        (R, C, 3) in one unit; the errors are shown as the root mean square over the channels, in
+        percent of the image's 99th percentile.
+    metadata
+        Text chunks of a PNG.
+    """
+    from matplotlib.figure import Figure
+
+    white = float(np.percentile(image, 99)) or 1.0
+    errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
+    aspect = image.shape[1] / image.shape[0]
+    figure = Figure(figsize=(5.2 * aspect + 1.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.imshow(srgb_encode(displayable(image, white=white)), interpolation="nearest")
+    left.set_title("reconstruction", fontsize=10)
+    shown = right.imshow(
+        errors, cmap="magma", vmin=0, vmax=float(errors.max()) or 1.0, interpolation="nearest"
+    )
+    right.set_title("standard error", fontsize=10)
+    for ax in (left, right):
+        ax.set_axis_off()
+    bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
+    bar.ax.tick_params(labelsize=8)
+    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
 def draw_sweep(
     path: Path, results: xr.Dataset, *, metadata: Mapping[str, str] | None = None
 ) -> None:
