@@ -28,6 +28,9 @@ down to the last, which tells less than a millimetre on a chair from a metre awa
 ITERATIONS = (12, 6)
 """Of the descents, at most; the last of them gain little and take long."""
 
+SHOWN = 100.0
+"""Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
+
 UNDETERMINED = 0.2
 """Standard error over the half width of the search beyond which a parameter counts as unknown."""
 
@@ -182,10 +185,20 @@ def calibrate(
     log = _Log(len(start), progress)
     steps, spreads = steps_and_spreads(coarse, start)
     values = explore(coarse, start, spreads, seed, log.at(coarse))
+    seen = coarse.explain(values)
+    if seen.darkness - seen.evidence < SHOWN:
+        raise PhotographError(
+            "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
+            "can be learned from it"
+        )
     values = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle)).values
     end = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], log.at(fine))
     if end.unphysical is not None:
-        raise SceneError(f"the search left the physical: {end.unphysical}")
+        best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(free, end.values, strict=True))
+        raise SceneError(
+            f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
+            "the one that went too far by -D"
+        )
     values, after = end.values, end.explanation
     errors = curvature(fine, values, after, steps / 2).covariance()
     before = fine.explain(start)
@@ -212,6 +225,8 @@ def _checked(
         raise PhotographError(
             f"the photograph has shape {y.shape}, the scene's camera takes {(*shape, 3)}"
         )
+    if mask is not None and mask.shape != shape:
+        raise PhotographError(f"the mask has shape {mask.shape}, the photograph {shape}")
     used = y if mask is None else y[mask]
     if not np.isfinite(used).all():
         raise PhotographError("the photograph has NaN or infinite values; leave them out by a mask")

@@ -25,6 +25,9 @@ DAMPING = 1e-3
 NOTHING = 10.0
 """A gain in evidence that is not worth another step: other rays change it by more."""
 
+DOUBLINGS = 3
+"""Of a step, at most."""
+
 UNSEEN = 1e-4
 """Part of the information below which a direction of the parameters counts as unknown."""
 
@@ -192,7 +195,7 @@ def descend(
     steps
         (P,) differences by which slopes are taken.
     longest
-        (P,) at most so far in one step.
+        (P,) at most so far in one step, before it is doubled.
     iterations
         At most.
     visit
@@ -238,12 +241,13 @@ def descend(
 def _further(
     level: Level, values: Values, step: Values, reached: Explanation
 ) -> tuple[Values, Explanation]:
-    """Lengthen a step as long as that gains: one rendering, where a new direction takes 4 P."""
-    while True:
+    """Double a step while that gains: one rendering, where a new direction takes 4 P."""
+    for _ in range(DOUBLINGS):
         try:
             tried = level.explain(values + 2 * step)
         except SceneError:
-            return step, reached
+            break
         if tried.evidence >= reached.evidence:
-            return step, reached
+            break
         step, reached = 2 * step, tried
+    return step, reached

@@ -9,12 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.reconstruction.preconditioner import background_basis
 from periscopy_sim.reconstruction.variable_projection import Explanation, explain
 from periscopy_sim.scenario import Array, Scenario
 
 Values = NDArray[np.float64]
+
+
+COVERED = 0.5
+"""Part of a coarse pixel that must be left by the mask; its mean is that of what is left."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Level:
     used
         (rows, columns) pixels that are used.
     scale
-        (3,) root mean square of the photograph there.
+        Root mean square of the photograph there.
 
     Parameters
     ----------
@@ -88,13 +92,12 @@ class Level:
         rows, columns = photograph.shape[:2]
         self.photograph_shape = fitted((rows, columns), sampling.photograph)
         self.hidden_shape = fitted(hidden, sampling.hidden)
-        self.used = np.ones(self.photograph_shape, bool)
-        if mask is not None:
-            photograph = np.where(mask[..., None], photograph, 0)
-            left_out = area_average(~mask[..., None], self.photograph_shape)[..., 0]
-            self.used = left_out < 1e-9  # a pixel that is partly left out is left out
-        self._y = area_average(photograph, self.photograph_shape)[self.used]
-        self.scale = np.sqrt(np.mean(self._y**2, axis=0))
+        mask = np.ones((rows, columns), bool) if mask is None else mask
+        coverage = area_average(mask[..., None], self.photograph_shape)
+        self.used = coverage[..., 0] > COVERED
+        light = area_average(np.where(mask[..., None], photograph, 0), self.photograph_shape)
+        self._y = light[self.used] / coverage[self.used]
+        self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
         self._background: Array | None = None
 
     def scenario(self, values: Values) -> Scenario:
@@ -136,12 +139,24 @@ class Level:
         """Span the ambient light: an orthonormal basis of range(B).
 
         That of the first values is taken for all: the camera's small moves hardly change it.
+
+        Raises
+        ------
+        PhotographError
+            If there are too few pixels to tell it from the signal.
         """
         from periscopy_sim.analytic.point_light import point_light_backgrounds
 
         if self._background is None:
             B = point_light_backgrounds(self.scenario(values))[self.used.ravel()]
-            self._background = background_basis(B)
+            basis = background_basis(B)
+            if len(basis) <= 2 * basis.shape[1]:
+                raise PhotographError(
+                    f"at {self.photograph_shape[0]}x{self.photograph_shape[1]} pixels "
+                    f"{len(basis)} of them are used, too few beside {basis.shape[1]} kinds of "
+                    "ambient light; give a larger photograph, or mask less of it"
+                )
+            self._background = basis
         return self._background
 
     def explain(self, values: Values) -> Explanation:

@@ -53,7 +53,9 @@ def with_defaults(path: Path, values: Mapping[str, str], folder: Path) -> str:
             target = _attribute(tag, attribute)
             if target and (attribute == "filename" or tag.startswith(("<string", "<path"))):
                 beside = path.parent / target
-                names_file = beside.exists() or (name == "filename" and "$" in target)
+                # A name that begins by a parameter may be a whole path.
+                varies = name == "filename" and "$" in target and not target.startswith("$")
+                names_file = beside.is_file() or varies
                 if names_file and not Path(target).is_absolute():
                     tag = _with_attribute(tag, attribute, _named_from(folder, beside))
         return tag
@@ -63,7 +65,8 @@ def with_defaults(path: Path, values: Mapping[str, str], folder: Path) -> str:
         f"\n    <default name={quoteattr(name)} value={quoteattr(value)}/>"
         for name, value in missing.items()
     )
-    return re.sub(r"(<scene(?:\"[^\"]*\"|'[^']*'|[^>\"'])*>)", rf"\g<1>{declared}", copied, count=1)
+    root = next((m for m in _TAG.finditer(copied) if m[0].startswith("<scene")), None)
+    return copied if root is None else copied[: root.end()] + declared + copied[root.end() :]
 
 
 def _attribute(tag: str, name: str) -> str | None:

@@ -60,6 +60,7 @@ def calibrate(
     """
     from periscopy_sim.calibration.calibrating import calibrate as search
     from periscopy_sim.calibration.scene_copy import with_defaults
+    from periscopy_sim.defects import defective_pixels
     from periscopy_sim.evaluation.calibration_figure import draw_calibration
     from periscopy_sim.shipped import find_scene
     from periscopy_sim.storage.output import staged_file
@@ -68,15 +69,21 @@ def calibrate(
     if out.suffix != ".xml":
         raise OutputError(f"--out {out}: the scene is written as .xml; name a file that ends so")
     path, given = find_scene(scene), parse_definitions(define)
+    inputs = [photo, path, *([mask] if mask else [])]
     if out.exists() and out.samefile(path):
         raise OutputError(f"--out {out} is the scene itself, which stays as it is; name another")
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
+    for beside in (record, picture):
+        if any(beside.exists() and file.exists() and beside.samefile(file) for file in inputs):
+            raise OutputError(f"--out {out}: {beside.name} beside it is an input; name another")
     names = [name.strip() for name in free.split(",") if name.strip()]
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         scenario = scenes.load(scene, hidden, define)
         used = masks.read(mask, scenario)
         given_photograph = scenes.read_photograph(photo, scenario, used)
+        defects = defective_pixels(given_photograph.values, used)
+        warnings = [*given_photograph.warnings, *masks.warn_of(defects, str(photo))]
         with timed("calibrate"), progress("calibrating") as report:
             found = search(
                 given_photograph.values,
@@ -98,6 +105,7 @@ def calibrate(
             "hidden_shape": scenario.hidden_shape,
             **masks.record(mask, used),
             "samples": samples,
+            "warnings": warnings,
             **_told(found),
             "seconds": timed.seconds,
             "provenance": provenance,

@@ -207,7 +207,7 @@ def _settings(method: str, given: dict[str, tuple[float | None, float]]) -> dict
         if value is not None:
             raise PeriscopyError(
                 f"--{name.replace('_', '-')} belongs to --method {PRECONDITIONED}, not to "
-                f"{method}; leave it out"
+                f"{method}; give that method, or leave it out"
             )
     return {}
 

@@ -7,11 +7,11 @@ K = ∇ᵀ∇ + ε I says that hidden images are smooth rather than not. Everyth
 fit but by integration (the evidence: MacKay, Neural Comput. 4, 1992): a best fit alone would favour
 the A that bends to any photograph. What is left is one number for a channel,
 
-    E_c = M log S_c + Σ log(1 + μ/α_c),   S_c = ‖y⊥‖² − Σ z_c²/(μ + α_c) = M σ_c²,
+    E_c = F log S_c + Σ log(1 + μ/α_c),   S_c = ‖y⊥‖² − Σ z_c²/(μ + α_c) = F σ_c²,
 
-twice the negative logarithm of the evidence but for a constant; μ and W are the generalized
-eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B) projected out. Each α_c
-is where E_c is least.
+twice the negative logarithm of the evidence but for a constant; F is M less the rank of B, μ and W
+are the generalized eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B)
+projected out. Each α_c is where E_c is least.
 
 Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
 f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
@@ -40,6 +40,9 @@ RATIOS = np.geomspace(1e-8, 1e2, 21)
 """Values of α that are tried, over the mean energy of a patch, before the best is refined."""
 
 
+ROUNDING = 1e-7
+"""Of single precision, in which A is rendered."""
+
 LEAST = 1e-14
 """Of the photograph's energy: below it is rounding, not misfit."""
 
@@ -55,6 +58,8 @@ class Explanation:
     ----------
     evidence
         Σ E_c; a difference of 2 is a likelihood ratio of e.
+    darkness
+        What it would be of a black hidden image: less than that, and the photograph shows one.
     images
         (N, 3) the most probable hidden image, f̂ ≥ 0.
     noise
@@ -64,6 +69,7 @@ class Explanation:
     """
 
     evidence: float
+    darkness: float
     images: Array
     noise: Array
     residuals: Array
@@ -91,8 +97,8 @@ class Explanation:
     def slope(self, change: Array) -> float:
         """Differentiate the evidence along a change dA of the matrix, (M, N).
 
-        dE = Σ_c −2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩; r and A⊥ have no part in
-        range(B), so dA's own does not matter.
+        dE = Σ_c −2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩, the α_c held; r and A⊥ have
+        no part in range(B), so dA's own does not matter.
         """
         misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.noise**-2)
         return float(2 * (np.vdot(self._volume, change) - misfit))
@@ -153,7 +159,8 @@ def explain(
     μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
     z = W.T @ (projected.T @ rest)
     freedom = len(y) - Q.shape[1]
-    energy = np.einsum("mc,mc->c", rest, rest)
+    # Without noise there still is finite precision.
+    energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
     evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
     images, curvatures = np.empty_like(z), []
     for c in range(3):
@@ -170,6 +177,7 @@ def explain(
         misfit[c] = attained
     return Explanation(
         evidence=evidence,
+        darkness=float(freedom * np.log(energy[energy > 0]).sum()),
         images=images,
         noise=np.sqrt(misfit / freedom),
         residuals=rest - projected @ images,

@@ -38,7 +38,8 @@ def declared_defaults(path: Path) -> dict[str, str]:
         if count > MOST_FILES:
             raise SceneError(f"scene '{path}' includes more than {MOST_FILES} files; merge some")
         for element in document.iter("default"):
-            defaults[element.get("name", "")] = element.get("value", "")
+            # The first one counts: so it is with Mitsuba.
+            defaults.setdefault(element.get("name", ""), element.get("value", ""))
     return defaults
 
 

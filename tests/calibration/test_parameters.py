@@ -93,3 +93,21 @@ def test_a_masked_pixel_and_what_it_holds_have_no_part():
     ]
     assert evidences[0] == evidences[1]
     assert np.isfinite(evidences[0])
+
+
+@pytest.mark.usefixtures("jit")
+def test_scattered_bad_pixels_cost_no_coarse_ones():
+    photograph = np.random.default_rng(0).random((126, 126, 3))
+    mask = np.ones((126, 126), bool)
+    mask[::6, ::6] = False
+    assert level(("occluder_dx",), photograph=photograph, mask=mask).used.all()
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_black_channel_is_no_trouble():
+    photograph = np.random.default_rng(0).random((126, 126, 3))
+    photograph[..., 2] = 0
+    here = level(("occluder_dx",), photograph=photograph)
+    found = here.explain(np.array([0.0]))
+    assert np.isfinite(here.picture(found.residuals)).all()
+    assert np.isfinite(found.noise / here.scale).all()

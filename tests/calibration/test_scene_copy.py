@@ -44,10 +44,11 @@ def test_a_default_of_an_included_file_is_declared_before_it(tmp_path):
     outer = tmp_path / "outer.xml"
     outer.write_text('<scene version="3.0.0">\n    <include filename="scene.xml"/>\n</scene>\n')
     copied = tmp_path / "copied.xml"
-    copied.write_text(with_defaults(outer, {"dx": "7"}, tmp_path))
+    copied.write_text(with_defaults(outer, {"dx": r"7\g<9>"}, tmp_path))
     assert copied.read_text().index('name="dx"') < copied.read_text().index("include")
     assert 'filename="scene.xml"' in copied.read_text()
     assert declared_defaults(outer)["dx"] == "0"
+    assert declared_defaults(copied)["dx"] == r"7\g<9>"  # as Mitsuba has it, the first one counts
 
 
 def test_what_is_no_text_is_refused(tmp_path):

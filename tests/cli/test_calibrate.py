@@ -82,3 +82,25 @@ def test_a_black_photograph_is_refused(refused, tmp_path):
     np.save(tmp_path / "y.npy", np.zeros((32, 32, 3)))
     line = refused("calibrate", "y.npy", *SCENE, "--free", "occluder_dx", "--out", "found.xml")
     assert "every value is zero" in line
+
+
+def test_nothing_that_was_given_is_overwritten(photograph, refused, tmp_path):
+    np.savez(tmp_path / "y.npz", photograph=photograph)
+    (tmp_path / "y.npz").rename(tmp_path / "y.json")  # what it is called does not matter
+    arguments = ("calibrate", "y.json", *SCENE, "--free", "occluder_dx", "--out", "y.xml")
+    assert "y.json beside it is an input" in refused(*arguments)
+
+
+def test_ambient_light_alone_teaches_nothing(refused, tmp_path):
+    scenario = ps.load_scenario("chair", (6, 7), {"resolution": 32})
+    light = np.tile(ps.point_light_backgrounds(scenario)[:, [40]].reshape(32, 32, 1), 3)
+    np.save(tmp_path / "y.npy", ps.add_noise(light / light.mean(), 60, 1))
+    arguments = ("calibrate", "y.npy", *SCENE, "--free", "occluder_dx", "--out", "found.xml")
+    assert "shows no shadows" in refused(*arguments)
+
+
+def test_a_photograph_of_too_few_pixels_is_refused(refused, tmp_path):
+    np.save(tmp_path / "y.npy", 1 + np.arange(48.0).reshape(4, 4, 3))
+    scene = ("--scene", "chair", "-D", "resolution=4", "--hidden", "2x2")
+    arguments = ("calibrate", "y.npy", *scene, "--free", "occluder_dx", "--out", "found.xml")
+    assert "too few" in refused(*arguments)
