@@ -68,6 +68,20 @@ def test_scene_that_comes_again_is_in_one_split_and_the_first_geometry_in_the_la
         assert draw_geometry(configured(seed=seed), 0).split == "train"
 
 
+def test_splits_do_not_depend_on_where_a_scene_lies(configured, tmp_path):
+    splits = set()
+    for number in range(12):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        scene = folder / "scene.xml"
+        scene.write_text("<scene/>")
+        configuration = configured(
+            scenes=[{"scene": str(scene)}], splits={"train": 0.4, "validation": 0.3, "test": 0.3}
+        )
+        splits.add(draw_geometry(configuration, 0).split)
+    assert len(splits) == 1
+
+
 def test_split_of_no_share_stays_empty(configured):
     configuration = configured(splits={"train": 1.0, "validation": 0.0, "test": 0.0})
     assert {draw_geometry(configuration, n).split for n in range(100)} == {"train"}
