@@ -23,7 +23,7 @@ from periscopy_sim.shipped import find_scene
 
 LEVELS = (Sampling(32, 12, 4, 9), Sampling(63, 36, 4, 4), Sampling(126, 36, 16, 1))
 """Coarse to fine: explored, then descended on. Larger photographs and hidden images are averaged
-down to the last, which tells less than a millimetre on a chair from a metre away."""
+down to the last."""
 
 ITERATIONS = (12, 6)
 """Of the descents, at most; the last of them gain little and take long."""

@@ -35,7 +35,7 @@ PRECONDITIONED = "preconditioned"
 """The paper's method."""
 
 DEFAULT = "noise-aware"
-"""Better than the paper's under every ambient light that was tried (`experiments.noise_aware`)."""
+"""Of less error than the paper's under every realistic light tried (`experiments.noise_aware`)."""
 
 
 def reconstruct(

@@ -34,7 +34,7 @@ from periscopy_sim.reconstruction.patterns import laplacian
 Array = NDArray[np.float64]
 
 ROUGHNESS = 0.01
-"""ε: a constant image costs a hundredth of what one of independent patches of its size does."""
+"""ε: all that the prior says of how bright an image is, as against how rough."""
 
 RATIOS = np.geomspace(1e-8, 1e2, 21)
 """Values of α that are tried, over the mean energy of a patch, before the best is refined."""
