@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.descent import curvature, descend
+from periscopy_sim.calibration.descent import descend
 from periscopy_sim.calibration.exploration import GENERATIONS, explore, population
 from periscopy_sim.calibration.level import Level, Sampling, Values
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
 from periscopy_sim.calibration.physical import InFront
+from periscopy_sim.calibration.systematics import (
+    require_physical,
+    sensitivity,
+    uncertain_numbers,
+)
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.rendering.scene_file import load_scenario
 from periscopy_sim.rendering.variant import INSTALL_LLVM, is_vectorized
@@ -45,8 +50,11 @@ class Parameter:
         Of the scene's ``<default>``.
     start, value
         Before and after.
+    statistical_error
+        Standard error of the value in a scene that is otherwise right: from the evidence's
+        curvature and the spread of what stays unexplained.
     standard_error
-        Of the value, from the evidence's curvature and the spread of what stays unexplained.
+        The same in a scene some of whose other numbers are uncertain.
     spread
         Half width of the box that was searched: where shadows have moved by about their own size.
     """
@@ -54,6 +62,7 @@ class Parameter:
     name: str
     start: float
     value: float
+    statistical_error: float
     standard_error: float
     spread: float
 
@@ -61,6 +70,27 @@ class Parameter:
     def determined(self) -> bool:
         """Whether the photograph determines it."""
         return self.standard_error < UNDETERMINED * self.spread
+
+
+@dataclass(frozen=True, eq=False)
+class Considered:
+    """A number of the scene that stayed, but may be wrong.
+
+    Attributes
+    ----------
+    name
+        Of the scene's ``<default>``.
+    value, standard_error
+        Where it stayed, and how well it is known.
+    moves
+        (P,) how far the free parameters would have ended elsewhere, had it been a standard error
+        more.
+    """
+
+    name: str
+    value: float
+    standard_error: float
+    moves: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +121,10 @@ class Calibration:
     ----------
     parameters
         Those that were free.
+    considered
+        Those that were uncertain.
     correlation
-        (P, P) of their errors.
+        (P, P) of the free parameters' standard errors.
     path
         What was visited, coarse to fine.
     noise_before, noise
@@ -103,6 +135,7 @@ class Calibration:
     """
 
     parameters: tuple[Parameter, ...]
+    considered: tuple[Considered, ...]
     correlation: Array
     path: tuple[Visited, ...]
     noise_before: Array
@@ -123,6 +156,7 @@ def calibrate(
     free: Sequence[str],
     *,
     parameters: Mapping[str, str | float] | None = None,
+    uncertain: Mapping[str, float] | None = None,
     mask: NDArray[np.bool_] | None = None,
     samples: int = 16,
     seed: int = 0,
@@ -146,6 +180,9 @@ def calibrate(
         Names of the ``<default>``s to find.
     parameters
         Values of ``<default>``s: where free ones start, where others stay.
+    uncertain
+        Standard errors of ``<default>``s that stay. They change no value, but its error: see
+        `systematics`.
     mask
         (rows, columns) pixels to use; None for all.
     samples
@@ -172,6 +209,7 @@ def calibrate(
     path = find_scene(scene)
     given = {name: str(value) for name, value in (parameters or {}).items()}
     start = start_values(path, free, given)
+    stays = uncertain_numbers(path, tuple(free), given, uncertain or {})
     first = load_scenario(path, hidden, given)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs: " + INSTALL_LLVM)
@@ -183,6 +221,7 @@ def calibrate(
         for sampling in samplings
     )
     log = _Log(len(start), progress)
+    require_physical(coarse, start, stays)
     steps, spreads = steps_and_spreads(coarse, start)
     values = explore(coarse, start, spreads, seed, log.at(coarse))
     seen = coarse.explain(values)
@@ -200,13 +239,22 @@ def calibrate(
             "the one that went too far by -D"
         )
     values, after = end.values, end.explanation
-    errors = curvature(fine, values, after, steps / 2).covariance()
     before = fine.explain(start)
+    own, moves = sensitivity(fine, values, after, steps / 2, stays)
+    alone = own.covariance()
+    errors = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(errors))
+    columns = start, values, np.sqrt(np.diag(alone)), deviations, spreads
     return Calibration(
         parameters=tuple(
             Parameter(name, *(float(number) for number in numbers))
-            for name, *numbers in zip(free, start, values, deviations, spreads, strict=True)
+            for name, *numbers in zip(free, *columns, strict=True)
+        ),
+        considered=tuple(
+            Considered(name, float(value), float(error), moved)
+            for name, value, error, moved in zip(
+                stays.names, stays.values, stays.standard_errors, moves.T, strict=True
+            )
         ),
         correlation=errors / np.outer(deviations, deviations),
         path=log.path(),

@@ -82,6 +82,19 @@ class Curvature:
         damped = (vectors * (np.maximum(values, 0) + damping)) @ vectors.T
         return np.asarray(damped / np.outer(scale, scale))
 
+    def determined(self) -> Array:
+        """Give the information, (P, P), raised to a little where there is none: to be inverted."""
+        return self.damped(UNSEEN)
+
+    def first(self, count: int) -> Curvature:
+        """Leave out all parameters but the first."""
+        return Curvature(
+            slope=self.slope[:count],
+            information=self.information[:count, :count],
+            noisy=self.noisy[:count],
+            scores=self.scores[:, :count],
+        )
+
     def covariance(self) -> Array:
         """Give the parameters' covariance, (P, P).
 
@@ -90,7 +103,7 @@ class Curvature:
         Econometrica 50, 1982). It is never taken below that of white noise.
         """
         scale = 1 / np.sqrt(self.noisy)
-        normalized = self.damped(UNSEEN) * np.outer(scale, scale)
+        normalized = self.determined() * np.outer(scale, scale)
         inverse = np.linalg.inv(normalized)
         scores = self.scores * scale
         spread = scores.T @ scores

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,6 +100,12 @@ class Level:
         self._y = light[self.used] / coverage[self.used]
         self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
         self._background: Array | None = None
+
+    def varying(self, names: tuple[str, ...]) -> Level:
+        """Give the same level with other parameters that vary."""
+        other = copy(self)
+        other.names = names
+        return other
 
     def scenario(self, values: Values) -> Scenario:
         """Load the scene at some values; see `load_scenario`.

@@ -71,8 +71,8 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
-def parse_definitions(definitions: list[str] | None) -> dict[str, str]:
-    """Read the ``-D name=value`` options.
+def parse_definitions(definitions: list[str] | None, option: str = "-D") -> dict[str, str]:
+    """Read ``-D name=value`` options, or those of another name.
 
     Raises
     ------
@@ -83,9 +83,9 @@ def parse_definitions(definitions: list[str] | None) -> dict[str, str]:
     for definition in definitions or []:
         name, separator, value = definition.partition("=")
         if not (name and separator and value):
-            raise PeriscopyError(f"-D '{definition}' is not of the form name=value")
+            raise PeriscopyError(f"{option} '{definition}' is not of the form name=value")
         if name in values:
-            raise PeriscopyError(f"-D {name} is given twice")
+            raise PeriscopyError(f"{option} {name} is given twice")
         values[name] = value
     return values
 

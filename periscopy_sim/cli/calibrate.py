@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,7 +26,7 @@ from periscopy_sim.cli.arguments import (
     warn,
     write_json,
 )
-from periscopy_sim.errors import OutputError
+from periscopy_sim.errors import OutputError, SceneError
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.calibrating import Calibration
@@ -48,6 +49,14 @@ def calibrate(
         ),
     ],
     out: OutFile,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=ERROR",
+            help="Standard error of a <default> that stays, such as occluder_turn=2: what it may "
+            "do to the values found is counted in their errors. Repeatable.",
+        ),
+    ] = None,
     samples: Samples = 16,
     mask: masks.MaskOption = None,
     seed: Seed = 0,
@@ -77,6 +86,7 @@ def calibrate(
         if any(beside.exists() and file.exists() and beside.samefile(file) for file in inputs):
             raise OutputError(f"--out {out}: {beside.name} beside it is an input; name another")
     names = [name.strip() for name in free.split(",") if name.strip()]
+    errors = _numbers(parse_definitions(uncertain, "--uncertain"))
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         scenario = scenes.load(scene, hidden, define)
@@ -91,6 +101,7 @@ def calibrate(
                 parse_size(hidden),
                 names,
                 parameters=given,
+                uncertain=errors,
                 mask=used,
                 samples=samples,
                 seed=seed,
@@ -116,6 +127,14 @@ def calibrate(
     say(f"wrote {out}, {record.name}, {picture.name}")
 
 
+def _numbers(definitions: Mapping[str, str]) -> dict[str, float]:
+    """Read standard errors."""
+    try:
+        return {name: float(text) for name, text in definitions.items()}
+    except ValueError as error:
+        raise SceneError(f"--uncertain: {error}; give NAME=ERROR, a number") from None
+
+
 def _told(found: Calibration) -> dict[str, Any]:
     """Lay a calibration out for JSON."""
     return {
@@ -123,11 +142,22 @@ def _told(found: Calibration) -> dict[str, Any]:
             p.name: {
                 "start": p.start,
                 "value": p.value,
+                "statistical_error": p.statistical_error,
                 "standard_error": p.standard_error,
                 "half_width_searched": p.spread,
                 "determined": p.determined,
             }
             for p in found.parameters
+        },
+        "uncertain": {
+            stayed.name: {
+                "value": stayed.value,
+                "standard_error": stayed.standard_error,
+                "moves": {
+                    p.name: move for p, move in zip(found.parameters, stayed.moves, strict=True)
+                },
+            }
+            for stayed in found.considered
         },
         "correlation": found.correlation,
         "unexplained_before": found.noise_before,
@@ -148,7 +178,11 @@ def _say(found: Calibration) -> None:
     """Print the parameters, and warn of those that the photograph leaves open."""
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
-        say(f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}   from {p.start:.4g}")
+        blame = _largest(found, k)
+        say(
+            f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}   from {p.start:.4g}"
+            + (f", ± {p.statistical_error:.2g} but for {blame}" if blame else "")
+        )
         if not p.determined:
             others = np.abs(found.correlation[k])
             others[k] = 0
@@ -160,7 +194,16 @@ def _say(found: Calibration) -> None:
                 else "; leave it out of --free"
             )
             warn(f"the photograph does not determine {p.name}{known_if}")
+    if not found.considered:
+        say("these errors hold if all else in the scene is right; see --uncertain")
     before, after = (
         100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
     )
     say(f"unexplained: {before:.2f} % of the photograph at the start, {after:.2f} % now")
+
+
+def _largest(found: Calibration, k: int) -> str:
+    """Name the uncertain numbers that a parameter's error owes most to, the greatest first."""
+    moves = {stayed.name: abs(float(stayed.moves[k])) for stayed in found.considered}
+    first = sorted(moves, key=lambda name: -moves[name])[:2]
+    return " and ".join(first)

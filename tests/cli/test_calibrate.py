@@ -27,15 +27,23 @@ def photograph():
 def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
     printed = succeeds(
-        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "found.xml"
-    )
+        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "found.xml",
+        "--uncertain", "monitor_dx=0.01",
+    )  # fmt: skip
     record = json.loads((tmp_path / "found.json").read_text())
     for name, truth in MOVED.items():
         told = record["parameters"][name]
         assert told["value"] == pytest.approx(truth, abs=1.5e-3)
         assert told["determined"]
-        assert 0 < told["standard_error"] < 1e-3
+        assert 0 < told["statistical_error"] < 1e-3
         assert f"{name}  " in printed
+    # Were the monitor further to the right, the chair would be, too, by less.
+    moves = record["uncertain"]["monitor_dx"]["moves"]
+    assert 1e-3 < moves["occluder_dx"] < 1e-2
+    assert "but for monitor_dx" in printed
+    for name, told in record["parameters"].items():
+        quadrature = np.hypot(told["statistical_error"], moves[name])
+        assert told["standard_error"] == pytest.approx(quadrature)
     assert max(record["unexplained"]) < min(record["unexplained_before"])
     assert [len(level["values"][0]) for level in record["path"]] == [2, 2, 2]
     with Image.open(tmp_path / "found.png") as picture:
@@ -59,6 +67,11 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_
         (("--free", "occluder_dy", "-D", "occluder_dy=0.37"), "through the wall"),
         (("--free", "occluder_dx", "--out", "found.json"), "written as .xml"),
         (("--free", "occluder_dx", "-D", "monitor_dx=far"), "could not parse"),
+        (("--free", "occluder_dx", "--uncertain", "monitor_dx"), "--uncertain 'monitor_dx' is not"),
+        (("--free", "occluder_dx", "--uncertain", "monitor_dx=a"), "a number"),
+        (("--free", "occluder_dx", "--uncertain", "monitor_dx=0"), "give a positive number"),
+        (("--free", "occluder_dx", "--uncertain", "occluder_dx=1"), "is free and stays"),
+        (("--free", "occluder_dx", "--uncertain", "occluder_dy=0.9"), "through the wall"),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(photograph, refused, tmp_path, options, message):
