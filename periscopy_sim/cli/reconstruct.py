@@ -27,7 +27,8 @@ from periscopy_sim.cli.arguments import (
 from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.periscope import Periscope, Reconstruction
+    from periscopy_sim.reconstruction.noise_aware import NoiseAwareReconstruction
+    from periscopy_sim.reconstruction.periscope import Method, Periscope, Reconstruction
     from periscopy_sim.scenario import Array, Scenario
 
 
@@ -106,7 +107,6 @@ def reconstruct(
     from periscopy_sim.evaluation.methods import (
         find_method,
         fit_methods,
-        image_by,
         own_errors,
         source_sha256,
     )
@@ -162,8 +162,9 @@ def reconstruct(
                 mendable(f"{photo} by {method}"),
                 own_errors(method, f"failed on {photo}"),
             ):
-                image = image_by(fitted, given.values, scenario.hidden_shape).astype(np.float64)
-            settings |= _tell_certainty(folder, fitted, given.values, text)
+                image, solved = _recovered(fitted, given.values, scenario.hidden_shape)
+            if solved is not None:
+                settings |= _tell_certainty(folder, fitted, solved, text)
         if matrix is not None and not matrix.with_suffix(".json").is_file():
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
@@ -251,16 +252,26 @@ def _draw_stages(
     return {"noise": solution.noise, "lambda": solution.weight, "kappa": solution.threshold}
 
 
-def _tell_certainty(
-    folder: Path, method: Any, photograph: Array, text: dict[str, str]
-) -> dict[str, Any]:
-    """Write how sure a method that knows it is of each patch; return its weights."""
-    from periscopy_sim.evaluation import figures
+def _recovered(
+    method: Method, photograph: Array, hidden_shape: tuple[int, int]
+) -> tuple[Array, NoiseAwareReconstruction | None]:
+    """Reconstruct, once; of a method that knows how sure it is, keep what tells that."""
+    from periscopy_sim.evaluation.methods import image_by, promised
     from periscopy_sim.reconstruction.noise_aware import NoiseAware
 
-    if not isinstance(method, NoiseAware):
-        return {}
-    found = method.solve(photograph)
+    # What a user derives from that method and reconstructs otherwise is sure of another image.
+    if isinstance(method, NoiseAware) and type(method).reconstruct is NoiseAware.reconstruct:
+        found = method.solve(photograph)
+        return promised(found.image, hidden_shape).astype(np.float64), found
+    return image_by(method, photograph, hidden_shape).astype(np.float64), None
+
+
+def _tell_certainty(
+    folder: Path, method: Any, found: NoiseAwareReconstruction, text: dict[str, str]
+) -> dict[str, Any]:
+    """Write how sure the noise-aware method is of each patch; return its weights."""
+    from periscopy_sim.evaluation import figures
+
     errors = method.standard_errors(found)
     np.save(folder / "standard_error.npy", errors.astype(np.float32))
     figures.draw_certainty(folder / "certainty.png", found.image, errors, text)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.errors import PeriscopyError
@@ -178,19 +177,11 @@ def solutions(video: AnyVideo, photographs: Image, batch: int) -> Iterator[tuple
     """Frames in turn, with the seconds each took: its own and its share of its batch's product."""
     for start in range(0, len(photographs), batch):
         clock = time.perf_counter()
-        remaining = _begun(video, photographs[start : start + batch])
+        remaining: list[Callable[[], Solution]] = list(
+            video.begun(photographs[start : start + batch])
+        )
         share = (time.perf_counter() - clock) / len(remaining)
         for finish in remaining:
             clock = time.perf_counter()
             solution = finish()
             yield solution, share + time.perf_counter() - clock
-
-
-def _begun(video: AnyVideo, photographs: Image) -> list[Callable[[], Solution]]:
-    """Do what is done to many photographs at once; return what is left to do for each, in turn."""
-    from periscopy_sim.reconstruction.noise_aware_video import NoiseAwareVideo
-
-    if isinstance(video, NoiseAwareVideo):
-        return [partial(video.finish, each) for each in video.method.evidence(photographs)]
-    estimate = video.periscope.estimate(photographs)
-    return [partial(video.finish, estimate, k) for k in range(len(estimate.noise))]

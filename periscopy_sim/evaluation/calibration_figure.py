@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.evaluation.figures import displayable
+from periscopy_sim.evaluation.figures import displayable, show
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.srgb import srgb_encode
 
@@ -59,15 +59,12 @@ def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) ->
     )
     bound = float(np.percentile(np.abs(before), 99)) or 1.0
     axes = figure.subplots(1, 3)
-    axes[0].imshow(srgb_encode(displayable(photograph)), interpolation="nearest")
-    axes[0].set_title("photograph", fontsize=10)
+    show(axes[0], "photograph", srgb_encode(displayable(photograph)))
     noises = calibration.noise_before, calibration.noise
     names = "unexplained at the start", "unexplained after calibration"
     for ax, residual, name, noise in zip(axes[1:], (before, after), names, noises, strict=True):
-        picture = ax.imshow(residual, cmap="RdBu_r", vmin=-bound, vmax=bound)
-        ax.set_title(f"{name}: {100 * np.sqrt(np.mean(noise**2)):.2f} %", fontsize=10)
-    for ax in axes:
-        ax.set_axis_off()
+        title = f"{name}: {100 * np.sqrt(np.mean(noise**2)):.2f} %"
+        picture = show(ax, title, residual, cmap="RdBu_r", vmin=-bound, vmax=bound)
     bar = figure.colorbar(picture, ax=axes[1:], shrink=0.8)
     bar.set_label("% of the photograph's root mean square", fontsize=8)
     bar.ax.tick_params(labelsize=8)

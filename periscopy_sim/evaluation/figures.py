@@ -50,6 +50,29 @@ def enlarged(image: Image, width: int = 720) -> Image:
     return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
 
 
+def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
+    """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
+
+    Parameters
+    ----------
+    ax
+        Where, alone with the title.
+    title
+        What stands above.
+    picture
+        As above.
+    **colours
+        The false colours, as `imshow` takes them.
+
+    Returns
+    -------
+    What a colour bar is made of.
+    """
+    ax.set_title(title, fontsize=10)
+    ax.set_axis_off()
+    return ax.imshow(picture, interpolation="nearest", aspect="equal", **colours)
+
+
 def draw_panels(
     path: Path,
     panels: Sequence[tuple[str, Image]],
@@ -78,9 +101,7 @@ def draw_panels(
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
     for ax, (title, image) in zip(axes, panels, strict=True):
-        ax.imshow(srgb_encode(image), interpolation="nearest", aspect="equal")
-        ax.set_title(title, fontsize=10)
-        ax.set_axis_off()
+        show(ax, title, srgb_encode(image))
     if caption:
         figure.supxlabel(caption, fontsize=9)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
@@ -158,14 +179,9 @@ def draw_certainty(
     aspect = image.shape[1] / image.shape[0]
     figure = Figure(figsize=(5.2 * aspect + 1.0, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2)
-    left.imshow(srgb_encode(displayable(image, white=white)), interpolation="nearest")
-    left.set_title("reconstruction", fontsize=10)
-    shown = right.imshow(
-        errors, cmap="magma", vmin=0, vmax=float(errors.max()) or 1.0, interpolation="nearest"
-    )
-    right.set_title("standard error", fontsize=10)
-    for ax in (left, right):
-        ax.set_axis_off()
+    show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
+    top = float(errors.max()) or 1.0
+    shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))

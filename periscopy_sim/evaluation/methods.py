@@ -24,6 +24,7 @@ from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
 from periscopy_sim.reconstruction.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.periscope import Method, Periscope
+from periscopy_sim.reconstruction.still_method import settings_of
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
@@ -43,26 +44,13 @@ def _pseudoinverse(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None =
 
 
 def _differencing(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
-    return Differencing(
-        A,
-        photograph_shape=scenario.photograph_shape,
-        hidden_shape=scenario.hidden_shape,
-        channel_gain=scenario.channel_gain,
-        mask=mask,
-    )
+    return Differencing(A, **settings_of(scenario), mask=mask)
 
 
 def _published_differencing(
     scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None
 ) -> Method:
-    return Differencing(
-        A,
-        photograph_shape=scenario.photograph_shape,
-        hidden_shape=scenario.hidden_shape,
-        channel_gain=scenario.channel_gain,
-        mask=mask,
-        stop="published",
-    )
+    return Differencing(A, **settings_of(scenario), mask=mask, stop="published")
 
 
 def _truncated_svd(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
@@ -257,13 +245,18 @@ def image_by(
     ValueError
         If the method returns another shape, or values that are not real or not finite.
     """
-    image = np.asarray(method.reconstruct(photograph))
-    if image.shape != (*hidden_shape, 3):
-        raise ValueError(f"returned shape {image.shape} instead of {(*hidden_shape, 3)}")
-    if image.dtype.kind not in "iuf":
-        raise ValueError(f"returned values of type {image.dtype} instead of real numbers")
+    return promised(method.reconstruct(photograph), hidden_shape)
+
+
+def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Hold what a method returned to what it promises; see `image_by`."""
+    values = np.asarray(image)
+    if values.shape != (*hidden_shape, 3):
+        raise ValueError(f"returned shape {values.shape} instead of {(*hidden_shape, 3)}")
+    if values.dtype.kind not in "iuf":
+        raise ValueError(f"returned values of type {values.dtype} instead of real numbers")
     with np.errstate(over="ignore"):  # infinities are counted
-        single = image.astype(np.float32)
+        single: NDArray[np.float32] = values.astype(np.float32)
     if not np.isfinite(single).all():
         wrong = np.count_nonzero(~np.isfinite(single))
         raise ValueError(f"returned {wrong} values that are NaN or infinite")

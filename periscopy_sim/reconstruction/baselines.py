@@ -29,6 +29,8 @@ from periscopy_sim.reconstruction.fista import (
 )
 from periscopy_sim.reconstruction.periscope import Reconstruction, denoise_and_repair, noise_level
 from periscopy_sim.reconstruction.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.still_method import StillMethod
+from periscopy_sim.reconstruction.stopping import check_stopping
 from periscopy_sim.reconstruction.vectorization import Mask, vectorization_of
 
 Array = NDArray[np.float64]
@@ -69,7 +71,7 @@ class DifferencingResult:
     gap: Array
 
 
-class Differencing:
+class Differencing(StillMethod[np.float64]):
     """The method of [15]: f̂ = argmin_f ‖D(A f − y)‖² + λ‖f‖_TV for each channel (Eq. 2).
 
     λ follows the photograph: it is `tv_weight` σ ‖D A‖_F / √N, with σ the noise of the differenced
@@ -128,8 +130,7 @@ class Differencing:
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         if not 0 <= tv_weight < np.inf:
             raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
-        if not 0 < tolerance < 1:
-            raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
+        check_stopping(tolerance)
         self._vectorization = vectorization_of(
             A, hidden_shape, channel_gain, mask, photograph_shape
         )
@@ -152,34 +153,10 @@ class Differencing:
         self._least_squares = LeastSquares(R.T @ R, R, hidden_shape)
         self._unit = PUBLISHED_ENTRY / float(np.mean(A, dtype=np.float64))
 
-    def reconstruct(self, photograph: Image) -> Array:
-        """Recover the hidden image from one photograph.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in any unit.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3) float64, linear; negative where noise makes it so.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
-
-        Warns
-        -----
-        RuntimeWarning
-            The tolerance was not reached.
-        """
-        return self.solve(photograph).image
-
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        Dy = self._differenced(self._vectorization.vectorized(photograph))
+        y = self._vectorization.vectorized(photograph, self.photograph_shape)
+        Dy = self._differenced(y)
         h = self._inverse.A.T @ Dy
         least_squares = self._inverse.solve(h)
         noise = noise_level(
@@ -220,7 +197,7 @@ class Differencing:
         return np.asarray(differences, np.float64)
 
 
-class TruncatedSVD:
+class TruncatedSVD(StillMethod[np.floating[Any]]):
     """The paper's method with an inverse of A by its top singular vectors in place of P (Fig. 9).
 
     With A = U Σ Vᵀ and k singular values kept, the estimate is V_k Σ_k⁻¹ U_kᵀ y. No background is
@@ -285,26 +262,6 @@ class TruncatedSVD:
             )
         self.V: Array = V
         self.singular_values: Array = np.sqrt(energy)
-
-    def reconstruct(self, photograph: Image) -> Image:
-        """Recover the hidden image from one photograph.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in any unit.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3) float64, linear; negative where noise makes it so.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
-        """
-        return self.solve(photograph).image
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""

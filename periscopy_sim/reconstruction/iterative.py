@@ -14,13 +14,15 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.matrix_free import least_squares, total_variation_least_squares
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.still_method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.stopping import check_stopping
 from periscopy_sim.reconstruction.transport_operator import (
     Matrix,
     Patterns,
@@ -28,9 +30,6 @@ from periscopy_sim.reconstruction.transport_operator import (
     used_rows,
 )
 from periscopy_sim.reconstruction.vectorization import Mask, vectorization_of
-
-if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.periscope import Seen
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -77,7 +76,7 @@ class IterativeReconstruction:
     converged: bool
 
 
-class IterativePeriscope:
+class IterativePeriscope(StillMethod[np.float64]):
     """The paper's problem solved by iterations, without P and without an N x N matrix.
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
@@ -140,10 +139,7 @@ class IterativePeriscope:
     ) -> None:
         if not 0 <= tv_weight < np.inf:
             raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
-        if not 0 < tolerance < 1:
-            raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
-        if max_iterations < 1:
-            raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+        check_stopping(tolerance, max_iterations)
         # Only the shape is looked at, so that A need not be an array.
         shaped = np.broadcast_to(np.float32(0), A.shape)
         self._vectorization = vectorization_of(
@@ -162,51 +158,8 @@ class IterativePeriscope:
 
     @classmethod
     def for_scene(cls, scene: Seen, A: Matrix, B: Image | None = None, **settings: Any) -> Self:
-        """Fit to a scenario: its sizes and the colour of its wall are taken from it.
-
-        Parameters
-        ----------
-        scene
-            A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
-            ``channel_gain``.
-        A, B
-            As in the class.
-        **settings
-            The class's other parameters.
-        """
-        return cls(
-            A,
-            B,
-            hidden_shape=scene.hidden_shape,
-            photograph_shape=scene.photograph_shape,
-            channel_gain=scene.channel_gain,
-            **settings,
-        )
-
-    def reconstruct(self, photograph: Image) -> Array:
-        """Recover the hidden image from one photograph.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in any unit.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3) float64, linear; negative where noise makes it so.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
-
-        Warns
-        -----
-        RuntimeWarning
-            The tolerance was not reached.
-        """
-        return self.solve(photograph).image
+        """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
+        return cls(A, B, **settings_of(scene), **settings)
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,11 @@ from periscopy_sim.reconstruction.matrix_product import subtract_combinations, t
 from periscopy_sim.reconstruction.patterns import Patterns
 from periscopy_sim.reconstruction.penalized_likelihood import Evidence, Objective, Schedule
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.still_method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.stopping import check_stopping
 from periscopy_sim.reconstruction.uncertainty import standard_errors
 from periscopy_sim.reconstruction.vectorization import vectorization_of
 from periscopy_sim.reconstruction.wall_gain import WallGain
-
-if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.periscope import Seen
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -105,7 +104,7 @@ class NoiseAwareReconstruction:
             )
 
 
-class NoiseAware:
+class NoiseAware(StillMethod[np.float64]):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
     λ = `tv_weight` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the photograph's
@@ -162,10 +161,7 @@ class NoiseAware:
     ) -> None:
         if not 0 < tv_weight < np.inf:
             raise ValueError(f"tv_weight is {tv_weight}: give a positive, finite number")
-        if not 0 < tolerance < 1:
-            raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
-        if max_iterations < 1:
-            raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+        check_stopping(tolerance, max_iterations)
         self._vectorization = vectorization_of(
             A, hidden_shape, channel_gain, mask, photograph_shape
         )
@@ -200,39 +196,7 @@ class NoiseAware:
     @classmethod
     def for_scene(cls, scene: Seen, A: Image, B: Image | None = None, **settings: Any) -> Self:
         """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
-        return cls(
-            A,
-            B,
-            hidden_shape=scene.hidden_shape,
-            photograph_shape=scene.photograph_shape,
-            channel_gain=scene.channel_gain,
-            **settings,
-        )
-
-    def reconstruct(self, photograph: Image) -> Array:
-        """Recover the hidden image from one photograph.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in any unit.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3) float64, linear.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
-
-        Warns
-        -----
-        RuntimeWarning
-            The tolerance was not reached.
-        """
-        return self.solve(photograph).image
+        return cls(A, B, **settings_of(scene), **settings)
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Recover the hidden image and tell how it came about; see `reconstruct`."""

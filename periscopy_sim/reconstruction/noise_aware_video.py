@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.colour_splitting import Splitting
+from periscopy_sim.reconstruction.frame_by_frame import FrameByFrame
 from periscopy_sim.reconstruction.noise_aware import NoiseAware, NoiseAwareReconstruction
 from periscopy_sim.reconstruction.penalized_likelihood import Evidence, Schedule
 
-Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 Coupling = Literal["l1", "none"]
 
@@ -34,7 +36,7 @@ LOOSER = 3.0
 """Tolerance over that of a still: with this step, it leaves a frame as near to its minimum."""
 
 
-class NoiseAwareVideo:
+class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     """The noise-aware method for video, fitted to one scene: one frame at a time, or many at once.
 
     The first frame is a still. Each later one is, by `coupling`:
@@ -78,68 +80,18 @@ class NoiseAwareVideo:
         self.method = method
         self.coupling = coupling
         self.l1_weight = l1_weight
-        self.restart()
+        super().__init__(method.hidden_shape, np.float64)
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
-        self.previous: Array | None = None
+        super().restart()
         self._split: Splitting | None = None
 
-    def next_frame(self, photograph: Image) -> Array:
-        """Recover the frame that follows the latest one.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in the unit of the photographs before it.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3) float64, linear.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite; the next one then
-            follows the latest frame all the same.
-
-        Warns
-        -----
-        RuntimeWarning
-            The tolerance was not reached.
-        """
-        return self.solve_next(photograph).image
-
-    def solve_next(self, photograph: Image) -> NoiseAwareReconstruction:
-        """Recover the next frame and tell how it came about; see `next_frame`."""
-        (evidence,) = self.method.evidence(np.asarray(photograph)[None])
-        return self.finish(evidence)
-
-    def frames(self, photographs: Image) -> Array:
-        """Recover the frames that follow the latest one, A applied to many in one product.
-
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, in time's order.
-
-        Returns
-        -------
-        ndarray
-            (K, R, C, 3), what `next_frame` gives one after the other.
-
-        Raises
-        ------
-        ValueError
-            As `next_frame`.
-        """
-        images = [
-            self.finish(evidence).image
-            for start in range(0, len(photographs), BATCH)
-            for evidence in self.method.evidence(np.asarray(photographs[start : start + BATCH]))
-        ]
-        return np.array(images).reshape(-1, *self.method.hidden_shape, 3)
+    def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
+        """Apply A to many photographs in one product; see `FrameByFrame.begun`."""
+        for start in range(0, len(photographs), BATCH):
+            for evidence in self.method.evidence(np.asarray(photographs[start : start + BATCH])):
+                yield partial(self.finish, evidence)
 
     def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:
         """Recover the next frame from its photograph's evidence."""

@@ -16,6 +16,7 @@ from periscopy_sim.reconstruction.preconditioner import (
     form_preconditioner,
 )
 from periscopy_sim.reconstruction.repair import repair
+from periscopy_sim.reconstruction.still_method import Seen, StillMethod, settings_of
 from periscopy_sim.reconstruction.threads import in_parallel
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
 from periscopy_sim.reconstruction.vectorization import Mask, vectorization_of
@@ -32,25 +33,6 @@ class Method(Protocol):
 
     def reconstruct(self, photograph: Image) -> Image:
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
-        ...
-
-
-class Seen(Protocol):
-    """The sizes and the wall's colour of a scene, as a `Scenario` has them."""
-
-    @property
-    def photograph_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the photograph."""
-        ...
-
-    @property
-    def hidden_shape(self) -> tuple[int, int]:
-        """(R, C) of the hidden image."""
-        ...
-
-    @property
-    def channel_gain(self) -> Array:
-        """(3,) colour of the wall."""
         ...
 
 
@@ -101,7 +83,7 @@ class Reconstruction:
     threshold: float
 
 
-class Periscope:
+class Periscope(StillMethod[np.floating[Any]]):
     """The paper's method (Algorithm 1), fitted to one scene.
 
     Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:
@@ -197,35 +179,7 @@ class Periscope:
         **settings
             The class's other parameters.
         """
-        return cls(
-            A,
-            B,
-            hidden_shape=scene.hidden_shape,
-            photograph_shape=scene.photograph_shape,
-            channel_gain=scene.channel_gain,
-            **settings,
-        )
-
-    def reconstruct(self, photograph: Image) -> Image:
-        """Recover the hidden image from one photograph.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in any unit.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3), linear, negative where noise makes it so; float32, or float64 where P is
-            not explicit.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
-        """
-        return self.solve(photograph).image
+        return cls(A, B, **settings_of(scene), **settings)
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""

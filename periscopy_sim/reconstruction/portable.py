@@ -11,7 +11,6 @@ from typing import Any, Self
 
 from array_api_compat import array_namespace, device
 
-from periscopy_sim.reconstruction.periscope import Seen
 from periscopy_sim.reconstruction.portable_denoising import (
     Array,
     magnitudes,
@@ -20,6 +19,7 @@ from periscopy_sim.reconstruction.portable_denoising import (
     repair,
 )
 from periscopy_sim.reconstruction.preconditioner import TOLERANCE
+from periscopy_sim.reconstruction.still_method import Seen, settings_of
 from periscopy_sim.reconstruction.vectorization import check_mask
 from periscopy_sim.reconstruction.video import Coupling, check_coupling
 
@@ -122,14 +122,7 @@ class PortablePeriscope:
     @classmethod
     def for_scene(cls, scene: Seen, A: Array, B: Array | None = None, **settings: Any) -> Self:
         """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
-        return cls(
-            A,
-            B,
-            hidden_shape=scene.hidden_shape,
-            photograph_shape=scene.photograph_shape,
-            channel_gain=scene.channel_gain.tolist(),
-            **settings,
-        )
+        return cls(A, B, **settings_of(scene), **settings)
 
     def reconstruct(self, photograph: Array) -> Array:
         """Recover the hidden image, (R, C, 3) float32, from a photograph, (rows, columns, 3)."""

@@ -70,13 +70,17 @@ class Vectorization:
             )
         return matrix[self.mask.ravel()]
 
-    def vectorized(self, photograph: Image) -> Array:
+    def vectorized(
+        self, photograph: Image, photograph_shape: tuple[int, int] | None = None
+    ) -> Array:
         """Turn a photograph into the y of y = A f, as a grey wall would show it.
 
         Parameters
         ----------
         photograph
             (rows, columns, 3) or (M, 3).
+        photograph_shape
+            As in `planar`.
 
         Returns
         -------
@@ -86,19 +90,10 @@ class Vectorization:
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
+            As `planar`.
         """
-        photograph = _real(photograph)
-        if photograph.ndim < 2 or photograph.shape[-1] != 3 or photograph.size != 3 * self.pixels:
-            raise ValueError(
-                f"the photograph has shape {photograph.shape}; A has {self.pixels} rows, so it "
-                f"must be (rows, columns, 3) with rows x columns = {self.pixels}"
-            )
-        self._check_size(photograph.shape[:-1])
-        values = photograph.reshape(self.pixels, 3)
-        if self.mask is not None:
-            values = values[self.mask.ravel()]
-        return _checked(values.astype(np.float64) / self.channel_gain)
+        plane = self.planar(np.asarray(photograph)[None], photograph_shape)[0]
+        return np.ascontiguousarray(plane.T)
 
     def planar(self, photographs: Image, photograph_shape: tuple[int, int] | None = None) -> Array:
         """Turn many photographs into planes, each channel's pixels side by side in memory.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.frame_by_frame import FrameByFrame
 from periscopy_sim.reconstruction.periscope import Estimate, Periscope, Reconstruction, repaired
 from periscopy_sim.reconstruction.total_variation import solve_total_variation
 
@@ -36,7 +39,7 @@ def check_coupling(
         raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
 
 
-class Video:
+class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     """The paper's method for video, fitted to one scene: frames one at a time, or many at once.
 
     The first frame is a still. Each later one is, by `coupling`:
@@ -88,63 +91,18 @@ class Video:
         self.coupling = coupling
         self.temporal_weight = temporal_weight
         self.l1_weight = l1_weight
-        self.restart()
+        super().__init__(periscope.hidden_shape, periscope.precision)
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
-        self.previous: Image | None = None
+        super().restart()
         self._dual: Image | None = None
 
-    def next_frame(self, photograph: Image) -> Image:
-        """Recover the frame that follows the latest one.
-
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3), linear, in the unit of the photographs before it.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3), linear; float32, or float64 where P is not explicit.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels of 3 channels or is not finite.
-        """
-        return self.solve_next(photograph).image
-
-    def solve_next(self, photograph: Image) -> Reconstruction:
-        """Recover the next frame and keep the stages; see `next_frame`."""
-        return self.finish(self.periscope.estimate(np.asarray(photograph)[None]), 0)
-
-    def frames(self, photographs: Image) -> Image:
-        """Recover the frames that follow the latest one, P applied to all in one product.
-
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, in time's order.
-
-        Returns
-        -------
-        ndarray
-            (K, R, C, 3), what `next_frame` gives one after the other.
-
-        Raises
-        ------
-        ValueError
-            As `next_frame`.
-        """
-        periscope = self.periscope
-        images = [
-            self.finish(estimate, k).image
-            for estimate in periscope.estimates(photographs)
-            for k in range(len(estimate.noise))
-        ]
-        stack: Image = np.array(images, periscope.precision)
-        return stack.reshape(-1, *periscope.hidden_shape, 3)
+    def begun(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
+        """Apply P to many photographs in one product; see `FrameByFrame.begun`."""
+        for estimate in self.periscope.estimates(photographs):
+            for k in range(len(estimate.noise)):
+                yield partial(self.finish, estimate, k)
 
     def finish(self, estimate: Estimate, k: int) -> Reconstruction:
         """Denoise and repair the k-th of the preconditioned photographs as the next frame."""

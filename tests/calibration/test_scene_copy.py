@@ -51,6 +51,43 @@ def test_a_default_of_an_included_file_is_declared_before_it(tmp_path):
     assert declared_defaults(copied)["dx"] == r"7\g<9>"  # as Mitsuba has it, the first one counts
 
 
+CHOSEN = """<scene version="3.0.0">
+    <default name='mesh' value='meshes/chair &amp; co.ply'/>
+    <default name="kind" value="chair"/>
+    <shape type="ply"><string name="filename" value="$mesh"/></shape>
+    <bsdf type="diffuse"><string name="note" value="$kind"/></bsdf>
+</scene>
+"""
+
+
+def test_file_that_a_parameter_names_is_found_from_elsewhere(scene, tmp_path):
+    scene.write_text(CHOSEN, encoding="utf-8")
+    (tmp_path / "other.ply").touch()
+    copied = tmp_path / "elsewhere" / "copied.xml"
+    copied.parent.mkdir()
+    for values, name in [({}, "meshes/chair & co.ply"), ({"mesh": "other.ply"}, "other.ply")]:
+        copied.write_text(with_defaults(scene, values, copied.parent), encoding="utf-8")
+        assert declared_defaults(copied) == {"mesh": str(tmp_path / name), "kind": "chair"}
+        assert 'value="$mesh"' in copied.read_text()
+    assert with_defaults(scene, {}, tmp_path) == CHOSEN
+    within = with_defaults(scene, {}, tmp_path / "meshes")
+    assert "<default name='mesh' value=\"chair &amp; co.ply\"/>" in within
+
+
+@pytest.mark.parametrize("value", ["absent.ply", "{folder}/meshes/chair &amp; co.ply", "meshes"])
+def test_parameter_that_names_no_file_beside_the_scene_is_kept(value, scene, tmp_path):
+    value = value.format(folder=tmp_path)
+    text = CHOSEN.replace("meshes/chair &amp; co.ply", value)
+    scene.write_text(text, encoding="utf-8")
+    assert with_defaults(scene, {}, tmp_path / "elsewhere") == text
+
+
+def test_text_too_long_for_a_files_name_is_kept(scene, tmp_path):
+    text = SCENE.replace("a &gt; b", "long " * 1000)
+    scene.write_text(text, encoding="utf-8")
+    assert with_defaults(scene, {}, tmp_path) == text
+
+
 def test_what_is_no_text_is_refused(tmp_path):
     path = tmp_path / "scene.xml"
     path.write_bytes(b"<scene>\xff</scene>")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -32,6 +33,46 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     assert np.allclose(summary["noise"], 1e-3 * signal.mean(), rtol=0.2)
     assert summary["lambda"] > 0
     assert summary["wall_gain_found"] is False and summary["wall_gain_range"] == [1, 1]
+
+
+OWN = """
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
+
+class Halved(NoiseAware):
+    def reconstruct(self, photograph):
+        return super().reconstruct(photograph) / 2
+
+def fit(scenario, A, B):
+    return NoiseAware.for_scene(scenario, A, B)
+
+def fit_halved(scenario, A, B):
+    return Halved.for_scene(scenario, A, B)
+"""
+
+
+def test_photograph_is_solved_once_for_the_image_and_its_errors(monkeypatch, succeeds, tmp_path):
+    solve, photographs = NoiseAware.solve, []
+
+    def counted(method, photograph):
+        photographs.append(photograph)
+        return solve(method, photograph)
+
+    monkeypatch.setattr(NoiseAware, "solve", counted)
+    np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (24, 24, 3)))
+    succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
+    assert (tmp_path / "out" / "standard_error.npy").is_file()
+    assert len(photographs) == 1
+
+
+def test_errors_are_told_of_the_image_that_is_written_alone(succeeds, tmp_path):
+    np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (24, 24, 3)))
+    (tmp_path / "own.py").write_text(OWN)
+    for name in ("fit", "fit_halved"):
+        succeeds("reconstruct", "y.npy", *TINY, "--method", f"own.py:{name}", "--out", name)
+    plain, halved = (np.load(tmp_path / n / "reconstruction.npy") for n in ("fit", "fit_halved"))
+    np.testing.assert_allclose(halved, plain / 2, rtol=1e-6)
+    assert (tmp_path / "fit" / "standard_error.npy").is_file()
+    assert not (tmp_path / "fit_halved" / "standard_error.npy").exists()
 
 
 def test_gain_over_the_wall_is_told(succeeds, tmp_path):

@@ -306,7 +306,10 @@ def test_only_the_method_that_models_the_background_sees_through_it():
 @pytest.mark.parametrize(
     ("photograph", "message"),
     [
-        (np.ones((20, 17, 3)), r"shape \(20, 17, 3\); A has 360 rows"),
+        (
+            np.ones((20, 17, 3)),
+            r"the photograph has (shape \(20, 17, 3\); A has 360 rows|20x17 pixels)",
+        ),
         (np.ones((360, 1)), r"shape \(360, 1\)"),
         (np.full((20, 18, 3), np.nan), "must be finite"),
     ],
@@ -314,6 +317,12 @@ def test_only_the_method_that_models_the_background_sees_through_it():
 def test_photograph_that_does_not_fit_is_refused(make, photograph, message):
     with pytest.raises(ValueError, match=message):
         make().reconstruct(photograph)
+
+
+def test_differencing_refuses_a_photograph_whose_rows_and_columns_are_swapped():
+    photograph = np.ones((PHOTOGRAPH[1], PHOTOGRAPH[0], 3))  # of as many pixels
+    with pytest.raises(ValueError, match="has 18x20 pixels, the scene's camera 20x18"):
+        differencing().reconstruct(photograph)
 
 
 @pytest.mark.parametrize(

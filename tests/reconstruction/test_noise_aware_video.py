@@ -230,6 +230,12 @@ def test_video_may_begin_in_the_dark(still):
     assert distance(frames[-1], TRUTH[-1]) < 0.3
 
 
+def test_no_photographs_give_no_frames(still):
+    video = NoiseAwareVideo(still)
+    assert video.frames(PHOTOGRAPHS[:0]).shape == (0, *HIDDEN, 3)
+    assert video.previous is None
+
+
 # -- what is refused -----------------------------------------------------------------------------
 
 

@@ -48,6 +48,21 @@ def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(periscope,
     np.testing.assert_allclose(at_once, one_at_a_time, atol=2e-3 * one_at_a_time.max())
 
 
+def test_no_photographs_give_no_frames_in_the_methods_precision(periscope):
+    video = Video(periscope)
+    frames = video.frames(PHOTOGRAPHS[:0])
+    assert frames.shape == (0, *HIDDEN, 3)
+    assert frames.dtype == video.next_frame(PHOTOGRAPHS[0]).dtype
+
+
+def test_what_was_begun_for_many_is_finished_one_after_the_other(periscope):
+    expected = Video(periscope).frames(PHOTOGRAPHS)
+    video = Video(periscope)
+    remaining = list(video.begun(PHOTOGRAPHS))
+    assert video.previous is None
+    np.testing.assert_array_equal([finish().image for finish in remaining], expected)
+
+
 def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previous(periscope):
     video = Video(periscope, coupling="total-variation")
     previous = video.next_frame(PHOTOGRAPHS[0])
