@@ -68,7 +68,6 @@ def calibrate(
     uncertainties, the way there) and a picture.
     """
     from periscopy_sim.calibration.calibrating import calibrate as search
-    from periscopy_sim.calibration.scene_copy import with_defaults
     from periscopy_sim.defects import defective_pixels
     from periscopy_sim.evaluation.calibration_figure import draw_calibration
     from periscopy_sim.shipped import find_scene
@@ -92,6 +91,7 @@ def calibrate(
         scenario = scenes.load(scene, hidden, define)
         used = masks.read(mask, scenario)
         given_photograph = scenes.read_photograph(photo, scenario, used)
+        _write_copy(scene_file, path, given, hidden, out)  # proves now that it can be written
         defects = defective_pixels(given_photograph.values, used)
         warnings = [*given_photograph.warnings, *masks.warn_of(defects, str(photo))]
         with timed("calibrate"), progress("calibrating") as report:
@@ -108,7 +108,7 @@ def calibrate(
                 progress=report,
             )
         values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
-        scene_file.write_text(with_defaults(path, values, out.parent), encoding="utf-8")
+        _write_copy(scene_file, path, values, hidden, out)
         provenance = scenes.provenance_of(scenario, seed)
         summary = {
             "photograph": str(photo),
@@ -133,6 +133,24 @@ def _numbers(definitions: Mapping[str, str]) -> dict[str, float]:
         return {name: float(text) for name, text in definitions.items()}
     except ValueError as error:
         raise SceneError(f"--uncertain: {error}; give NAME=ERROR, a number") from None
+
+
+def _write_copy(
+    staged: Path, scene: Path, values: Mapping[str, str], hidden: str, out: Path
+) -> None:
+    """Write a scene with other defaults, and see that it loads from where it lies."""
+    from periscopy_sim.calibration.scene_copy import with_defaults
+    from periscopy_sim.rendering.scene_file import load_scenario
+
+    staged.write_text(with_defaults(scene, values, staged.parent), encoding="utf-8")
+    try:
+        load_scenario(staged, parse_size(hidden))
+    except SceneError as error:
+        why = str(error).replace(str(staged), str(out))
+        raise SceneError(
+            f"--out {out}: a copy of scene '{scene}' does not load from there; name a file beside "
+            f"the scene ({why})"
+        ) from None
 
 
 def _told(found: Calibration) -> dict[str, Any]:

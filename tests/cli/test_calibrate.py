@@ -1,4 +1,5 @@
 import json
+import shutil
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -117,3 +118,26 @@ def test_a_photograph_of_too_few_pixels_is_refused(refused, tmp_path):
     scene = ("--scene", "chair", "-D", "resolution=4", "--hidden", "2x2")
     arguments = ("calibrate", "y.npy", *scene, "--free", "occluder_dx", "--out", "found.xml")
     assert "too few" in refused(*arguments)
+
+
+def test_a_copy_that_would_not_load_is_refused_before_the_search(photograph, refused, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    folder = tmp_path / "scenes"
+    shutil.copytree(ps.find_scene("chair").parent / "meshes", folder / "meshes")
+    shutil.copy(ps.find_scene("chair"), folder / "whole.xml")
+    (folder / "scene.xml").write_text(
+        '<scene version="3.0.0"><include filename="whole.xml"/></scene>'
+    )
+    (tmp_path / "elsewhere").mkdir()
+    options = ("-D", "resolution=32", "--hidden", "6x7", "--free", "occluder_dx")
+    line = refused(
+        "calibrate",
+        "y.npy",
+        "--scene",
+        "scenes/scene.xml",
+        *options,
+        "--out",
+        "elsewhere/found.xml",
+    )
+    assert "name a file beside the scene" in line
+    assert not list((tmp_path / "elsewhere").iterdir())
