@@ -24,7 +24,7 @@ lint: $(VENV)/installed-dev
 validate: $(VENV)/installed
 	$(BIN)/python -m experiments.validation --out out/validation
 
-# Every figure and table of the paper, as one page: out/paper/index.html.
+# Every figure and table of the paper, and what goes beyond it, as one page: out/paper/index.html.
 paper: $(VENV)/installed
 	$(BIN)/python -m experiments.paper --out out/paper
 

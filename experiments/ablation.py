@@ -1,8 +1,11 @@
 """What of the noise-aware method helps, and what would help it more: one table of errors.
 
-One thing at a time is taken from the method, or put in another's place: the photograph's noise, the
-sign, the channels' common edges; the penalty, the rule for its weight, the estimate of σ, the model
-of ambient light, and a smooth gain over the wall that no model tells.
+The first rows are the package's methods: the paper's; the noise-aware one as users have it, which
+takes a gain over the wall into account where a test finds one; and the same without its gain. From
+the last of these, in all rows below, one thing at a time is taken, or put in another's place: the
+photograph's noise, the sign, the channels' common edges; the penalty, the rule for its weight, the
+estimate of σ, the model of ambient light. The last rows divide by a plainer estimate of the gain,
+of several degrees, without a test.
 
 Weights of different penalties mean different things. Each row marked * has the weight that is best,
 by the truth, over rendered photographs under three of the realistic lights (geometric mean over
@@ -10,8 +13,8 @@ images and ratios); the same is then used on all others, the real photograph inc
 a rule, the truth of each photograph, the real one too, chose.
 
 No row's numbers are fitted to the real photograph, but it is one photograph, and its scores were
-seen while the rows on the gain, on negatives and on B were chosen, among more than a hundred:
-the best of them flatters. The rows of plain degrees show what a gain does without such a choice.
+seen while the package's gain and the rows on the gain, on negatives and on B were chosen, among
+more than a hundred: the best of them flatters.
 """
 
 from __future__ import annotations
@@ -25,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.ablation_cases import Case, cases
-from experiments.ablation_table import Row, markdown, noise_table, table
+from experiments.ablation_cases import REAL, Case, cases
+from experiments.ablation_table import MARKDOWN, Row, markdown, noise_table, summary, table
 from experiments.background_models import FINER, grids, polynomials, sketched_basis
 from experiments.normal_equations import Measured, NormalEquations, median_deviation
 from experiments.regularizers import (
@@ -41,10 +44,11 @@ from experiments.regularizers import (
     total_variation,
 )
 from experiments.setting import Setting, alone
-from experiments.wall_gain import WallGain
+from experiments.wall_gain import plain_gain
 from experiments.weight_rules import RULES, Choices, Trials, trials
-from periscopy_sim.evaluation.report import Section
+from periscopy_sim.evaluation.report import Claim, Section, Verdict
 from periscopy_sim.reconstruction.preconditioner import background_basis
+from periscopy_sim.reconstruction.wall_gain import polynomials as gain_terms
 from periscopy_sim.storage.output import staged_file
 
 Array = NDArray[np.float64]
@@ -52,7 +56,8 @@ Array = NDArray[np.float64]
 WEIGHT = 0.02
 """The package's own."""
 
-PAPER, PRESENT = "paper's method", "noise-aware method"
+PAPER = "paper's method"
+WITH_GAIN, WITHOUT_GAIN = "noise-aware method", "noise-aware method without its gain"
 GRID = tuple(WEIGHT * 2 ** (k / 2) for k in range(-6, 7))
 DENSER = "nearer, denser across"
 ROUNDINGS = (0.05, 0.2, 0.5)
@@ -83,6 +88,17 @@ class Bench:
     def variation(self) -> Regularized:
         """The method's own problem, by the solver of this experiment."""
         return Regularized(self.equations.gram, total_variation(self.setting.hidden))
+
+    def fitted(self, *, wall_gain: bool | None = None) -> ps.NoiseAware:
+        """Fit the package's method."""
+        setting = self.setting
+        return ps.NoiseAware.for_scene(setting.scenario, setting.A, setting.B, wall_gain=wall_gain)
+
+    @cached_property
+    def denser(self) -> Array:
+        """Basis of nearer lights, denser across."""
+        lights = ps.point_light_backgrounds(self.setting.scenario, grids()[DENSER])
+        return sketched_basis(lights)
 
     def images(self, solutions: Array) -> Array:
         """Shape (N, P, 3) solutions into (P, R, C, 3) images; errors do not depend on the scale."""
@@ -155,10 +171,11 @@ def run(setting: Setting) -> Section:
         name="ablation",
         title="What of the noise-aware method helps",
         text=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
-        tables=[table(rows, bench.cases), noise_table(bench.cases, bench.measured)],
+        claims=list(gains_found(bench)),
+        tables=[summary(rows, bench.cases), noise_table(bench.cases, bench.measured)],
     )
-    with staged_file(setting.out / "ablation.md") as file:
-        file.write_text(markdown(section), "utf-8")
+    with staged_file(setting.out / MARKDOWN) as file:
+        file.write_text(markdown(section, table(rows, bench.cases)), "utf-8")
     with staged_file(setting.out / "ablation.json") as file:
         text = json.dumps([asdict(row) for row in rows], indent=1, ensure_ascii=False)
         file.write_text(text + "\n", "utf-8")
@@ -166,14 +183,15 @@ def run(setting: Setting) -> Section:
 
 
 def packaged(bench: Bench) -> Iterator[Row]:
-    """Score the package's two methods, as users have them."""
-    setting = bench.setting
-    paper = setting.preconditioned
-    own = ps.NoiseAware.for_scene(setting.scenario, setting.A, setting.B, wall_gain=False)
-    yield bench.row(PAPER, "", lambda case: np.stack([*map(paper.reconstruct, case.photographs)]))
-    yield bench.row(
-        PRESENT, f"{WEIGHT}", lambda case: np.stack([*map(own.reconstruct, case.photographs)])
-    )
+    """Score the paper's method, the noise-aware one as users have it, and that without its gain."""
+
+    def each(method: ps.Periscope | ps.NoiseAware) -> Recover:
+        return lambda case: np.stack([*map(method.reconstruct, case.photographs)])
+
+    yield bench.row(PAPER, "", each(bench.setting.preconditioned))
+    yield bench.row(WITH_GAIN, f"{WEIGHT}", each(bench.fitted()))
+    without = bench.fitted(wall_gain=False)
+    yield bench.row(WITHOUT_GAIN, f"{WEIGHT}", each(without))
 
 
 def parts(bench: Bench) -> Iterator[Row]:
@@ -258,13 +276,13 @@ def estimates(bench: Bench) -> Iterator[Row]:
 def backgrounds(bench: Bench) -> Iterator[Row]:
     """Give B more columns."""
     setting = bench.setting
-    lights = grids()
     smooth = polynomials(setting.scenario.photograph_shape, DEGREE)
+    finer = ps.point_light_backgrounds(setting.scenario, grids()[FINER])
     bases = {
-        f"B: {name}": sketched_basis(ps.point_light_backgrounds(setting.scenario, lights[name]))
-        for name in (FINER, DENSER)
+        f"B: {FINER}": sketched_basis(finer),
+        f"B: {DENSER}": bench.denser,
+        f"B: and polynomials of degree {DEGREE}": np.linalg.qr(np.hstack([bench.Q, smooth]))[0],
     }
-    bases[f"B: and polynomials of degree {DEGREE}"] = np.linalg.qr(np.hstack([bench.Q, smooth]))[0]
     for name, Q in bases.items():
         equations = NormalEquations(setting.A, Q)
         solver = Regularized(equations.gram, total_variation(setting.hidden))
@@ -279,36 +297,51 @@ def backgrounds(bench: Bench) -> Iterator[Row]:
 
 
 def gains(bench: Bench) -> Iterator[Row]:
-    """Find a smooth gain over the wall from a first image, divide by it, and recover again."""
-    setting, equations = bench.setting, bench.equations
-    shape, colour = setting.scenario.photograph_shape, total_variation(setting.hidden)
-    dense = sketched_basis(ps.point_light_backgrounds(setting.scenario, grids()[DENSER]))
-    free = Regularized(equations.gram, colour, negatives=0)
-    lenient = Regularized(equations.gram, colour, negatives=COSTS[0])
-    positive = bench.variation
-    richer = f"gain over the wall, degree 2, found with B {DENSER}"
-    tried = {
-        **{f"gain over the wall, degree {d}": (bench.Q, d, positive, positive) for d in (1, 2, 3)},
-        richer: (dense, 2, free, positive),
-        f"{richer}; negatives at a cost of {COSTS[0]:g}": (dense, 2, free, lenient),
-        f"{richer}; f of either sign": (dense, 2, free, free),
-    }
-    for name, (Q, degree, before, after) in tried.items():
-        gain = WallGain(setting.A, Q, shape, degree)
+    """Find a gain over the wall from a first image, divide by it, and recover again.
 
-        def recover(
-            case: Case,
-            gain: WallGain = gain,
-            before: Regularized = before,
-            after: Regularized = after,
-        ) -> Array:
+    These rows differ from the package's own gain, which is of degree 2, by the degrees tried; no
+    test accepts the gain; no smooth ambient light but that of B, or of a richer one, is kept apart
+    while it is found; the first image is a converged one; and the photograph, ambient light
+    included, is divided by the gain, where the package subtracts what the gain adds.
+    """
+    setting, equations = bench.setting, bench.equations
+    plain = "divided by a plain gain of degree {}, no test"
+    tried = {
+        **{plain.format(degree): (bench.Q, degree) for degree in (1, 2, 3)},
+        f"{plain.format(2)}, found with B {DENSER}": (bench.denser, 2),
+    }
+    for name, (Q, degree) in tried.items():
+        F = np.linalg.qr(np.hstack([Q, equations.A]))[0]
+        terms = gain_terms(setting.scenario.photograph_shape, 1, degree)
+
+        def recover(case: Case, F: Array = F, terms: Array = terms) -> Array:
             y = flat(case)
-            first = before.minimize(bench.measured[case.name].problem(WEIGHT)) / equations.unit
-            found = [gain.estimate(photograph, first[:, k]) for k, photograph in enumerate(y)]
+            first = bench.variation.minimize(bench.measured[case.name].problem(WEIGHT))
+            light = np.tensordot(equations.A, first / equations.unit, 1).swapaxes(0, 1)
+            found = [plain_gain(*seen, F, terms) for seen in zip(y, light, strict=True)]
             even = equations.measured(y / np.stack(found)[..., None])
-            return bench.images(after.minimize(even.problem(WEIGHT)))
+            return bench.images(bench.variation.minimize(even.problem(WEIGHT)))
 
         yield bench.row(name, f"{WEIGHT}", recover, "2")
+
+
+def gains_found(bench: Bench) -> Iterator[Claim]:
+    """Count the photographs in which the package's test finds a gain over the wall."""
+    method = bench.fitted()
+    kinds: dict[str, list[Case]] = {}
+    for case in bench.cases:
+        light = "realistic light" if case.common else "adversarial light or other noise"
+        kinds.setdefault(REAL if case.real else f"rendered, {light}", []).append(case)
+    for kind, members in kinds.items():
+        solved = [method.solve(y) for case in members for y in case.photographs]
+        found = [solution.gain for solution in solved if solution.has_gain]
+        between = f", between {np.min(found):.2f} and {np.max(found):.2f}" if found else ""
+        yield Claim(
+            f"photographs in which the noise-aware method finds a gain over the wall: {kind}",
+            "",
+            f"{len(found)} of {len(solved)}{between}",
+            Verdict.MEASURED,
+        )
 
 
 if __name__ == "__main__":

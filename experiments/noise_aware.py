@@ -115,15 +115,15 @@ def _table(errors: Mapping[tuple[str, str], Array], kind: str) -> Table:
         rows.append(
             (
                 f"{sbr:g}",
-                f"{paper.mean():.4f} ± {paper.std():.4f}",
-                f"{ours.mean():.4f} ± {ours.std():.4f}",
+                f"{1e3 * paper.mean():.2f} ± {1e3 * paper.std():.2f}",
+                f"{1e3 * ours.mean():.2f} ± {1e3 * ours.std():.2f}",
                 f"{ratios.mean():.3f}",
                 f"{ratios.max():.3f}",
             )
         )
     return Table(
-        f"The {kind} photograph: mean squared error (± standard deviation over conditions and "
-        "draws), and the ratio of the two methods.",
+        f"The {kind} photograph: mean squared error in thousandths (± standard deviation over "
+        "conditions and draws), and the ratio of the two methods.",
         ("SBR", "the paper's method", "noise-aware", "ratio", "worst condition"),
         rows,
     )

@@ -5,6 +5,8 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.ablation import lowest
+from experiments.ablation_cases import Case
+from experiments.ablation_table import Row, summary
 from experiments.normal_equations import NormalEquations, median_deviation
 from experiments.regularizers import (
     Problem,
@@ -15,7 +17,7 @@ from experiments.regularizers import (
     rounded,
     total_variation,
 )
-from experiments.wall_gain import WallGain
+from experiments.wall_gain import plain_gain
 from experiments.weight_rules import trials, unbiased_risk
 
 HIDDEN = (6, 7)
@@ -164,12 +166,37 @@ def test_noise_is_told_from_neighbours_whatever_the_ramp():
 
 def test_gain_of_the_wall_is_found():
     down, across = np.linspace(-1, 1, 16)[:, None], np.linspace(-1, 1, 18)
-    gain = (1 + 0.2 * across + 0.1 * down * across + 0 * down).ravel()
-    lit = gain[:, None] * (A @ TRUTH.reshape(-1, 3)) + 3 * B @ np.ones((4, 3))
-    found = WallGain(A, EQUATIONS.Q, PHOTOGRAPH).estimate(lit, TRUTH.reshape(-1, 3))
-    np.testing.assert_allclose(found, gain, atol=1e-9)
-    noisy = WallGain(A, EQUATIONS.Q, PHOTOGRAPH).estimate(SIGNAL, TRUTH.reshape(-1, 3))
-    np.testing.assert_allclose(noisy, 1, atol=1e-9)
+    terms = np.stack([(across + 0 * down).ravel(), (down * across).ravel()])
+    gain = 1 + 0.2 * terms[0] + 0.1 * terms[1]
+    light = A @ TRUTH.reshape(-1, 3)
+    F = np.linalg.qr(np.hstack([A, B]))[0]
+    bent = gain[:, None] * light + 3 * B @ np.ones((4, 3))
+    np.testing.assert_allclose(plain_gain(bent, light, F, terms), gain, atol=1e-9)
+    np.testing.assert_allclose(plain_gain(SIGNAL, light, F, terms), 1, atol=1e-9)
+
+
+def test_a_line_tells_geometric_means_over_the_papers_errors():
+    none = np.zeros((0, 16, 18, 3))
+    tried = [
+        Case("bars 10", none, TRUTH, common=True),
+        Case("bars 0.5", none, TRUTH, common=True),
+        Case("dots 10", none, TRUTH, common=True),
+        Case("low_sun 10", none, TRUTH),
+        Case("real", none, TRUTH, real=True),
+        Case("real 0.5", none, TRUTH, real=True),
+    ]
+    errors = {"bars 10": [[1.0, 3.0]], "bars 0.5": [[4.0]], "dots 10": [[5.0]]}
+    real = {"real": [[9.0], [12.0]], "real 0.5": [[8.0, 9.0], [10.0, 11.0]]}
+    paper = Row("paper", "", errors | {"low_sun 10": [[2.0]]} | real)
+    ours = {"bars 10": [[0.5, 0.5]], "bars 0.5": [[0.5]], "dots 10": [[5.0]]}
+    table = summary([paper, Row("ours", "w", ours | {"low_sun 10": [[1.0]]} | real)], tried)
+    assert table.header[2:] == ("overall", "SBR 10", "SBR 0.5", "low sun", "real", "real 0.5")
+    assert table.rows[0][2:6] == ["1.000"] * 4
+    # (1/4 · 1/8 · 1)^(1/3), (1/4 · 1)^(1/2), 1/8, 1/2
+    assert table.rows[1][:6] == ["ours", "w", "0.315", "0.500", "0.125", "0.500"]
+    assert table.rows[1][6:] == ["9.00 / 12.00", "8.50 / 10.50"]
+    rendered = summary([paper], tried[:4])
+    assert "PSNR" in table.caption and "PSNR" not in rendered.caption
 
 
 def test_walk_ends_in_the_valley():

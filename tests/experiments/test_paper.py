@@ -86,6 +86,11 @@ def test_an_interrupted_run_keeps_what_was_done(tmp_path):
     assert (tmp_path / "sections" / "fig3.json").is_file()
 
 
+@pytest.mark.parametrize("name", paper.EXPERIMENTS)
+def test_every_experiment_of_the_page_can_be_loaded(name):
+    assert callable(paper.load(name))
+
+
 @pytest.mark.parametrize("names", ["fig3,fig11", "fig11", "fig3,,fig8"])
 def test_an_unknown_name_is_refused_in_one_line(tmp_path, names):
     result = command("--out", str(tmp_path / "run"), "--only", names)
