@@ -22,8 +22,8 @@ Visit = Callable[[Values, float], None]
 DAMPING = 1e-3
 """The first: part of the curvature that is added to it."""
 
-NOTHING = 10.0
-"""A gain in evidence that is not worth another step: other rays change it by more."""
+NOTHING = 0.5
+"""Expected gain in evidence that is not worth a step: it is at most 0.7 standard errors long."""
 
 DOUBLINGS = 3
 """Of a step, at most."""
@@ -68,12 +68,16 @@ class Curvature:
         (P,) its diagonal with the rendering's noise in it: more than it.
     scores
         (blocks, P) what each block of pixels adds to the slope of the misfit.
+    scatter
+        (P,) half of how the slopes by two sets of rays differ: standard errors of their mean, the
+        signs those of one draw.
     """
 
     slope: Array
     information: Array
     noisy: Array
     scores: Array
+    scatter: Array
 
     def damped(self, damping: float) -> Array:
         """Add a part of the diagonal to the information, and what noise made negative in it."""
@@ -93,14 +97,20 @@ class Curvature:
             information=self.information[:count, :count],
             noisy=self.noisy[:count],
             scores=self.scores[:, :count],
+            scatter=self.scatter[:count],
         )
+
+    def step(self, damping: float = UNSEEN) -> Values:
+        """Step to where the slope vanishes (Newton's)."""
+        return np.asarray(-np.linalg.solve(self.damped(damping), self.slope))
 
     def covariance(self) -> Array:
         """Give the parameters' covariance, (P, P).
 
         What the model leaves unexplained is no white noise, so its spread is taken from the
         photograph: blocks of pixels are independent, not pixels (the sandwich estimate: White,
-        Econometrica 50, 1982). It is never taken below that of white noise.
+        Econometrica 50, 1982). It is never taken below that of white noise. What the rays add is
+        from the slope's scatter.
         """
         scale = 1 / np.sqrt(self.noisy)
         normalized = self.determined() * np.outer(scale, scale)
@@ -109,8 +119,9 @@ class Curvature:
         spread = scores.T @ scores
         white, robust = np.diag(inverse), np.diag(inverse @ spread @ inverse)
         growth = np.sqrt(np.maximum(robust / white, 1))
-        covariance: Array = inverse * np.outer(growth * scale, growth * scale)
-        return covariance
+        by_rays = inverse @ (scale * self.scatter)
+        covariance: Array = inverse * np.outer(growth, growth) + np.outer(by_rays, by_rays)
+        return covariance * np.outer(scale, scale)
 
 
 def curvature(level: Level, values: Values, explanation: Explanation, steps: Values) -> Curvature:
@@ -136,13 +147,13 @@ def curvature(level: Level, values: Values, explanation: Explanation, steps: Val
     SceneError
         If neither side of a parameter is physical.
     """
-    slope, steered, noisy = [], [], []
+    slopes, steered, noisy = [], [], []
     moved: tuple[list[Array], list[Array]] = ([], [])
     for k, step in enumerate(steps):
         offset = np.zeros(len(values))
         offset[k] = step
         changes = [_difference(level, values, offset, level.seed + s) / step for s in (0, 1)]
-        slope.append(np.mean([explanation.slope(change) for change in changes]) / 2)
+        slopes.append([explanation.slope(change) / 2 for change in changes])
         beyond = [explanation.steer(change) for change in changes]
         for own, change in zip(moved, changes, strict=True):
             own.append(explanation.moved(change))
@@ -151,11 +162,13 @@ def curvature(level: Level, values: Values, explanation: Explanation, steps: Val
     first, second = (np.array([beyond[s] for beyond in steered]) for s in (0, 1))
     information = np.einsum("imc,jmc->ij", first, np.array(moved[1]))
     residuals = explanation.residuals / explanation.noise
+    by_seed = np.array(slopes)
     return Curvature(
-        slope=np.array(slope),
+        slope=by_seed.mean(axis=1),
         information=(information + information.T) / 2,
         noisy=np.array(noisy),
         scores=_by_block(np.einsum("imc,mc->mi", (first + second) / 2, residuals), level),
+        scatter=(by_seed[:, 0] - by_seed[:, 1]) / 2,
     )
 
 
@@ -226,14 +239,14 @@ def descend(
     """
     values, here = start, level.explain(start)
     visit(values, here.evidence)
-    damping, gain, unphysical = DAMPING, np.inf, None
+    damping, unphysical = DAMPING, None
     for _ in range(iterations):
-        if gain < NOTHING:
-            break
         about = curvature(level, values, here, steps)
         gain, unphysical = 0.0, None
         for trial in range(TRIALS):
-            step = np.asarray(-np.linalg.solve(about.damped(damping), about.slope), np.float64)
+            step = about.step(damping)
+            if -np.dot(about.slope, step) < NOTHING:
+                break
             step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
             try:
                 tried = level.explain(values + step)
@@ -248,6 +261,8 @@ def descend(
                     damping /= 5
                     break
             damping = max(damping, DAMPING) * 10
+        if gain < NOTHING:
+            break
     return Descent(values, here, unphysical if gain < NOTHING else None)
 
 
@@ -264,3 +279,35 @@ def _further(
             break
         step, reached = 2 * step, tried
     return step, reached
+
+
+def settle(
+    level: Level, end: Descent, about: Curvature, longest: Values
+) -> tuple[Values, Explanation]:
+    """Take the step that a descent's end still asks for.
+
+    Between places so near, the evidence itself tells more of the rays than of the places; its
+    slope, of wide differences and of two sets of rays, does not.
+
+    Parameters
+    ----------
+    level
+        Where to look.
+    end
+        Of the descent.
+    about
+        The curvature there.
+    longest
+        (P,) at most so far.
+
+    Returns
+    -------
+    values, explanation
+        There; the descent's end where the step is not physical.
+    """
+    step = about.step()
+    step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
+    try:
+        return end.values + step, level.explain(end.values + step)
+    except SceneError:
+        return end.values, end.explanation

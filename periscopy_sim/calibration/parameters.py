@@ -16,8 +16,11 @@ STEP, SPREAD = 0.05, 0.4
 """Relative changes of the transport matrix: by the step of a difference, and over the half width of
 the box that is searched, where shadows have moved by about their own size."""
 
-DOUBLINGS = 60
+DOUBLINGS = 40
 """From a millionth of a unit: beyond, a parameter is not seen."""
+
+GROWTH = 1.2
+"""Of the change, by doubling, below which it grows no more: a turn comes round again."""
 
 
 def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Values:
@@ -95,7 +98,7 @@ def steps_and_spreads(level: Level, start: Values) -> tuple[Values, Values]:
         for doubling in range(DOUBLINGS):
             offset[k] = 1e-6 * 2.0**doubling
             change = _change(level, A, start, offset)
-            if change is None:
+            if change is None or (reached >= STEP and change < GROWTH * reached):
                 break
             reached, spread = change, offset[k]
             if np.isnan(step) and change >= STEP:
@@ -106,6 +109,11 @@ def steps_and_spreads(level: Level, start: Values) -> tuple[Values, Values]:
             raise SceneError(
                 f"scene '{level.path}': '{name}' cannot be moved from {start[k]:g}; leave it out "
                 "of --free, or start it elsewhere by -D"
+            )
+        if reached == 0:
+            raise SceneError(
+                f"scene '{level.path}': the photograph cannot see '{name}', however it is moved "
+                f"from {start[k]:g}; start it elsewhere by -D, or leave it out of --free"
             )
         if np.isnan(step):
             raise SceneError(

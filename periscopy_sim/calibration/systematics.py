@@ -74,20 +74,26 @@ def uncertain_numbers(
     return Uncertain(names, values, np.array([errors[name] for name in names], np.float64))
 
 
-def require_physical(level: Level, values: Values, uncertain: Uncertain) -> None:
-    """Look whether the scene stays physical when an uncertain number errs, to either side.
+def require_effect(level: Level, values: Values, uncertain: Uncertain) -> None:
+    """Look whether errors of uncertain numbers, to either side, change what is seen.
 
     Raises
     ------
     SceneError
-        If it does not.
+        If one changes nothing, or the scene is not physical then.
     """
     joint = level.varying((*level.names, *uncertain.names))
-    for k, error in enumerate(uncertain.standard_errors):
+    for k, (name, error) in enumerate(zip(uncertain.names, uncertain.standard_errors, strict=True)):
+        sides = []
         for sign in (1, -1):
             moved = uncertain.values.copy()
             moved[k] += sign * error
-            joint.scenario(np.concatenate([values, moved]))
+            sides.append(joint.matrix(np.concatenate([values, moved])))
+        if np.array_equal(sides[0], sides[1]):
+            raise SceneError(
+                f"scene '{level.path}': the photograph does not depend on '{name}'; it can err as "
+                "it likes: leave it out of --uncertain"
+            )
 
 
 def sensitivity(

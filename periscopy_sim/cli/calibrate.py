@@ -162,6 +162,7 @@ def _told(found: Calibration) -> dict[str, Any]:
                 "value": p.value,
                 "statistical_error": p.statistical_error,
                 "standard_error": p.standard_error,
+                "scale": p.scale,
                 "half_width_searched": p.spread,
                 "determined": p.determined,
             }
@@ -177,7 +178,10 @@ def _told(found: Calibration) -> dict[str, Any]:
             }
             for stayed in found.considered
         },
-        "correlation": found.correlation,
+        "correlation": {
+            p.name: dict(zip(found.values, row, strict=True))
+            for p, row in zip(found.parameters, found.correlation, strict=True)
+        },
         "unexplained_before": found.noise_before,
         "unexplained": found.noise,
         "path": [
@@ -199,7 +203,7 @@ def _say(found: Calibration) -> None:
         blame = _largest(found, k)
         say(
             f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}   from {p.start:.4g}"
-            + (f", ± {p.statistical_error:.2g} but for {blame}" if blame else "")
+            + (f", by {blame}; alone ± {p.statistical_error:.1g}" if blame else "")
         )
         if not p.determined:
             others = np.abs(found.correlation[k])

@@ -275,6 +275,12 @@ def _tell_certainty(
     errors = method.standard_errors(found)
     np.save(folder / "standard_error.npy", errors.astype(np.float32))
     figures.draw_certainty(folder / "certainty.png", found.image, errors, text)
+    if found.has_gain:
+        say(
+            f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
+            "explains part of the photograph: vignetting, or a scene that is off (see periscopy "
+            "calibrate)"
+        )
     return {
         "noise": found.noise,
         "lambda": found.weight,

@@ -85,6 +85,7 @@ def _draw_way(ax: Any, calibration: Calibration, k: int) -> None:
             markersize=3,
             linewidth=0.8,
         )
+    ax.set_ylim(*_shown(calibration, k))
     ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":")
     ax.axhspan(
         parameter.value - parameter.standard_error,
@@ -102,3 +103,17 @@ def _draw_way(ax: Any, calibration: Calibration, k: int) -> None:
         ["{} x {}".format(*visited.photograph_shape) for visited in calibration.path], fontsize=7
     )
     ax.tick_params(labelsize=7)
+
+
+BEST = 10
+"""Points of the search that the picture must show."""
+
+
+def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
+    """Give the range of start, end, descents and the search's best; the first search is wider."""
+    parameter, (search, *descents) = calibration.parameters[k], calibration.path
+    best = search.values[np.argsort(search.evidence)[:BEST], k]
+    ends = parameter.value + parameter.standard_error * np.array([-1, 1])
+    shown = np.concatenate([[parameter.start], best, ends, *(d.values[:, k] for d in descents)])
+    margin = 0.08 * float(np.ptp(shown)) or 1.0
+    return float(shown.min()) - margin, float(shown.max()) + margin

@@ -181,7 +181,9 @@ def draw_certainty(
     left, right = figure.subplots(1, 2)
     show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
     top = float(errors.max()) or 1.0
-    shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
+    shown = show(
+        right, "standard error, if the scene is right", errors, cmap="magma", vmin=0, vmax=top
+    )
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))

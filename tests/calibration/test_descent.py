@@ -1,7 +1,10 @@
+from copy import copy
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.descent import curvature, descend
+from periscopy_sim.calibration.descent import Descent, curvature, descend, settle
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import NEAREST, TRUTH
 
@@ -21,15 +24,16 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
     assert end.unphysical is None
 
 
-def test_errors_are_as_large_as_told(slat_level):
+@pytest.mark.parametrize("rendering", [0.0, 2e-4])
+def test_errors_are_as_large_as_told(slat_level, rendering):
     # Squares of 60 normal errors average to 1 ± 0.18; a factor of 2 either way is 4 sigma.
     normalized = []
     for seed in range(30):
-        level = slat_level(noise=0.002, seed=seed)
+        level = slat_level(noise=0.002, seed=seed, rendering=rendering)
         end = descend(level, TRUTH, STEPS / 4, LONGEST, 20, ignore)
-        covariance = curvature(level, end.values, end.explanation, STEPS / 4).covariance()
-        error = end.values - TRUTH
-        normalized.append(error**2 / np.diag(covariance))
+        about = curvature(level, end.values, end.explanation, STEPS / 4)
+        values, _ = settle(level, end, about, LONGEST)
+        normalized.append((values - TRUTH) ** 2 / np.diag(about.covariance()))
     mean = np.mean(normalized)
     assert 0.5 < mean < 2, mean
 
@@ -41,6 +45,21 @@ def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
     about = curvature(noisy, TRUTH, there, STEPS / 4)
     assert (about.noisy > 1.5 * expected).all()  # what one rendering alone would tell
     np.testing.assert_allclose(np.diag(about.information), expected, rtol=0.5)
+
+
+def test_a_descent_that_ended_early_is_settled(slat_level):
+    level = slat_level(noise=0.002, seed=6)
+    end = descend(level, TRUTH, STEPS / 4, LONGEST, 40, ignore)
+    error = np.sqrt(np.diag(curvature(level, end.values, end.explanation, STEPS / 4).covariance()))
+    early = end.values + error
+    stopped = Descent(early, level.explain(early), None)
+    about = curvature(level, early, stopped.explanation, STEPS / 4)
+    values, explanation = settle(level, stopped, about, LONGEST)
+    assert (np.abs(values - end.values) < 0.3 * error).all()
+    assert explanation.evidence < stopped.explanation.evidence
+    with_wall = copy(level)
+    with_wall.explain = Mock(side_effect=SceneError("the slat is in the wall"))
+    assert settle(with_wall, stopped, about, LONGEST)[0] is early
 
 
 def test_what_cannot_be_told_apart_has_large_errors(slat_level):

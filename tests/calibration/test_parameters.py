@@ -111,3 +111,9 @@ def test_a_black_channel_is_no_trouble():
     found = here.explain(np.array([0.0]))
     assert np.isfinite(here.picture(found.residuals)).all()
     assert np.isfinite(found.noise / here.scale).all()
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_turn_is_not_searched_beyond_where_it_comes_round_again():
+    _, (spread,) = steps_and_spreads(level(("occluder_turn",)), np.array([0.0]))
+    assert 5 < spread < 100

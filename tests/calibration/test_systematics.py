@@ -6,7 +6,7 @@ import pytest
 from periscopy_sim.calibration.descent import descend
 from periscopy_sim.calibration.systematics import (
     Uncertain,
-    require_physical,
+    require_effect,
     sensitivity,
     uncertain_numbers,
 )
@@ -74,9 +74,9 @@ def test_without_uncertain_numbers_nothing_is_added():
 
 def test_errors_through_the_wall_are_refused():
     level = HeldSlat(noise=0.01, seed=1)
-    require_physical(level, TRUTH[:1], distance(0.9 * (TRUTH[1] - NEAREST)))
+    require_effect(level, TRUTH[:1], distance(0.9 * (TRUTH[1] - NEAREST)))
     with pytest.raises(SceneError, match="in the wall"):
-        require_physical(level, TRUTH[:1], distance(1.1 * (TRUTH[1] - NEAREST)))
+        require_effect(level, TRUTH[:1], distance(1.1 * (TRUTH[1] - NEAREST)))
 
 
 def test_uncertain_numbers_stay_at_their_defaults_or_as_given():

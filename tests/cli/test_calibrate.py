@@ -41,7 +41,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_
     # Were the monitor further to the right, the chair would be, too, by less.
     moves = record["uncertain"]["monitor_dx"]["moves"]
     assert 1e-3 < moves["occluder_dx"] < 1e-2
-    assert "but for monitor_dx" in printed
+    assert ", by monitor_dx; alone ±" in printed
     for name, told in record["parameters"].items():
         quadrature = np.hypot(told["statistical_error"], moves[name])
         assert told["standard_error"] == pytest.approx(quadrature)
@@ -73,6 +73,11 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_
         (("--free", "occluder_dx", "--uncertain", "monitor_dx=0"), "give a positive number"),
         (("--free", "occluder_dx", "--uncertain", "occluder_dx=1"), "is free and stays"),
         (("--free", "occluder_dx", "--uncertain", "occluder_dy=0.9"), "through the wall"),
+        (
+            ("--free", "occluder_dx", "--uncertain", "resolution=2"),
+            "does not depend on 'resolution'",
+        ),
+        (("--free", "occluder_dy", "-D", "occluder_dy=-5"), "cannot see 'occluder_dy'"),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(photograph, refused, tmp_path, options, message):

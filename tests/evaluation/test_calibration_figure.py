@@ -12,7 +12,9 @@ from periscopy_sim.evaluation.calibration_figure import draw_calibration
 def calibration(before, after):
     """One of two levels and one parameter; the residuals as (rows, columns)."""
     levels = [
-        SimpleNamespace(values=np.array([[0.0], [0.1]]), photograph_shape=shape)
+        SimpleNamespace(
+            values=np.array([[0.0], [0.1]]), evidence=np.array([1.0, 0.0]), photograph_shape=shape
+        )
         for shape in ((4, 4), before.shape)
     ]
     return SimpleNamespace(
