@@ -127,7 +127,7 @@ def _worth(
 ) -> tuple[float, Images]:
     """Reconstruct with the scene at some values, and tell how it explains the photograph."""
     scene = ps.load_scenario("chair", setting.hidden, dict(values))
-    A, B = ps.render_transport(scene, samples=36), ps.point_light_backgrounds(scene)
+    A, B = ps.render_transport(scene), ps.point_light_backgrounds(scene)
     images = {
         name: np.asarray(method.for_scene(scene, A, B).reconstruct(photograph), np.float64)
         for name, method in (("preconditioned", ps.Periscope), ("noise-aware", ps.NoiseAware))

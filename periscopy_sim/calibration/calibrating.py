@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.descent import descend, settle
+from periscopy_sim.calibration.descent import curvature, descend, settle
 from periscopy_sim.calibration.exploration import GENERATIONS, explore, population
 from periscopy_sim.calibration.level import Level, Sampling, Values
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
@@ -231,7 +231,8 @@ def calibrate(
             "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
             "can be learned from it"
         )
-    values = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle)).values
+    end = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle))
+    values, _ = settle(middle, end, curvature(middle, end.values, end.explanation, steps), steps)
     visit = log.at(fine)
     end = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], visit)
     if end.unphysical is not None:
