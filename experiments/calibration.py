@@ -35,14 +35,17 @@ POSITION = ("occluder_dx", "occluder_dy", "occluder_dz")
 HEIGHT = POSITION[2:]
 FALLOFF = ("vertical_exponent", "horizontal_exponent")
 UNCERTAIN = {
+    **dict.fromkeys(POSITION, 0.005),
+    "vertical_exponent": 6.0,
+    "horizontal_exponent": 0.3,
     "occluder_turn": 2.0,
-    "occluder_width": 0.03,
-    "occluder_depth": 0.03,
-    "occluder_height": 0.03,
+    "occluder_stretch_x": 0.03,
+    "occluder_stretch_y": 0.03,
+    "occluder_stretch_z": 0.03,
     "monitor_dx": 0.003,
     "monitor_dz": 0.003,
 }
-"""Of the real scene: standard errors in degrees, parts, and metres, as a ruler's."""
+"""Of what is not free in the real scene: standard errors, in metres and degrees a ruler's."""
 OFF = 0.05
 STARTS = ((1, 1, 1), (-1, 1, -1), (1, -1, 1))
 RULER = (0, 0, 0)
@@ -92,7 +95,7 @@ def run(setting: Setting) -> Section:
                 setting.hidden,
                 free,
                 parameters=start,
-                uncertain=uncertain,
+                uncertain={name: e for name, e in uncertain.items() if name not in free},
                 seed=setting.seed,
             )
             explained, images = _worth(setting, measured, photograph, found.values)

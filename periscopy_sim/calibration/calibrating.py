@@ -54,9 +54,10 @@ class Parameter:
     standard_error
         The same in a scene some of whose other numbers are uncertain.
     scale
-        How far it must move to change the light transport by a twentieth.
+        How far it must move to change the light transport by a twentieth, to a factor of 2.
     spread
-        Half width of the box that was searched: where shadows have moved by about their own size.
+        Half width of the box that was searched: where shadows have moved by about their own size,
+        or move no further.
     """
 
     name: str
@@ -182,8 +183,8 @@ def calibrate(
     parameters
         Values of ``<default>``s: where free ones start, where others stay.
     uncertain
-        Standard errors of ``<default>``s that stay. They change no value, but its error: see
-        `systematics`.
+        Standard errors of ``<default>``s that stay, independent of each other. They change no
+        value, but its error: see `systematics`.
     mask
         (rows, columns) pixels to use; None for all.
     samples
@@ -222,6 +223,7 @@ def calibrate(
         for sampling in samplings
     )
     log = _Log(len(start), progress)
+    coarse.background(start)  # too few pixels are told of before anything is rendered
     require_effect(coarse, start, stays)
     steps, spreads = steps_and_spreads(coarse, start)
     values = explore(coarse, start, spreads, seed, log.at(coarse))
@@ -292,10 +294,11 @@ class _Log:
 
     def __init__(self, parameters: int, progress: Callable[[float], None] | None) -> None:
         first, later = population(parameters)
-        # In units of one point of the first level; a descent's visits each stand for an iteration.
+        # In units of one point of the first level; a descent's visits each stand for an iteration,
+        # and what follows the descents for one more.
         iteration = 4 * parameters + 2
-        self._costs = (1.0, 6.0 * iteration, 25.0 * iteration)
-        points = (first + GENERATIONS * later, *ITERATIONS)
+        self._costs = (1.0, 12.0 * iteration, 25.0 * iteration)
+        points = (first + GENERATIONS * later, *(count + 2 for count in ITERATIONS))
         self._total = float(np.dot(self._costs, points))
         self._done = 0.0
         self._progress = progress or (lambda _: None)

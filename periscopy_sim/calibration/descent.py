@@ -23,7 +23,7 @@ DAMPING = 1e-3
 """The first: part of the curvature that is added to it."""
 
 NOTHING = 0.5
-"""Expected gain in evidence that is not worth a step: it is at most 0.7 standard errors long."""
+"""Gain in evidence, expected or made, that is not worth a step: of at most 0.7 standard errors."""
 
 DOUBLINGS = 3
 """Of a step, at most."""
@@ -100,9 +100,15 @@ class Curvature:
             scatter=self.scatter[:count],
         )
 
-    def step(self, damping: float = UNSEEN) -> Values:
-        """Step to where the slope vanishes (Newton's)."""
-        return np.asarray(-np.linalg.solve(self.damped(damping), self.slope))
+    def step(self, damping: float, longest: Values) -> Values:
+        """Step to where the slope vanishes (Newton's), no parameter further than its longest."""
+        step = -np.linalg.solve(self.damped(damping), self.slope)
+        return np.asarray(step * min(1.0, np.min(longest / np.maximum(np.abs(step), 1e-300))))
+
+    @property
+    def promised(self) -> float:
+        """Gain in evidence that the slope promises to a whole step, undamped."""
+        return float(self.slope @ np.linalg.solve(self.determined(), self.slope))
 
     def covariance(self) -> Array:
         """Give the parameters' covariance, (P, P).
@@ -239,15 +245,16 @@ def descend(
     """
     values, here = start, level.explain(start)
     visit(values, here.evidence)
-    damping, unphysical = DAMPING, None
+    damping, gain, unphysical = DAMPING, np.inf, None
     for _ in range(iterations):
+        if gain < NOTHING:
+            break
         about = curvature(level, values, here, steps)
         gain, unphysical = 0.0, None
+        if about.promised < NOTHING:
+            break
         for trial in range(TRIALS):
-            step = about.step(damping)
-            if -np.dot(about.slope, step) < NOTHING:
-                break
-            step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
+            step = about.step(damping, longest)
             try:
                 tried = level.explain(values + step)
             except SceneError as error:
@@ -261,8 +268,6 @@ def descend(
                     damping /= 5
                     break
             damping = max(damping, DAMPING) * 10
-        if gain < NOTHING:
-            break
     return Descent(values, here, unphysical if gain < NOTHING else None)
 
 
@@ -284,10 +289,10 @@ def _further(
 def settle(
     level: Level, end: Descent, about: Curvature, longest: Values
 ) -> tuple[Values, Explanation]:
-    """Take the step that a descent's end still asks for.
+    """Take the step that a descent's end still asks for, if other rays agree.
 
-    Between places so near, the evidence itself tells more of the rays than of the places; its
-    slope, of wide differences and of two sets of rays, does not.
+    Between places so near, the evidence by the descent's own rays tells more of the rays than of
+    the places; its slope, of wide differences and of two sets of rays, does not.
 
     Parameters
     ----------
@@ -303,11 +308,13 @@ def settle(
     Returns
     -------
     values, explanation
-        There; the descent's end where the step is not physical.
+        There; those of the descent's end where rays that chose neither place find that one better,
+        or the step is not physical.
     """
-    step = about.step()
-    step *= min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-300))))
+    there, other = end.values + about.step(UNSEEN, longest), level.seed + 2
     try:
-        return end.values + step, level.explain(end.values + step)
+        reached = level.explain(there)
+        better = level.explain(there, other).evidence < level.explain(end.values, other).evidence
     except SceneError:
-        return end.values, end.explanation
+        better = False
+    return (there, reached) if better else (end.values, end.explanation)

@@ -166,15 +166,15 @@ class Level:
             self._background = basis
         return self._background
 
-    def explain(self, values: Values) -> Explanation:
-        """Explain the photograph by the scene at some values.
+    def explain(self, values: Values, seed: int | None = None) -> Explanation:
+        """Explain the photograph by the scene at some values; with the level's own rays, or others.
 
         Raises
         ------
         SceneError
             As `matrix`.
         """
-        A = self.matrix(values)
+        A = self.matrix(values, seed)
         return explain(A, self.background(values), self._y, self.hidden_shape)
 
     def picture(self, residuals: Array) -> Array:

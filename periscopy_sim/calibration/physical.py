@@ -68,9 +68,16 @@ def _spacing(points: Array) -> float:
 
 
 def _through(scenario: Scenario, name: str, depth: float) -> str:
-    values = ", ".join(f"{key} = {float(value):.4g}" for key, value in scenario.parameters.items())
+    values = ", ".join(f"{key} = {_brief(value)}" for key, value in scenario.parameters.items())
     return (
         f"scene '{scenario.path}': occluder '{name}' reaches {1e3 * depth:.3g} mm through the wall"
         + (f" at {values}" if values else "")
         + "; start elsewhere by -D"
     )
+
+
+def _brief(value: str) -> str:
+    try:
+        return f"{float(value):.4g}"
+    except ValueError:
+        return value

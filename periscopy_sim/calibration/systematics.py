@@ -67,7 +67,9 @@ def uncertain_numbers(
     names = tuple(errors)
     for name in names:
         if name in free:
-            raise SceneError(f"parameter '{name}' is free and stays: name it in one of the two")
+            raise SceneError(
+                f"'{name}' is both free and uncertain: name it in --free or --uncertain"
+            )
         if not (np.isfinite(errors[name]) and errors[name] > 0):
             raise SceneError(f"standard error {errors[name]:g} of '{name}': give a positive number")
     values = start_values(path, names, given) if names else np.empty(0)
@@ -84,15 +86,21 @@ def require_effect(level: Level, values: Values, uncertain: Uncertain) -> None:
     """
     joint = level.varying((*level.names, *uncertain.names))
     for k, (name, error) in enumerate(zip(uncertain.names, uncertain.standard_errors, strict=True)):
-        sides = []
-        for sign in (1, -1):
-            moved = uncertain.values.copy()
-            moved[k] += sign * error
-            sides.append(joint.matrix(np.concatenate([values, moved])))
+        offset = np.zeros(len(uncertain.names))
+        offset[k] = error
+        try:
+            sides = [
+                joint.matrix(np.concatenate([values, uncertain.values + sign * offset]))
+                for sign in (1, -1)
+            ]
+        except SceneError as unphysical:
+            raise SceneError(
+                f"--uncertain {name}={error:g}: give a smaller error ({unphysical})"
+            ) from None
         if np.array_equal(sides[0], sides[1]):
             raise SceneError(
-                f"scene '{level.path}': the photograph does not depend on '{name}'; it can err as "
-                "it likes: leave it out of --uncertain"
+                f"--uncertain {name}={error:g}: the photograph does not show such an error; leave "
+                "it out"
             )
 
 

@@ -32,6 +32,13 @@ if TYPE_CHECKING:
     from periscopy_sim.calibration.calibrating import Calibration
 
 
+MOST = 0.3
+"""Part of a parameter's standard error from which an uncertain number is named for it."""
+
+TIED = 0.8
+"""Correlation from which a parameter is named for another that is not determined."""
+
+
 def calibrate(
     photo: Annotated[
         Path,
@@ -54,7 +61,7 @@ def calibrate(
         typer.Option(
             metavar="NAME=ERROR",
             help="Standard error of a <default> that stays, such as occluder_turn=2: what it may "
-            "do to the values found is counted in their errors. Repeatable.",
+            "do to the values found is counted in their errors, each on its own. Repeatable.",
         ),
     ] = None,
     samples: Samples = 16,
@@ -129,10 +136,13 @@ def calibrate(
 
 def _numbers(definitions: Mapping[str, str]) -> dict[str, float]:
     """Read standard errors."""
-    try:
-        return {name: float(text) for name, text in definitions.items()}
-    except ValueError as error:
-        raise SceneError(f"--uncertain: {error}; give NAME=ERROR, a number") from None
+    errors = {}
+    for name, text in definitions.items():
+        try:
+            errors[name] = float(text)
+        except ValueError:
+            raise SceneError(f"--uncertain {name}={text}: give a number") from None
+    return errors
 
 
 def _write_copy(
@@ -201,21 +211,13 @@ def _say(found: Calibration) -> None:
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
         blame = _largest(found, k)
+        alone = f" (± {p.statistical_error:.2g} alone" + (f"; most by {blame})" if blame else ")")
         say(
-            f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}   from {p.start:.4g}"
-            + (f", by {blame}; alone ± {p.statistical_error:.1g}" if blame else "")
+            f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}"
+            f"{alone if found.considered else ''}, from {p.start:.4g}"
         )
         if not p.determined:
-            others = np.abs(found.correlation[k])
-            others[k] = 0
-            tied = int(np.argmax(others))
-            known_if = (
-                f"; it is tied to {found.parameters[tied].name} (correlation "
-                f"{found.correlation[k, tied]:.2f}): leave one of them out of --free"
-                if others[tied] > 0.8
-                else "; leave it out of --free"
-            )
-            warn(f"the photograph does not determine {p.name}{known_if}")
+            warn(_open(found, k, blame))
     if not found.considered:
         say("these errors hold if all else in the scene is right; see --uncertain")
     before, after = (
@@ -225,7 +227,24 @@ def _say(found: Calibration) -> None:
 
 
 def _largest(found: Calibration, k: int) -> str:
-    """Name the uncertain numbers that a parameter's error owes most to, the greatest first."""
+    """Name the uncertain numbers that a parameter's error owes most to, two at most."""
     moves = {stayed.name: abs(float(stayed.moves[k])) for stayed in found.considered}
     first = sorted(moves, key=lambda name: -moves[name])[:2]
-    return " and ".join(first)
+    least = MOST * found.parameters[k].standard_error
+    return " and ".join(name for name in first if moves[name] > least)
+
+
+def _open(found: Calibration, k: int, blame: str) -> str:
+    """Tell why a parameter is not determined."""
+    p = found.parameters[k]
+    if p.statistical_error < p.scale:
+        return f"the photograph would determine {p.name} if {blame} were better known"
+    others = np.abs(found.correlation[k])
+    others[k] = 0
+    tied = int(np.argmax(others))
+    if others[tied] < TIED:
+        return f"the photograph does not determine {p.name}; leave it out of --free"
+    return (
+        f"the photograph does not determine {p.name}: it is tied to {found.parameters[tied].name} "
+        f"(correlation {found.correlation[k, tied]:.2f}); leave one of them out of --free"
+    )

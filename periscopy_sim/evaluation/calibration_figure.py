@@ -112,7 +112,8 @@ BEST = 10
 def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
     """Give the range of start, end, descents and the search's best; the first search is wider."""
     parameter, (search, *descents) = calibration.parameters[k], calibration.path
-    best = search.values[np.argsort(search.evidence)[:BEST], k]
+    physical = np.isfinite(search.evidence)
+    best = search.values[physical][np.argsort(search.evidence[physical])[:BEST], k]
     ends = parameter.value + parameter.standard_error * np.array([-1, 1])
     shown = np.concatenate([[parameter.start], best, ends, *(d.values[:, k] for d in descents)])
     margin = 0.08 * float(np.ptp(shown)) or 1.0

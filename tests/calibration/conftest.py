@@ -51,8 +51,8 @@ class SlatLevel:
         A = transport(values)
         return A + self.rendering * random.standard_normal(A.shape)
 
-    def explain(self, values):
-        return explain(self.matrix(values), LIGHT, self.y, HIDDEN)
+    def explain(self, values, seed=None):
+        return explain(self.matrix(values, seed), LIGHT, self.y, HIDDEN)
 
     def evidence(self, values):
         try:

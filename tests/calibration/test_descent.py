@@ -4,7 +4,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.descent import Descent, curvature, descend, settle
+from periscopy_sim.calibration.descent import Curvature, Descent, curvature, descend, settle
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import NEAREST, TRUTH
 
@@ -24,13 +24,13 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
     assert end.unphysical is None
 
 
-@pytest.mark.parametrize("rendering", [0.0, 2e-4])
-def test_errors_are_as_large_as_told(slat_level, rendering):
-    # Squares of 60 normal errors average to 1 ± 0.18; a factor of 2 either way is 4 sigma.
+def test_errors_are_as_large_as_told(slat_level):
+    # Squares of 60 normal errors average to 1 ± 0.18; half has a probability of 3e-4, twice less.
     normalized = []
     for seed in range(30):
-        level = slat_level(noise=0.002, seed=seed, rendering=rendering)
-        end = descend(level, TRUTH, STEPS / 4, LONGEST, 20, ignore)
+        level = slat_level(noise=0.002, seed=seed)
+        start = TRUTH + 0.01 * np.random.default_rng(seed).standard_normal(2)
+        end = descend(level, start, STEPS / 4, LONGEST, 20, ignore)
         about = curvature(level, end.values, end.explanation, STEPS / 4)
         values, _ = settle(level, end, about, LONGEST)
         normalized.append((values - TRUTH) ** 2 / np.diag(about.covariance()))
@@ -57,9 +57,49 @@ def test_a_descent_that_ended_early_is_settled(slat_level):
     values, explanation = settle(level, stopped, about, LONGEST)
     assert (np.abs(values - end.values) < 0.3 * error).all()
     assert explanation.evidence < stopped.explanation.evidence
+    assert not np.array_equal(values, early)
     with_wall = copy(level)
     with_wall.explain = Mock(side_effect=SceneError("the slat is in the wall"))
     assert settle(with_wall, stopped, about, LONGEST)[0] is early
+
+
+def test_a_step_that_other_rays_do_not_confirm_is_not_taken(slat_level):
+    # So much noise of the rendering makes steps of many standard errors up.
+    refused = 0
+    for seed in range(8):
+        level = slat_level(noise=0.002, seed=seed, rendering=1e-3)
+        end = Descent(TRUTH, level.explain(TRUTH), None)
+        about = curvature(level, TRUTH, end.explanation, STEPS / 4)
+        values, _ = settle(level, end, about, LONGEST)
+        refused += values is TRUTH
+        other = [level.explain(place, seed + 2).evidence for place in (values, TRUTH)]
+        assert other[0] <= other[1]
+    assert refused >= 1
+
+
+def test_what_rays_add_is_in_the_errors():
+    about = Curvature(
+        slope=np.zeros(1),
+        information=np.array([[4.0]]),
+        noisy=np.array([4.0]),
+        scores=np.zeros((5, 1)),
+        scatter=np.array([6.0]),
+    )
+    np.testing.assert_allclose(about.covariance(), [[1 / 4 + (6 / 4) ** 2]], rtol=1e-3)
+
+
+def test_the_slopes_scatter_is_that_of_other_rays(slat_level):
+    # 40 slopes and 80 squares: the ratio of variances is within a factor of 2 with 98 %.
+    level = slat_level(noise=0.002, seed=0, rendering=5e-4)
+    explanation = level.explain(TRUTH)
+    slopes, squares = [], []
+    for seed in range(40):
+        level.seed = 10 * seed
+        about = curvature(level, TRUTH, explanation, STEPS / 4)
+        slopes.append(about.slope)
+        squares.append(about.scatter**2)
+    ratio = np.mean(squares, axis=0) / np.var(slopes, axis=0, ddof=1)
+    assert (ratio > 0.5).all() and (ratio < 2).all(), ratio
 
 
 def test_what_cannot_be_told_apart_has_large_errors(slat_level):

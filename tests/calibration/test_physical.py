@@ -30,6 +30,13 @@ def test_a_start_in_the_wall_is_refused():
         InFront(chair(occluder_dy=0.37))
 
 
+def test_parameters_that_are_no_numbers_are_told_as_they_are():
+    scenario = chair(occluder_dy=0.37)
+    named = dataclasses.replace(scenario, parameters={**scenario.parameters, "mesh": "a.ply"})
+    with pytest.raises(SceneError, match=r"at .*mesh = a\.ply"):
+        InFront(named)
+
+
 def test_a_floor_on_which_the_wall_stands_may_pass_below_it():
     scenario = chair()
     corners = np.array([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]])

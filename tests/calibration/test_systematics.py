@@ -3,7 +3,7 @@ from copy import copy
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.descent import descend
+from periscopy_sim.calibration.descent import curvature, descend
 from periscopy_sim.calibration.systematics import (
     Uncertain,
     require_effect,
@@ -32,9 +32,6 @@ class HeldSlat(SlatLevel):
     def matrix(self, values, seed=None):
         distance = self.held if len(self.names) == 1 else values[1]
         return super().matrix(np.array([values[0], distance]), seed)
-
-    def scenario(self, values):
-        self.matrix(values)
 
 
 def ignore(values, evidence):
@@ -67,9 +64,11 @@ def test_values_move_as_when_another_number_is_changed_and_all_is_found_again():
 def test_without_uncertain_numbers_nothing_is_added():
     level = HeldSlat(noise=0.01, seed=1)
     nothing = Uncertain((), np.empty(0), np.empty(0))
-    about, moves = sensitivity(level, TRUTH[:1], level.explain(TRUTH[:1]), STEPS, nothing)
+    there = level.explain(TRUTH[:1])
+    about, moves = sensitivity(level, TRUTH[:1], there, STEPS, nothing)
     assert moves.shape == (1, 0)
-    assert about.covariance().shape == (1, 1)
+    expected = curvature(level, TRUTH[:1], there, STEPS).covariance()
+    np.testing.assert_array_equal(about.covariance(), expected)
 
 
 def test_errors_through_the_wall_are_refused():
@@ -80,9 +79,9 @@ def test_errors_through_the_wall_are_refused():
 
 
 def test_uncertain_numbers_stay_at_their_defaults_or_as_given():
-    errors = {"occluder_turn": 2, "occluder_width": 0.03}
+    errors = {"occluder_turn": 2, "occluder_stretch_x": 0.03}
     uncertain = uncertain_numbers(CHAIR, ("occluder_dx",), {"occluder_turn": "-1.5"}, errors)
-    assert uncertain.names == ("occluder_turn", "occluder_width")
+    assert uncertain.names == ("occluder_turn", "occluder_stretch_x")
     np.testing.assert_array_equal(uncertain.values, [-1.5, 1])
     np.testing.assert_array_equal(uncertain.standard_errors, [2, 0.03])
 
@@ -90,7 +89,7 @@ def test_uncertain_numbers_stay_at_their_defaults_or_as_given():
 @pytest.mark.parametrize(
     ("errors", "message"),
     [
-        ({"occluder_dx": 1}, "'occluder_dx' is free and stays"),
+        ({"occluder_dx": 1}, "'occluder_dx' is both free"),
         ({"sofa_dx": 1}, "'sofa_dx' is not declared"),
         ({"occluder_dy": 0}, "give a positive number"),
         ({"occluder_dy": np.inf}, "give a positive number"),
