@@ -86,7 +86,7 @@ class Curvature:
         damped = (vectors * (np.maximum(values, 0) + damping)) @ vectors.T
         return np.asarray(damped / np.outer(scale, scale))
 
-    def determined(self) -> Array:
+    def invertible(self) -> Array:
         """Give the information, (P, P), raised to a little where there is none: to be inverted."""
         return self.damped(UNSEEN)
 
@@ -108,7 +108,7 @@ class Curvature:
     @property
     def promised(self) -> float:
         """Gain in evidence that the slope promises to a whole step, undamped."""
-        return float(self.slope @ np.linalg.solve(self.determined(), self.slope))
+        return float(self.slope @ np.linalg.solve(self.invertible(), self.slope))
 
     def covariance(self) -> Array:
         """Give the parameters' covariance, (P, P).
@@ -119,7 +119,7 @@ class Curvature:
         from the slope's scatter.
         """
         scale = 1 / np.sqrt(self.noisy)
-        normalized = self.determined() * np.outer(scale, scale)
+        normalized = self.invertible() * np.outer(scale, scale)
         inverse = np.linalg.inv(normalized)
         scores = self.scores * scale
         spread = scores.T @ scores

@@ -137,5 +137,5 @@ def sensitivity(
         np.concatenate([steps, uncertain.standard_errors]),
     )
     own = about.first(count)
-    moves = -np.linalg.solve(own.determined(), about.information[:count, count:])
+    moves = -np.linalg.solve(own.invertible(), about.information[:count, count:])
     return own, np.asarray(moves * uncertain.standard_errors)

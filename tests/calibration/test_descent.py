@@ -89,7 +89,7 @@ def test_what_rays_add_is_in_the_errors():
 
 
 def test_the_slopes_scatter_is_that_of_other_rays(slat_level):
-    # 40 slopes and 80 squares: the ratio of variances is within a factor of 2 with 98 %.
+    # Of F's distribution with 40 and 39 degrees, 97 % is within a factor of 2; two are looked at.
     level = slat_level(noise=0.002, seed=0, rendering=5e-4)
     explanation = level.explain(TRUTH)
     slopes, squares = [], []

@@ -1,12 +1,14 @@
 import json
 import shutil
 import xml.etree.ElementTree as ET
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.cli.calibrate import _open
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -156,3 +158,20 @@ def test_a_copy_that_would_not_load_is_refused_before_the_search(photograph, ref
     )
     assert "name a file beside the scene" in line
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("alone", "correlation", "why"),
+    [
+        (0.1, 0.9, "would determine dx if turn were better known"),
+        (2.0, 0.9, "is tied to dy (correlation 0.90); leave one of them out"),
+        (2.0, 0.5, "does not determine dx; leave it out"),
+    ],
+)
+def test_why_a_parameter_is_open_is_told(alone, correlation, why):
+    parameters = [
+        SimpleNamespace(name="dx", scale=1.0, statistical_error=alone),
+        SimpleNamespace(name="dy", scale=1.0, statistical_error=0.1),
+    ]
+    errors = np.array([[1, correlation], [correlation, 1]])
+    assert why in _open(SimpleNamespace(parameters=parameters, correlation=errors), 0, "turn")
