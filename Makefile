@@ -31,7 +31,7 @@ paper: $(VENV)/installed
 # How fast it is, beside other libraries and the machine's limits: out/benchmark/index.html.
 benchmark: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
-	$(BIN)/python -m experiments.benchmark --out out/benchmark
+	$(BIN)/python -m experiments.benchmarks --out out/benchmark
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.evaluation.figures import displayable
+from periscopy_sim.figures.panels import displayable
 from periscopy_sim.scenario import Scenario, wall_frame
-from periscopy_sim.storage.srgb import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_encode
 
 COLUMN = 3.5
 """Width of a column, inches."""

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli.ambient import ambient_photographs
-from periscopy_sim.evaluation.report import Section
+from periscopy_sim.figures.report import Section
 from periscopy_sim.rendering.photograph import render_place
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
-from periscopy_sim.storage.exr import read_exr, write_exr
-from periscopy_sim.storage.output import staged_file
-from periscopy_sim.storage.provenance import scene_sha256
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
+from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]
 SNR = 60.0

@@ -6,39 +6,40 @@ from .analytic.point_light import (
     point_light_response,
 )
 from .analytic.transport import analytic_transport
-from .calibration.calibrating import Calibration, calibrate
-from .dataset.configuration import load_configuration
-from .dataset.making import make_dataset
-from .dataset.reading import open_dataset
-from .dataset.torch_dataset import TorchDataset
-from .defects import defective_pixels
+from .calibration.calibrate import Calibration, calibrate
+from .dataset.archive.reading import open_dataset
+from .dataset.archive.torch_dataset import TorchDataset
+from .dataset.configuration.document import load_configuration
+from .dataset.making.make import make_dataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
 from .evaluation.metrics import gain_matched, mean_squared_error, psnr, registered
 from .evaluation.sweep import Sweep, flips, run_sweep
 from .measurement import Sensor, add_noise, composite
-from .reconstruction.baselines import Differencing, TruncatedSVD
-from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
-from .reconstruction.noise_aware import NoiseAware, NoiseAwareReconstruction
-from .reconstruction.noise_aware_video import NoiseAwareVideo
-from .reconstruction.periscope import Periscope, Reconstruction
-from .reconstruction.portable import PortablePeriscope
-from .reconstruction.preconditioner import Preconditioner, form_preconditioner
-from .reconstruction.repair import repair
-from .reconstruction.total_variation import prox_total_variation
-from .reconstruction.video import Video
-from .rendering.ambient import Background, render_background
+from .photographs.defects import defective_pixels
+from .reconstruction.baselines.differencing import Differencing
+from .reconstruction.baselines.truncated_svd import TruncatedSVD
+from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
+from .reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
+from .reconstruction.noise_aware.video import NoiseAwareVideo
+from .reconstruction.preconditioned.portable import PortablePeriscope
+from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
+from .reconstruction.preconditioned.repair import repair
+from .reconstruction.preconditioned.still import Periscope, Reconstruction
+from .reconstruction.preconditioned.video import Video
+from .reconstruction.total_variation.prox import prox_total_variation
+from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
-from .rendering.scene_file import load_scenario
-from .rendering.transport import render_transport
+from .rendering.scene.load import load_scenario
+from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
-from .storage.frames import open_frames
 from .storage.masks import read_mask
 from .storage.photographs import read_photograph
 from .storage.pictures import read_hidden_image
+from .storage.sequences.opening import open_frames
 
 __all__ = [
     "Background",

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from periscopy_sim.rendering.scene_file import camera_of, load_scenario, shape_of
-from periscopy_sim.rendering.scene_nodes import SceneNodes
+from periscopy_sim.rendering.scene.load import camera_of, load_scenario, shape_of
+from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, is_vectorized, use_variant
 from periscopy_sim.shipped import find_scene
 

@@ -1,1 +1,1 @@
-"""Scenes that calibrate themselves: what the ruler got wrong, from the photograph alone."""
+"""Calibration: what the ruler got wrong, estimated from the photograph alone."""

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Level, Values
+from periscopy_sim.calibration.resolution_level import Level, Values
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene_document import declared_defaults
+from periscopy_sim.rendering.scene.document import declared_defaults
 from periscopy_sim.scenario import Array
 
 STEP, SPREAD = 0.05, 0.4

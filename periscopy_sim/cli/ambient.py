@@ -38,7 +38,7 @@ def ambient(
     define: Define = None,
 ) -> None:
     """Path trace the wall of a scene under ambient light, as NAME.exr for each condition."""
-    from periscopy_sim.storage.exr import read_exr
+    from periscopy_sim.storage.formats.exr import read_exr
 
     chosen = names or [*REALISTIC, *ADVERSARIAL]
     # Ambient light needs no hidden patches; one is the least that a scene can have.
@@ -65,6 +65,6 @@ def ambient_photographs(
     names: Sequence[str], scenario: Scenario, folder: Path, seed: int, *, target: float = 3e-4
 ) -> dict[str, NDArray[np.float64]]:
     """Photograph ambient conditions with a bar of progress; see `storage.ambient_photographs`."""
-    from periscopy_sim.storage.ambient_photographs import ambient_photographs as photographs
+    from periscopy_sim.storage.ambient_library import ambient_photographs as photographs
 
     return photographs(names, scenario, folder, seed, target=target, progress=progress)

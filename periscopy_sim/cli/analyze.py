@@ -40,9 +40,10 @@ def analyze(
 ) -> None:
     """Condition numbers, angles, residual background and Cramer-Rao bounds of a scene."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.evaluation import diagnostics, figures
-    from periscopy_sim.storage.output import staged_folder
-    from periscopy_sim.storage.provenance import as_text
+    from periscopy_sim.evaluation import diagnostics
+    from periscopy_sim.figures import panels
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_folder
 
     with staged_folder(out) as folder:
         scenario = scenes.load(scene, hidden, define)
@@ -74,7 +75,7 @@ def analyze(
         }
         for name, values in maps.items():
             np.save(folder / f"{name}.npy", values)
-        figures.draw_maps(
+        panels.draw_maps(
             folder / "bounds.png",
             [
                 ("A alone", noise * found.bounds_without_background),

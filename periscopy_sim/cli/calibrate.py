@@ -29,7 +29,7 @@ from periscopy_sim.cli.arguments import (
 from periscopy_sim.errors import OutputError, SceneError
 
 if TYPE_CHECKING:
-    from periscopy_sim.calibration.calibrating import Calibration
+    from periscopy_sim.calibration.calibrate import Calibration
 
 
 MOST = 0.3
@@ -74,12 +74,12 @@ def calibrate(
     They start from their defaults, or from -D. Beside the scene appear a JSON file (values,
     uncertainties, the way there) and a picture.
     """
-    from periscopy_sim.calibration.calibrating import calibrate as search
-    from periscopy_sim.defects import defective_pixels
-    from periscopy_sim.evaluation.calibration_figure import draw_calibration
+    from periscopy_sim.calibration.calibrate import calibrate as search
+    from periscopy_sim.figures.calibration import draw_calibration
+    from periscopy_sim.photographs.defects import defective_pixels
     from periscopy_sim.shipped import find_scene
-    from periscopy_sim.storage.output import staged_file
-    from periscopy_sim.storage.provenance import as_text
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_file
 
     if out.suffix != ".xml":
         raise OutputError(f"--out {out}: the scene is written as .xml; name a file that ends so")
@@ -149,8 +149,8 @@ def _write_copy(
     staged: Path, scene: Path, values: Mapping[str, str], hidden: str, out: Path
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
-    from periscopy_sim.calibration.scene_copy import with_defaults
-    from periscopy_sim.rendering.scene_file import load_scenario
+    from periscopy_sim.calibration.calibrated_scene import with_defaults
+    from periscopy_sim.rendering.scene.load import load_scenario
 
     staged.write_text(with_defaults(scene, values, staged.parent), encoding="utf-8")
     try:

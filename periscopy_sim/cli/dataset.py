@@ -18,7 +18,7 @@ from periscopy_sim.cli.arguments import Out, progress, say, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 
 if TYPE_CHECKING:
-    from periscopy_sim.dataset.configuration import Splits
+    from periscopy_sim.dataset.configuration.document import Splits
 
 Archive = Annotated[
     Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
@@ -64,8 +64,8 @@ def make(
     ] = False,
 ) -> None:
     """Make what is missing of a data set ('make' may be left out)."""
-    from periscopy_sim.dataset.configuration import EXAMPLE, load_configuration
-    from periscopy_sim.dataset.making import make_dataset
+    from periscopy_sim.dataset.configuration.document import EXAMPLE, load_configuration
+    from periscopy_sim.dataset.making.make import make_dataset
 
     if example:
         print(EXAMPLE.read_text("utf-8"), end="")
@@ -120,7 +120,7 @@ def info(
     """Tell a data set's sizes, what is done of it, and what its samples are."""
     import json
 
-    from periscopy_sim.dataset.reading import describe
+    from periscopy_sim.dataset.archive.reading import describe
 
     description = describe(data)
     if as_json:
@@ -133,7 +133,7 @@ def info(
 @app.command("verify")
 def verify(data: Archive) -> None:
     """Check every file against its checksum and decode every chunk; exit 2 if one is damaged."""
-    from periscopy_sim.dataset.reading import verify_dataset
+    from periscopy_sim.dataset.archive.reading import verify_dataset
 
     with _sample_progress("blocks") as report:
         whole, damaged = verify_dataset(data, report)
@@ -158,9 +158,9 @@ def export(
     ] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
-    from periscopy_sim.dataset.export import export_samples
-    from periscopy_sim.dataset.reading import describe
-    from periscopy_sim.storage.output import staged_folder
+    from periscopy_sim.dataset.archive.export import export_samples
+    from periscopy_sim.dataset.archive.reading import describe
+    from periscopy_sim.storage.outputs.staging import staged_folder
 
     count = describe(data)["finished"]
     if data.resolve() in (out.resolve(), *out.resolve().parents):
@@ -201,7 +201,7 @@ def parse_indices(text: str, count: int) -> list[int]:
 
 def _warn_of_empty_splits(data: Path, splits: Splits) -> None:
     """Tell splits that were asked for and have no geometry."""
-    from periscopy_sim.dataset.reading import open_dataset
+    from periscopy_sim.dataset.archive.reading import open_dataset
 
     found = set(open_dataset(data)["geometry_split"].values.tolist())
     empty = [name for name, share in splits if share > 0 and name not in found]

@@ -44,17 +44,18 @@ def demo(
 ) -> None:
     """Photograph a wall by a hidden monitor under ambient light, and recover what it shows."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.evaluation import figures, metrics
+    from periscopy_sim.evaluation import metrics
+    from periscopy_sim.figures import panels
     from periscopy_sim.measurement import add_noise, composite
-    from periscopy_sim.reconstruction.noise_aware import NoiseAware
-    from periscopy_sim.reconstruction.periscope import Periscope
-    from periscopy_sim.rendering.ambient import render_background
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+    from periscopy_sim.reconstruction.preconditioned.still import Periscope
+    from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.exr import write_exr
-    from periscopy_sim.storage.output import staged_folder
+    from periscopy_sim.storage.formats.exr import write_exr
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_folder
     from periscopy_sim.storage.pictures import read_hidden_image, write_png
-    from periscopy_sim.storage.provenance import as_text
 
     timed = Stopwatch()
     with staged_folder(out) as folder:
@@ -101,13 +102,13 @@ def demo(
         np.save(folder / "A.npy", A)
         np.save(folder / "reconstruction.npy", recovered.astype(np.float32))
         write_exr(folder / "photograph.exr", photograph, text)
-        write_png(folder / "truth.png", figures.enlarged(truth), text)
-        write_png(folder / "reconstruction.png", figures.enlarged(matched), text)
-        figures.draw_panels(
+        write_png(folder / "truth.png", panels.enlarged(truth), text)
+        write_png(folder / "reconstruction.png", panels.enlarged(matched), text)
+        panels.draw_panels(
             folder / "demo.png",
             [
-                ("hidden image", figures.displayable(truth, white=1)),
-                ("photograph of the wall", figures.displayable(photograph)),
+                ("hidden image", panels.displayable(truth, white=1)),
+                ("photograph of the wall", panels.displayable(photograph)),
                 (
                     f"the paper's method: {psnr_by_paper:.1f} dB",
                     metrics.gain_matched(by_paper, truth),

@@ -14,7 +14,7 @@ from periscopy_sim.cli.arguments import warn
 from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
-    from periscopy_sim.defects import DefectivePixels
+    from periscopy_sim.photographs.defects import DefectivePixels
     from periscopy_sim.scenario import Scenario
 
 Mask = NDArray[np.bool_]

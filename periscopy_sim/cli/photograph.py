@@ -76,10 +76,10 @@ def photograph(
     """Path trace what the camera sees while the monitor shows IMAGE, as an EXR file."""
     from periscopy_sim import measurement
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.exr import write_exr
-    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.formats.exr import write_exr
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_file
     from periscopy_sim.storage.pictures import read_hidden_image
-    from periscopy_sim.storage.provenance import as_text
 
     if out.suffix != ".exr":
         raise OutputError(f"--out {out}: the photograph is written as .exr; name a file so")

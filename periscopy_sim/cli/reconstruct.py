@@ -27,8 +27,8 @@ from periscopy_sim.cli.arguments import (
 from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.noise_aware import NoiseAwareReconstruction
-    from periscopy_sim.reconstruction.periscope import Method, Periscope, Reconstruction
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAwareReconstruction
+    from periscopy_sim.reconstruction.preconditioned.still import Method, Periscope, Reconstruction
     from periscopy_sim.scenario import Array, Scenario
 
 
@@ -36,7 +36,7 @@ PRECONDITIONED = "preconditioned"
 """The paper's method."""
 
 DEFAULT = "noise-aware"
-"""Of less error than the paper's under every realistic light tried (`experiments.noise_aware`)."""
+"""Of less error under every realistic light tried than the paper's (`beyond.noise_aware`)."""
 
 
 def reconstruct(
@@ -102,18 +102,18 @@ def reconstruct(
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.defects import defective_pixels
-    from periscopy_sim.evaluation import figures
     from periscopy_sim.evaluation.methods import (
         find_method,
         fit_methods,
         own_errors,
         source_sha256,
     )
+    from periscopy_sim.figures import panels
+    from periscopy_sim.photographs.defects import defective_pixels
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.output import staged_folder
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_folder
     from periscopy_sim.storage.pictures import read_hidden_image, write_png
-    from periscopy_sim.storage.provenance import as_text
 
     find_method(method)
     settings = _settings(
@@ -169,7 +169,7 @@ def reconstruct(
             warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         masks.suggest(folder, defects, used, text)
-        shown = figures.enlarged(figures.displayable(image))
+        shown = panels.enlarged(panels.displayable(image))
         write_png(folder / "reconstruction.png", shown, text)
         summary: dict[str, Any] = {
             "method": method,
@@ -220,7 +220,7 @@ def _periscope(
     settings: dict[str, Any],
     mask: masks.Mask | None,
 ) -> Periscope:
-    from periscopy_sim.reconstruction.periscope import Periscope
+    from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
     return Periscope.for_scene(
         scenario,
@@ -238,16 +238,16 @@ def _draw_stages(
     path: Path, photograph: Array, solution: Reconstruction, text: dict[str, str]
 ) -> dict[str, Any]:
     """Draw what led to the image (Fig. 2), and return the weights that did."""
-    from periscopy_sim.evaluation import figures
+    from periscopy_sim.figures import panels
 
-    panels = [
+    stages = [
         ("photograph", photograph),
         ("preconditioned, P y", solution.preconditioned),
         ("denoised", solution.denoised),
         ("repaired", solution.image),
     ]
-    figures.draw_panels(
-        path, [(title, figures.displayable(image)) for title, image in panels], metadata=text
+    panels.draw_panels(
+        path, [(title, panels.displayable(image)) for title, image in stages], metadata=text
     )
     return {"noise": solution.noise, "lambda": solution.weight, "kappa": solution.threshold}
 
@@ -257,7 +257,7 @@ def _recovered(
 ) -> tuple[Array, NoiseAwareReconstruction | None]:
     """Reconstruct, once; of a method that knows how sure it is, keep what tells that."""
     from periscopy_sim.evaluation.methods import image_by, promised
-    from periscopy_sim.reconstruction.noise_aware import NoiseAware
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
     # What a user derives from that method and reconstructs otherwise is sure of another image.
     if isinstance(method, NoiseAware) and type(method).reconstruct is NoiseAware.reconstruct:
@@ -270,11 +270,11 @@ def _tell_certainty(
     folder: Path, method: Any, found: NoiseAwareReconstruction, text: dict[str, str]
 ) -> dict[str, Any]:
     """Write how sure the noise-aware method is of each patch; return its weights."""
-    from periscopy_sim.evaluation import figures
+    from periscopy_sim.figures import panels
 
     errors = method.standard_errors(found)
     np.save(folder / "standard_error.npy", errors.astype(np.float32))
-    figures.draw_certainty(folder / "certainty.png", found.image, errors, text)
+    panels.draw_certainty(folder / "certainty.png", found.image, errors, text)
     if found.has_gain:
         say(
             f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
@@ -298,14 +298,15 @@ def _compare(
     text: dict[str, str],
 ) -> dict[str, Any]:
     """Metrics against the truth, and the picture of both beside the photograph."""
-    from periscopy_sim.evaluation import figures, metrics
+    from periscopy_sim.evaluation import metrics
+    from periscopy_sim.figures import panels
 
     best = metrics.registered(image, truth)
-    figures.draw_panels(
+    panels.draw_panels(
         folder / "comparison.png",
         [
-            ("hidden image", figures.displayable(truth, white=1)),
-            ("photograph", figures.displayable(photograph)),
+            ("hidden image", panels.displayable(truth, white=1)),
+            ("photograph", panels.displayable(photograph)),
             ("reconstruction", metrics.gain_matched(image, truth)),
         ],
         metadata=text,

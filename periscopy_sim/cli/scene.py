@@ -40,7 +40,7 @@ ModelOption = Annotated[
 
 def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
     """Load a scene from what a command was given."""
-    from periscopy_sim.rendering.scene_file import load_scenario
+    from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.shipped import find_scene
 
     return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
@@ -55,7 +55,7 @@ def transport(
 
         with progress("projecting shadows") as report:
             return analytic_transport(scenario, samples=samples, progress=report)
-    from periscopy_sim.rendering.transport import render_transport
+    from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
     with progress("rendering the transport matrix") as report:
         return render_transport(scenario, samples=samples, seed=seed, progress=report)
@@ -72,8 +72,8 @@ def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
         If the file cannot be read, the shapes differ, or it was made from another scene or other
         parameters.
     """
-    from periscopy_sim.storage.arrays import check_real
-    from periscopy_sim.storage.decoding import decoding, file_format
+    from periscopy_sim.storage.formats.arrays import check_real
+    from periscopy_sim.storage.formats.decoding import decoding, file_format
 
     if file_format(path) != "NPY":
         raise PhotographError(f"{path}: is no NPY file; make one by `periscopy transport`")
@@ -102,7 +102,7 @@ def _check_record(path: Path, scenario: Scenario) -> None:
         held = {name: record[name] for name in ("scene_sha256", "parameters", "hidden_shape")}
     except (ValueError, KeyError, TypeError, OSError):
         raise PhotographError(f"{record_file}: is damaged; render the matrix again") from None
-    from periscopy_sim.storage.provenance import scene_sha256
+    from periscopy_sim.storage.outputs.provenance import scene_sha256
 
     wanted = {
         "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
@@ -143,7 +143,7 @@ def provenance_of(scenario: Scenario, seed: int | None) -> dict[str, Any]:
     """Record versions, scene, variant, seed and command line."""
     import mitsuba as mi
 
-    from periscopy_sim.storage.provenance import provenance
+    from periscopy_sim.storage.outputs.provenance import provenance
 
     command = ["periscopy", *sys.argv[1:]]
     record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)

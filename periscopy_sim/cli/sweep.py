@@ -30,7 +30,7 @@ from periscopy_sim.cli.arguments import (
 )
 from periscopy_sim.cli.sweep_lists import parse_ambient, parse_list, parse_ratios
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.storage.folder_lock import alone_in
+from periscopy_sim.storage.outputs.lock import alone_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -94,14 +94,15 @@ def sweep(
 ) -> None:
     """Reconstruct under every background and SBR by every method; go on where it stopped."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.defects import defective_pixels
-    from periscopy_sim.evaluation import figures, workers
     from periscopy_sim.evaluation import sweep as sweeps
+    from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
+    from periscopy_sim.figures import panels
+    from periscopy_sim.photographs.defects import defective_pixels
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_file
     from periscopy_sim.storage.pictures import read_hidden_image
-    from periscopy_sim.storage.provenance import as_text
 
     # Whatever can be refused is refused here, before hours of rendering.
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
@@ -182,7 +183,7 @@ def sweep(
                 results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
             with staged_file(out / "sweep.png") as file:
                 text = as_text(scenes.provenance_of(scenario, seed))
-                figures.draw_sweep(file, results, metadata=text)
+                panels.draw_sweep(file, results, metadata=text)
     except KeyboardInterrupt:
         message = "interrupted; the same command goes on where it stopped"
         print(f"periscopy: error: {message}", file=sys.stderr)
@@ -208,7 +209,7 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
     OutputError
         Naming what differs.
     """
-    from periscopy_sim.storage.held_settings import check_settings
+    from periscopy_sim.storage.outputs.resume import check_settings
 
     file = out / SETTINGS
     if file.is_file():
@@ -229,7 +230,7 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
 
 def _claim_folder(out: Path, settings: Mapping[str, Any]) -> None:
     """Write down what all that follows in the folder belongs to."""
-    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.outputs.staging import staged_file
 
     _check_folder(out, settings)  # again, now that nobody else writes there
     if not (out / STORE).exists():

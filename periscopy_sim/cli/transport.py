@@ -28,7 +28,7 @@ def transport(
     define: Define = None,
 ) -> None:
     """Render the light transport matrix A as an (M, N) float32 NPY file, and a JSON beside it."""
-    from periscopy_sim.storage.output import staged_file
+    from periscopy_sim.storage.outputs.staging import staged_file
 
     if out.suffix != ".npy":
         raise OutputError(f"--out {out}: the matrix is written as .npy; name a file that ends so")

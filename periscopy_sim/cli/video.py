@@ -30,7 +30,7 @@ from periscopy_sim.cli.arguments import (
 from periscopy_sim.cli.video_input import check_left_over, decoded_photographs, decoded_truth
 from periscopy_sim.cli.video_methods import (
     Coupling,
-    Method,
+    VideoMethod,
     checked_settings,
     fitted,
     live_rate,
@@ -41,7 +41,7 @@ from periscopy_sim.cli.video_pictures import draw_frames, draw_sheet, draw_video
 
 if TYPE_CHECKING:
     from periscopy_sim.cli.video_methods import Solution
-    from periscopy_sim.evaluation.figures import Image
+    from periscopy_sim.figures.panels import Image
 
 
 def _not_nan(value: float | None) -> float | None:
@@ -64,8 +64,8 @@ def video(
     hidden: Hidden,
     out: Out,
     method: Annotated[
-        Method, typer.Option(help="How each frame is recovered.")
-    ] = Method.preconditioned,
+        VideoMethod, typer.Option(help="How each frame is recovered.")
+    ] = VideoMethod.preconditioned,
     coupling: Annotated[
         Coupling,
         typer.Option(
@@ -151,10 +151,10 @@ def video(
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.defects import defective_pixels
-    from periscopy_sim.storage.frames import open_frames
-    from periscopy_sim.storage.output import staged_folder
-    from periscopy_sim.storage.provenance import as_text
+    from periscopy_sim.photographs.defects import defective_pixels
+    from periscopy_sim.storage.outputs.provenance import as_text
+    from periscopy_sim.storage.outputs.staging import staged_folder
+    from periscopy_sim.storage.sequences.opening import open_frames
 
     weights, settings = checked_settings(
         method,
@@ -248,7 +248,7 @@ def _written(
     hidden_shape: tuple[int, int],
 ) -> tuple[Image, list[Record]]:
     """Write each frame as it is recovered; return all of them, mapped, and a record of each."""
-    from periscopy_sim.storage.stacks import mapped_stack, npy_stack
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
 
     count = len(names)
     shape = (count, *hidden_shape, 3)

@@ -13,9 +13,9 @@ from periscopy_sim.cli.video_pictures import picture_names
 from periscopy_sim.errors import OutputError
 
 if TYPE_CHECKING:
-    from periscopy_sim.evaluation.figures import Image
+    from periscopy_sim.figures.panels import Image
     from periscopy_sim.scenario import Scenario
-    from periscopy_sim.storage.frames import Frames
+    from periscopy_sim.storage.sequences.frames import Frames
 
 
 def check_left_over(out: Path, count: int) -> None:
@@ -42,7 +42,7 @@ def decoded_photographs(
 
     A photograph that cannot serve is thus refused before anything is rendered.
     """
-    from periscopy_sim.storage.stacks import mapped_stack, npy_stack
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
 
     shape = (len(sequence), *scenario.photograph_shape, 3)
     warnings = list(sequence.warnings)
@@ -67,8 +67,8 @@ def decoded_photographs(
 def decoded_truth(truth: str, scenario: Scenario, count: int, file: Path) -> Image:
     """Read what was hidden, frame by frame, into a mapped file."""
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.hidden_frames import read_hidden_frames
-    from periscopy_sim.storage.stacks import mapped_stack, npy_stack
+    from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
 
     path = Path(truth) if Path(truth).is_dir() else find_image(truth)
     shape = scenario.hidden_shape

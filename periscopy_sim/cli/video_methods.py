@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from periscopy_sim.cli.masks import Mask
-    from periscopy_sim.evaluation.figures import Image
-    from periscopy_sim.reconstruction.noise_aware import NoiseAwareReconstruction
-    from periscopy_sim.reconstruction.noise_aware_video import NoiseAwareVideo
-    from periscopy_sim.reconstruction.periscope import Reconstruction
-    from periscopy_sim.reconstruction.video import Video
+    from periscopy_sim.figures.panels import Image
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAwareReconstruction
+    from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
+    from periscopy_sim.reconstruction.preconditioned.still import Reconstruction
+    from periscopy_sim.reconstruction.preconditioned.video import Video
     from periscopy_sim.scenario import Array, Scenario
 
     AnyVideo = Video | NoiseAwareVideo
@@ -32,7 +32,7 @@ BYTES_FOR_P = 24
 """For each entry of A, while P is formed: A and P in single precision, each in double beside."""
 
 
-class Method(StrEnum):
+class VideoMethod(StrEnum):
     """How frames are recovered; see `Video` and `NoiseAwareVideo`."""
 
     preconditioned = "preconditioned"
@@ -74,7 +74,7 @@ class Fitted:
 
 
 def checked_settings(
-    method: Method, coupling: Coupling, weights: dict[str, float | None], **given: float | None
+    method: VideoMethod, coupling: Coupling, weights: dict[str, float | None], **given: float | None
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Keep the weights of the coupling that are given, and fill in the method's other settings.
 
@@ -83,9 +83,9 @@ def checked_settings(
     PeriscopyError
         If one belongs to another coupling or method.
     """
-    if method is Method.noise_aware and coupling is Coupling.total_variation:
+    if method is VideoMethod.noise_aware and coupling is Coupling.total_variation:
         raise PeriscopyError(
-            f"--coupling {coupling.value} belongs to --method {Method.preconditioned.value}; "
+            f"--coupling {coupling.value} belongs to --method {VideoMethod.preconditioned.value}; "
             f"{method.value} takes {Coupling.l1.value} or {Coupling.none.value}"
         )
     kept = {name: value for name, value in weights.items() if value is not None}
@@ -95,15 +95,15 @@ def checked_settings(
                 f"--{name.replace('_', '-')} belongs to --coupling {WEIGHTS[name].value}, not to "
                 f"{coupling.value}; leave it out"
             )
-    if method is Method.preconditioned:
+    if method is VideoMethod.preconditioned:
         return kept, {
             name: PRECONDITIONED[name] if value is None else value for name, value in given.items()
         }
     for name, value in given.items():
         if value is not None:
             raise PeriscopyError(
-                f"--{name.replace('_', '-')} belongs to --method {Method.preconditioned.value}, "
-                f"not to {method.value}; leave it out"
+                f"--{name.replace('_', '-')} belongs to --method "
+                f"{VideoMethod.preconditioned.value}, not to {method.value}; leave it out"
             )
     return kept, {}
 
@@ -121,7 +121,7 @@ def fits_in_memory(size: int) -> bool:
 
 
 def fitted(
-    method: Method,
+    method: VideoMethod,
     coupling: Coupling,
     weights: dict[str, float],
     settings: dict[str, float],
@@ -131,13 +131,13 @@ def fitted(
     mask: Mask | None,
 ) -> Fitted:
     """Fit a method to a scene; weights and settings are those of `checked_settings`."""
-    from periscopy_sim.reconstruction.noise_aware import NoiseAware
-    from periscopy_sim.reconstruction.noise_aware_video import NoiseAwareVideo
-    from periscopy_sim.reconstruction.periscope import Periscope
-    from periscopy_sim.reconstruction.video import Video
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+    from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
+    from periscopy_sim.reconstruction.preconditioned.still import Periscope
+    from periscopy_sim.reconstruction.preconditioned.video import Video
 
     video: AnyVideo
-    if method is Method.noise_aware:
+    if method is VideoMethod.noise_aware:
         still = NoiseAware.for_scene(scenario, A, B, mask=mask)
         named: Any = coupling.value
         video, told = NoiseAwareVideo(still, coupling=named, **weights), {}

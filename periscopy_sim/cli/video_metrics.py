@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from periscopy_sim.cli.video_methods import Solution
-    from periscopy_sim.evaluation.figures import Image
+    from periscopy_sim.figures.panels import Image
 
 Record = dict[str, Any]
 
 
 def record_of(frame: int, name: str, solution: Solution, seconds: float) -> Record:
     """Tell how a frame came about; of noise and λ the root mean square over the channels."""
-    from periscopy_sim.reconstruction.noise_aware import NoiseAwareReconstruction
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAwareReconstruction
 
     record: Record = {
         "frame": frame,

@@ -12,7 +12,7 @@ from periscopy_sim.cli.arguments import progress
 from periscopy_sim.cli.video_metrics import Record
 
 if TYPE_CHECKING:
-    from periscopy_sim.evaluation.figures import Image
+    from periscopy_sim.figures.panels import Image
 
 SHEET_COLUMNS = 8
 """Most frames on the contact sheet."""
@@ -32,7 +32,7 @@ def white_of(frames: Image) -> float:
 
     The 99.5th percentile; of a long sequence, that of frames evenly chosen.
     """
-    from periscopy_sim.evaluation.contact_sheet import evenly_chosen
+    from periscopy_sim.figures.contact_sheet import evenly_chosen
 
     most = max(2, MOST_VALUES // frames[0].size)
     return float(np.percentile(frames[evenly_chosen(len(frames), most)], 99.5))
@@ -40,14 +40,14 @@ def white_of(frames: Image) -> float:
 
 def draw_frames(folder: Path, images: Image, white: float, text: dict[str, str]) -> None:
     """Draw each frame as a picture of its own, with one white for all."""
-    from periscopy_sim.evaluation import figures
+    from periscopy_sim.figures import panels
     from periscopy_sim.storage.pictures import write_png
 
     folder.mkdir()
     names = picture_names(len(images))
     with progress("drawing the frames") as report:
         for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
-            write_png(folder / name, figures.enlarged(figures.displayable(image, white)), text)
+            write_png(folder / name, panels.enlarged(panels.displayable(image, white)), text)
             report(k / len(images))
 
 
@@ -60,15 +60,16 @@ def draw_sheet(
     text: dict[str, str],
 ) -> None:
     """Draw measurement, truth and gain-matched reconstruction of evenly chosen frames (Fig. 7)."""
-    from periscopy_sim.evaluation import contact_sheet, figures, metrics
+    from periscopy_sim.evaluation import metrics
+    from periscopy_sim.figures import contact_sheet, panels
 
     chosen = contact_sheet.evenly_chosen(len(records), SHEET_COLUMNS)
     white = white_of(photographs)
     contact_sheet.draw_contact_sheet(
         path,
         [
-            ("measurement", [figures.displayable(photographs[k], white) for k in chosen]),
-            ("truth", [figures.displayable(known[k], 1) for k in chosen]),
+            ("measurement", [panels.displayable(photographs[k], white) for k in chosen]),
+            ("truth", [panels.displayable(known[k], 1) for k in chosen]),
             ("reconstruction", [metrics.gain_matched(images[k], known[k]) for k in chosen]),
         ],
         titles=[f"frame {k}" for k in chosen],
@@ -87,8 +88,8 @@ def draw_video(
     text: dict[str, str],
 ) -> None:
     """Draw photograph, reconstruction and, where it is known, the truth side by side in time."""
-    from periscopy_sim.evaluation import figures
-    from periscopy_sim.evaluation.animation import draw_animation
+    from periscopy_sim.figures import panels
+    from periscopy_sim.figures.animation import draw_animation
 
     columns = [
         ("photograph", photographs, white_of(photographs)),
@@ -101,7 +102,7 @@ def draw_video(
 
         def moments() -> Iterator[list[Image]]:
             for k in range(count):
-                yield [figures.displayable(shown[k], level) for _, shown, level in columns]
+                yield [panels.displayable(shown[k], level) for _, shown, level in columns]
                 report((k + 1) / count)
 
         titles = [title for title, _, _ in columns]

@@ -1,1 +1,1 @@
-"""Metrics, diagnostics and figures."""
+"""Metrics, diagnostics, sweeps: how well a method or a scene does."""

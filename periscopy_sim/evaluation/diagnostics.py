@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.differencing import neighbour_differences
-from periscopy_sim.reconstruction.preconditioner import (
-    TOLERANCE,
+from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.observation import observation_of
+from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
 )
-from periscopy_sim.reconstruction.vectorization import vectorization_of
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def diagnose(
     """
     from scipy import linalg
 
-    scene = vectorization_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
+    scene = observation_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
     A, B = np.asarray(scene.used(A), np.float64), scene.used(B)
     P = form_preconditioner(A, B, tolerance=tolerance)
     alone = form_preconditioner(A)

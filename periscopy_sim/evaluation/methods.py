@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
-from periscopy_sim.reconstruction.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.periscope import Method, Periscope
-from periscopy_sim.reconstruction.still_method import settings_of
+from periscopy_sim.reconstruction.baselines.differencing import Differencing
+from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
+from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.method import settings_of
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.preconditioned.still import Method, Periscope
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]

@@ -31,7 +31,7 @@ from periscopy_sim.evaluation.sweep_store import (
     write_table,
 )
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.reconstruction.periscope import Method
+from periscopy_sim.reconstruction.preconditioned.still import Method
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.held_settings import check_settings
-from periscopy_sim.storage.output import staged_file, staged_folder
+from periscopy_sim.storage.outputs.resume import check_settings
+from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene_file import build_scene, camera_of, shape_of
-from periscopy_sim.rendering.scene_nodes import SceneNodes, monitor_texture
+from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
+from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene

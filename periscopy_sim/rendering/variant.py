@@ -110,7 +110,7 @@ def use_variant(name: str | None = None) -> str:
     _check(asked)
     if mi.variant() != asked:
         mi.set_variant(asked)
-    from periscopy_sim.rendering.emission import register_lcd
+    from periscopy_sim.rendering.emitters.lcd import register_lcd
 
     register_lcd()
     return asked

@@ -1,1 +1,1 @@
-"""Files in and out: photographs, hidden images, EXR, atomic outputs and provenance."""
+"""Files in and out: formats, sequences, outputs, the library of ambient light."""

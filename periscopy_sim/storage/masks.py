@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.arrays import read_npy, read_npz
-from periscopy_sim.storage.decoding import file_format
-from periscopy_sim.storage.exr import decode_exr
+from periscopy_sim.storage.formats.arrays import read_npy, read_npz
+from periscopy_sim.storage.formats.decoding import file_format
+from periscopy_sim.storage.formats.exr import decode_exr
+from periscopy_sim.storage.formats.rasters import read_raster
 from periscopy_sim.storage.photographs import check_size
-from periscopy_sim.storage.rasters import read_raster
 
 
 def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.arrays import check_real, read_npy, read_npz
-from periscopy_sim.storage.decoding import file_format
-from periscopy_sim.storage.exr import decode_exr
-from periscopy_sim.storage.matlab import read_matlab_photograph
-from periscopy_sim.storage.rasters import png_size, read_raster
-from periscopy_sim.storage.srgb import srgb_decode
+from periscopy_sim.storage.formats.arrays import check_real, read_npy, read_npz
+from periscopy_sim.storage.formats.decoding import file_format
+from periscopy_sim.storage.formats.exr import decode_exr
+from periscopy_sim.storage.formats.matlab import read_matlab_photograph
+from periscopy_sim.storage.formats.rasters import png_size, read_raster
+from periscopy_sim.storage.formats.srgb import srgb_decode
 
 _DIMMEST = 1e-30
 """Least that a photograph's largest value may be, and its inverse the most: P is of single

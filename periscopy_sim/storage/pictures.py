@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.arrays import read_npy, read_npz
-from periscopy_sim.storage.decoding import file_format
-from periscopy_sim.storage.exr import decode_exr
-from periscopy_sim.storage.output import staged_file
-from periscopy_sim.storage.rasters import read_raster
-from periscopy_sim.storage.srgb import srgb_decode, srgb_encode
+from periscopy_sim.storage.formats.arrays import read_npy, read_npz
+from periscopy_sim.storage.formats.decoding import file_format
+from periscopy_sim.storage.formats.exr import decode_exr
+from periscopy_sim.storage.formats.rasters import read_raster
+from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
+from periscopy_sim.storage.outputs.staging import staged_file
 
 __all__ = ["area_average", "read_hidden_image", "srgb_decode", "srgb_encode", "write_png"]
 

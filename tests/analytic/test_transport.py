@@ -378,8 +378,8 @@ def test_importing_the_model_loads_no_compiler_and_no_renderer():
 
 
 def test_the_ray_tracer_agrees(monkeypatch):
-    from periscopy_sim.rendering.scene_file import load_scenario
-    from periscopy_sim.rendering.transport import render_transport
+    from periscopy_sim.rendering.scene.load import load_scenario
+    from periscopy_sim.rendering.transport.shadow_rays import render_transport
     from periscopy_sim.rendering.variant import OVERRIDE, examine_variants
 
     fast = [v.name for v in examine_variants() if v.works and not v.name.startswith("scalar")]

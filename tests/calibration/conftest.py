@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.evidence import explain
 from periscopy_sim.errors import SceneError
-from periscopy_sim.reconstruction.variable_projection import explain
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 
 PIXELS, PATCHES = 144, 10

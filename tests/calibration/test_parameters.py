@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.level import Level, Sampling
+from periscopy_sim.calibration.calibrated_scene import with_defaults
 from periscopy_sim.calibration.parameters import SPREAD, start_values, steps_and_spreads
-from periscopy_sim.calibration.scene_copy import with_defaults
+from periscopy_sim.calibration.resolution_level import Level, Sampling
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 

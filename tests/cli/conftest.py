@@ -14,7 +14,7 @@ from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
 from periscopy_sim.rendering.variant import examine_variants
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.exr import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 

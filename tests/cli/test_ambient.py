@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from periscopy_sim.cli import ambient
-from periscopy_sim.rendering.ambient import render_background
+from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.shipped import find_scene, scenes_folder
-from periscopy_sim.storage.ambient_photographs import find_condition
-from periscopy_sim.storage.exr import read_exr, write_exr
+from periscopy_sim.storage.ambient_library import find_condition
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 
 jit = pytest.mark.usefixtures("jit")
 COMMAND = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")
@@ -16,8 +16,8 @@ COMMAND = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--
 
 @pytest.fixture(autouse=True)
 def few_paths(monkeypatch):
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.PATHS", 16)
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.DIRECT_SAMPLES", 16)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.PATHS", 16)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.DIRECT_SAMPLES", 16)
 
 
 def changed(old, new):
@@ -56,7 +56,7 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
         raise AssertionError("rendered again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("periscopy_sim.rendering.ambient.render_background", fail)
+        patch.setattr("periscopy_sim.rendering.ambient.background.render_background", fail)
         assert succeeds(*COMMAND, "--out", "out") == shown.replace("wrote ", "kept ")
     assert contents(tmp_path / "out") == before
     # Conditions that are missing are added, the others kept.
@@ -182,7 +182,7 @@ def test_interrupt_says_how_to_go_on(monkeypatch, periscopy, succeeds, tmp_path)
 
     succeeds(*COMMAND, "--out", "out")
     before = contents(tmp_path / "out")
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.render_background", interrupt)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.render_background", interrupt)
     outcome = periscopy("ambient", "overcast", "low_sun", *COMMAND[2:], "--out", "out")
     assert outcome.code == 130
     assert outcome.err == (
@@ -196,7 +196,7 @@ def test_missed_target_is_a_warning(periscopy, monkeypatch, tmp_path):
     def short(*arguments, **options):
         return render_background(*arguments, **options, max_rounds=1)
 
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.render_background", short)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.render_background", short)
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         outcome = periscopy(*changed("0.01", "0.00001"), "--out", "out")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -36,7 +36,7 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
 
 
 OWN = """
-from periscopy_sim.reconstruction.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 class Halved(NoiseAware):
     def reconstruct(self, photograph):

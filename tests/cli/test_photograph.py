@@ -6,7 +6,7 @@ from PIL import Image
 
 from periscopy_sim.cli import scene as scenes
 from periscopy_sim.measurement import Sensor
-from periscopy_sim.storage.exr import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 

@@ -10,7 +10,7 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from periscopy_sim.storage.exr import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

@@ -14,7 +14,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.cli import video as command
 from periscopy_sim.cli import video_methods
-from periscopy_sim.reconstruction.video import Video
+from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.noise_aware_video import NoiseAwareVideo
+from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

@@ -104,7 +104,7 @@ def test_truth_adds_metrics_and_a_contact_sheet(
 
 
 def test_contact_sheet_has_at_most_eight_columns(photographs, video, monkeypatch, clip, tmp_path):
-    from periscopy_sim.evaluation import contact_sheet
+    from periscopy_sim.figures import contact_sheet
 
     np.save(tmp_path / "y.npy", photographs)
     np.save(tmp_path / "clip.npy", clip)

@@ -9,7 +9,7 @@ from periscopy_sim.evaluation.diagnostics import (
     residual_background,
     spectral_norm,
 )
-from periscopy_sim.reconstruction.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 FILM = (12, 10)
 HIDDEN = (3, 4)

@@ -17,10 +17,11 @@ from periscopy_sim.evaluation.methods import (
     image_by,
     source_sha256,
 )
-from periscopy_sim.reconstruction.baselines import Differencing, TruncatedSVD
-from periscopy_sim.reconstruction.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.periscope import Periscope
+from periscopy_sim.reconstruction.baselines.differencing import Differencing
+from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
+from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
 RNG = np.random.default_rng(8)
 A = RNG.uniform(0.1, 1, (48, 6))

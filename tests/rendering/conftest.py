@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.rendering.scene_file import load_scenario
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, use_variant
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene

@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
-from periscopy_sim.rendering.scene_nodes import SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneNodes
 
 pytestmark = pytest.mark.usefixtures("jit")
 

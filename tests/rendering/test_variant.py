@@ -45,7 +45,7 @@ def backends(monkeypatch):
         fake = Backends(**facts)
         monkeypatch.setitem(sys.modules, "mitsuba", fake.mitsuba)
         monkeypatch.setitem(sys.modules, "drjit", fake.drjit)
-        register = "periscopy_sim.rendering.emission.register_lcd"
+        register = "periscopy_sim.rendering.emitters.lcd.register_lcd"
         monkeypatch.setattr(register, lambda: fake.events.append("plugins"))
         return fake
 

@@ -8,11 +8,11 @@ import tifffile
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.exr import write_exr
-from periscopy_sim.storage.frames import open_frames
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.masks import read_mask
 from periscopy_sim.storage.photographs import check_photograph, read_photograph
 from periscopy_sim.storage.pictures import write_png
+from periscopy_sim.storage.sequences.opening import open_frames
 
 SHAPE = (7, 9)
 MASK = np.random.default_rng(3).random(SHAPE) > 0.4

@@ -337,7 +337,7 @@ def test_colours_other_than_rgb_are_refused(tmp_path):
 def test_import_brings_in_no_decoder():
     script = (
         "import sys, periscopy_sim.storage.photographs, periscopy_sim.storage.pictures\n"
-        "import periscopy_sim.storage.provenance\n"
+        "import periscopy_sim.storage.outputs.provenance\n"
         "heavy = {'mitsuba', 'scipy', 'matplotlib', 'OpenEXR', 'tifffile', 'PIL', 'png', 'numba'}\n"
         "print(*heavy & set(sys.modules))"
     )

@@ -1,0 +1,168 @@
+"""The process that reads the cases of `fuzz_readers`, one by one, and tells what came of each.
+
+It takes pickled cases from its standard input, each behind 8 bytes of length, and answers with a
+line of JSON: a verdict and its detail. What it is given never holds for its caller: a case may hang
+it, or end it.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import pickle
+import resource
+import sys
+import traceback
+import warnings
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from experiments.fuzz.sound import HIDDEN, SHAPE, Case
+from periscopy_sim.errors import PeriscopyError
+
+HEADROOM = 3 << 29
+"""Bytes that a case may allocate before allocations fail."""
+
+GROWTH = (300 << 20) + 8 * (1 << 25)
+"""Bytes that a case may occupy: 300 MB, and the largest array that a small file may announce."""
+
+LONGEST_LINE = 1000
+"""Characters of an error."""
+
+ACCEPTED, REFUSED = "accepted", "refused"
+
+_known: set[str] = set()
+
+
+def readers() -> dict[str, Callable[[Path], Any]]:
+    """Give the readers by name; each returns arrays, or None."""
+    from periscopy_sim.dataset.configuration.document import load_configuration
+    from periscopy_sim.rendering.scene.load import load_scenario
+    from periscopy_sim.storage.masks import read_mask
+    from periscopy_sim.storage.photographs import read_photograph
+    from periscopy_sim.storage.pictures import read_hidden_image
+    from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
+    from periscopy_sim.storage.sequences.opening import open_frames
+
+    return {
+        "photograph": lambda path: [read_photograph(path, SHAPE).values],
+        "hidden image": lambda path: [read_hidden_image(path, HIDDEN)],
+        "mask": lambda path: [read_mask(path, SHAPE).astype(float)],
+        "frames": lambda path: [f.values for f in islice(open_frames(path, SHAPE), 100)],
+        "hidden frames": lambda path: list(read_hidden_frames(path, HIDDEN, 3)),
+        "scene": lambda path: [
+            array
+            for array in vars(load_scenario(path, HIDDEN)).values()
+            if isinstance(array, np.ndarray)
+        ],
+        "configuration": lambda path: [np.asarray(load_configuration(path).sbr.bounds)],
+    }
+
+
+def outcome(reader: Callable[[Path], Any], case: Case) -> tuple[str, str]:
+    """Read a case, and tell the verdict and its detail: the error's line, or the defect."""
+    with TemporaryDirectory() as folder:
+        path = case.write(Path(folder))
+        limit_memory(HEADROOM)
+        before, descriptors = reset_peak(), open_files()
+        printed = os.fstat(1).st_size
+        unraisable: list[str] = []
+        sys.unraisablehook = lambda hook: unraisable.append(repr(hook.exc_value))
+        verdict, detail = _read(reader, path)
+        growth = status("VmHWM") - before
+        detail = detail.replace(folder, "")
+        if verdict not in (ACCEPTED, REFUSED):
+            return verdict, detail
+        if growth > GROWTH:
+            return "memory", f"{growth >> 20} MB: {detail}"
+        if unraisable:
+            return "unraisable", unraisable[0]
+        if os.fstat(1).st_size > printed and case.reader != "scene":  # Mitsuba warns by itself
+            return "output", os.pread(1, 300, printed).decode("utf-8", "replace")
+        if open_files() > descriptors and case.kind in _known:
+            gc.collect()
+            if open_files() > descriptors:
+                return "descriptors", detail
+        _known.add(case.kind)  # libraries open files of their own when they are first used
+        return verdict, detail
+
+
+def _read(reader: Callable[[Path], Any], path: Path) -> tuple[str, str]:
+    try:
+        for array in reader(path):
+            if array.dtype != np.float64 or not np.isfinite(array).all():
+                return "values", f"{array.dtype}, not all finite"
+    except PeriscopyError as error:
+        return _refusal(error)
+    except MemoryError as error:
+        return "allocation", repr(error)
+    except Warning as warning:
+        return "warning", f"{type(warning).__name__}: {warning} at {_origin(warning)}"
+    except BaseException as error:
+        return "exception", f"{type(error).__name__}: {error} at {_origin(error)}"
+    return ACCEPTED, ""
+
+
+def _refusal(error: PeriscopyError) -> tuple[str, str]:
+    text = str(error)
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MemoryError) or "bad_alloc" in str(cause):
+            return "allocation", text[:LONGEST_LINE]
+        cause = cause.__cause__ or cause.__context__
+    if not text.isprintable() or len(text) > LONGEST_LINE:
+        return "line", f"{len(text)} characters: {text[:LONGEST_LINE]!r}"
+    return REFUSED, text
+
+
+def _origin(error: BaseException) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if "periscopy_sim" in frame.filename] or frames
+    return ", ".join(f"{Path(f.filename).name}:{f.lineno}" for f in (ours[-1], frames[-1]))
+
+
+def status(entry: str) -> int:
+    """Read an entry of this process's memory in bytes."""
+    with Path("/proc/self/status").open() as lines:
+        return next(int(line.split()[1]) << 10 for line in lines if line.startswith(f"{entry}:"))
+
+
+def limit_memory(headroom: int) -> None:
+    """Let allocations fail beyond what is held now and the headroom."""
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    resource.setrlimit(resource.RLIMIT_DATA, (status("VmData") + headroom, hard))
+
+
+def open_files() -> int:
+    """Count this process's open files."""
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())
+
+
+def reset_peak() -> int:
+    """Start the measurement of the largest resident size anew, and give the size now."""
+    Path("/proc/self/clear_refs").write_text("5")
+    return status("VmRSS")
+
+
+def main() -> None:
+    """Answer cases until the input ends."""
+    answers = os.fdopen(os.dup(1), "w")
+    sink = os.open(sys.argv[1], os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
+    for descriptor in (1, 2):
+        os.dup2(sink, descriptor)
+    os.close(sink)
+    warnings.simplefilter("error")
+    known = readers()
+    while head := sys.stdin.buffer.read(8):
+        case = pickle.loads(sys.stdin.buffer.read(int.from_bytes(head, "little")))
+        print(json.dumps(outcome(known[case.reader], case)), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Studies behind single choices of the package, each runnable alone."""

@@ -1,0 +1,1 @@
+"""Proof of the rendering and the solvers against independent references."""

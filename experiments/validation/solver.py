@@ -1,0 +1,165 @@
+"""Checks of the solver against oracles, and its times; run by `experiments.validation`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import periscopy_sim as ps
+from periscopy_sim.evaluation.diagnostics import rank_row, residual_background, spectral_norm
+from periscopy_sim.reconstruction.total_variation.prox import divergence, gradient, total_variation
+
+Array = NDArray[np.float64]
+HIDDEN = (29, 36)
+
+
+def within(value: float, limit: float) -> dict[str, Any]:
+    """State a value beside the largest it may be."""
+    return {"value": value, "limit": limit, "ok": bool(value <= limit)}
+
+
+def _chair() -> tuple[NDArray[np.float32], Array]:
+    scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
+    return ps.render_transport(scene, samples=36), ps.point_light_backgrounds(scene)
+
+
+def check_preconditioner() -> dict[str, Any]:
+    """Compare P at tolerance 1e-10 with pseudoinverses of [A, s Q] and of [A, B]."""
+    A32, B = _chair()
+    A = A32.astype(np.float64)
+    P = ps.form_preconditioner(A, B, tolerance=1e-10)
+    rng = np.random.default_rng(0)
+    f, e = rng.random((A.shape[1], 3)), rng.random((B.shape[1], 3))
+    background = B @ e
+    y = A @ f / (A @ f).mean() + background / background.mean()
+    f = f / (A @ f).mean()
+    s = np.linalg.norm(A) / np.sqrt(P.Q.shape[1])
+    oracle = np.linalg.pinv(np.hstack([A, s * P.Q]))[: A.shape[1]]
+    plain = np.linalg.pinv(np.hstack([A, B]), rcond=1e-12)[: A.shape[1]]
+    noisy = ps.add_noise(y, 60, 1)
+    identity = np.eye(A.shape[1])
+    return {
+        "P y against pinv([A, s Q]), noisy photograph": within(
+            _relative(P.apply(noisy), oracle @ noisy), 1e-6
+        ),
+        "f from A f + B e by P": within(_relative(P.apply(y), f), 1e-6),
+        "f from A f + B e by pinv([A, B])": within(_relative(plain @ y, f), 1e-6),
+        "largest |P B_i| / (|P| |B_i|)": within(float(residual_background(P, B).max()), 1e-10),
+        "largest |P A - I|, P explicit": within(
+            float(np.abs(P.matrix() @ A - identity).max()), 1e-8
+        ),
+        "largest |P A - I|, P factored": within(float(np.abs(P.apply(A) - identity).max()), 1e-8),
+    }
+
+
+def check_ranks() -> dict[str, Any]:
+    """Tabulate the rank tolerance of B: residual background, noise gain, noise-free recovery."""
+    A, B = _chair()
+    rng = np.random.default_rng(0)
+    f, e = rng.random((A.shape[1], 3)), rng.random((B.shape[1], 3))
+    background = B @ e
+    signal = A.astype(np.float64) @ f
+    y = signal / signal.mean() + background / background.mean()
+    f = f / signal.mean()
+    rows = {}
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14):
+        P = ps.form_preconditioner(A, B, tolerance=tolerance)
+        row = rank_row(A, B, tolerance)
+        identity = np.abs(P.matrix() @ P.A - np.eye(A.shape[1])).max()
+        rows[f"{tolerance:.0e}"] = (
+            f"rank {row['rank']:3.0f}  residual {row['residual_background']:.1e}  "
+            f"error of f {_relative(P.apply(y), f):.1e}  |PA - I| {identity:.1e}  "
+            f"trace(PP') {row['noise_gain']:.5e}  |P| {spectral_norm(P):.4e}"
+        )
+    return rows
+
+
+def check_prox() -> dict[str, Any]:
+    """Compare the prox of total variation with brute force and scikit-image; test its adjoint."""
+    from scipy import optimize
+    from skimage.restoration import denoise_tv_chambolle
+
+    rng = np.random.default_rng(0)
+    small = rng.random((5, 6))
+    weight = 0.4
+
+    def smoothed(x: Array, ε: float) -> tuple[float, Array]:
+        image = x.reshape(small.shape)
+        d = gradient(image)
+        length = np.sqrt((d**2).sum(axis=0) + ε**2)
+        value = float(((image - small) ** 2).sum() + weight * length.sum())
+        slope = 2 * (image - small) - weight * divergence(d / length)
+        return value, slope.ravel()
+
+    x = small.ravel()
+    for ε in 10.0 ** -np.arange(1, 9):
+        x = optimize.minimize(
+            smoothed, x, (ε,), "L-BFGS-B", jac=True, options={"maxiter": 20000, "ftol": 1e-16}
+        ).x
+    exact = ps.prox_total_variation(small, weight, tolerance=1e-10)
+
+    def objective(image: Array) -> float:
+        return float(((image - small) ** 2).sum()) + weight * total_variation(image)
+
+    large = rng.random((29, 36))
+    ours = ps.prox_total_variation(large, weight, tolerance=1e-8)
+    # scikit-image minimizes ½‖f − g‖² + w TV.
+    theirs = denoise_tv_chambolle(large, weight=weight / 2, eps=1e-15, max_num_iter=100_000)
+    field = rng.random((2, 29, 36))
+    forward, adjoint = np.sum(gradient(large) * field), -np.sum(large * divergence(field))
+    return {
+        "objective above the brute-force minimum, relative": within(
+            objective(exact) / objective(x.reshape(small.shape)) - 1, 1e-8
+        ),
+        "largest difference from brute force": within(float(np.abs(exact.ravel() - x).max()), 1e-5),
+        "largest difference from scikit-image": within(float(np.abs(ours - theirs).max()), 1e-3),
+        "adjoint dot test, relative": within(float(abs(forward / adjoint - 1)), 1e-12),
+    }
+
+
+def check_times(runs: int = 7) -> dict[str, Any]:
+    """Time A, forming P against pinv, one reconstruction against P.sum(); medians of one run."""
+    scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
+    ps.render_transport(scene, samples=36)  # compiles
+    render = _median(lambda: ps.render_transport(scene, samples=36), runs)
+    A = ps.render_transport(scene, samples=36).astype(np.float64)
+    B = ps.point_light_backgrounds(scene)
+    form = _median(lambda: ps.form_preconditioner(A, B), runs)
+    explicit = _median(lambda: ps.form_preconditioner(A, B).matrix(), 3)
+    pseudoinverse = _median(lambda: np.linalg.pinv(np.hstack([A, B])), 3)
+    periscope = ps.Periscope(A, B, hidden_shape=HIDDEN)
+    f = ps.read_hidden_image(ps.find_image("mushroom"), HIDDEN)
+    y = ps.add_noise((A @ f.reshape(-1, 3)).reshape(*scene.photograph_shape, 3), 60, 0)
+    periscope.reconstruct(y)  # compiles
+    reconstruct = _median(lambda: periscope.reconstruct(y), 10 * runs)
+    P = periscope.preconditioner.matrix().astype(np.float32)
+    bytes_pass = _median(lambda: P.sum(), 10 * runs)
+    return {
+        "A at 36 samples a patch, seconds": within(render, 4),
+        "shadow rays per second": A.size * 36 / render,
+        "forming P factored, seconds": form,
+        "forming P explicitly, seconds": explicit,
+        "numpy.linalg.pinv([A, B]), seconds": pseudoinverse,
+        "factored over pinv": within(form / pseudoinverse, 1 / 4),
+        "pinv over explicit": pseudoinverse / explicit,
+        "one reconstruction, seconds": reconstruct,
+        "P.sum() of the float32 P, seconds": bytes_pass,
+        "reconstruction over P.sum()": reconstruct / bytes_pass,
+    }
+
+
+def _median(action: Callable[[], object], runs: int) -> float:
+    seconds = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        action()
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds))
+
+
+def _relative(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))

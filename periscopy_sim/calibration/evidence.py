@@ -1,0 +1,248 @@
+"""How well a transport matrix explains a photograph, whatever the hidden image and ambient light.
+
+    y_c = A f_c + B b_c + n_c,   f_c ~ N(0, σ_c²/α_c K⁻¹),   n_c ~ N(0, σ_c² I),   b_c free
+
+K = ∇ᵀ∇ + ε I says that hidden images are smooth rather than not. Everything but A is eliminated
+(variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), the image not at its best
+fit but by integration (the evidence: MacKay, Neural Comput. 4, 1992): a best fit alone would favour
+the A that bends to any photograph. What is left is one number for a channel,
+
+    E_c = F log S_c + Σ log(1 + μ/α_c),   S_c = ‖y⊥‖² − Σ z_c²/(μ + α_c) = F σ_c²,
+
+twice the negative logarithm of the evidence but for a constant; F is M less the rank of B, μ and W
+are the generalized eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B)
+projected out. Each α_c is where E_c is least.
+
+Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
+f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
+more often than a right one; without this the wrong one may win.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from scipy.optimize import minimize_scalar
+
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+
+Array = NDArray[np.float64]
+
+ROUGHNESS = 0.01
+"""ε: all that the prior says of how bright an image is, as against how rough."""
+
+RATIOS = np.geomspace(1e-8, 1e2, 21)
+"""Values of α that are tried, over the mean energy of a patch, before the best is refined."""
+
+
+ROUNDING = 1e-7
+"""Of single precision, in which A is rendered."""
+
+LEAST = 1e-14
+"""Of the photograph's energy: below it is rounding, not misfit."""
+
+PATIENCE = 3
+"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A photograph explained by a transport matrix.
+
+    Attributes
+    ----------
+    evidence
+        Σ E_c; a difference of 2 is a likelihood ratio of e.
+    darkness
+        What it would be of a black hidden image: less than that, and the photograph shows one.
+    images
+        (N, 3) the most probable hidden image, f̂ ≥ 0.
+    noise
+        (3,) σ_c, of what is left unexplained.
+    residuals
+        (M, 3) y⊥ − A⊥ f̂.
+    """
+
+    evidence: float
+    darkness: float
+    images: Array
+    noise: Array
+    residuals: Array
+    _projected: Array
+    _background: Array
+    _weights: Array
+    _W: Array
+    _curvatures: tuple[Array, ...]
+
+    @cached_property
+    def _volume(self) -> Array:
+        """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
+        inverse = (self._W * self._weights.sum(axis=1)) @ self._W.T
+        return np.asarray(self._projected @ inverse)
+
+    @cached_property
+    def _shining(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
+        """Which patches shine in each channel, and the Cholesky factor of their H."""
+        shining = [image > 0 for image in self.images.T]
+        return [
+            (on, linalg.cho_factor(H[np.ix_(on, on)], check_finite=False))
+            for on, H in zip(shining, self._curvatures, strict=True)
+        ]
+
+    def slope(self, change: Array) -> float:
+        """Differentiate the evidence along a change dA of the matrix, (M, N).
+
+        dE = Σ_c −2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩, the α_c held; r and A⊥ have
+        no part in range(B), so dA's own does not matter.
+        """
+        misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.noise**-2)
+        return float(2 * (np.vdot(self._volume, change) - misfit))
+
+    def steer(self, change: Array) -> Array:
+        """Tell how the photograph moves along dA, beyond what image and light could follow.
+
+        Returns
+        -------
+        ndarray
+            (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, J = dA f̂, H = A⊥ᵀA⊥ + αK of patches that shine.
+            The information on two parameters is the product of one's J̃ and the other's `moved`.
+        """
+        moved = self.moved(change)
+        response = np.zeros_like(self.images)
+        for c, (shining, factor) in enumerate(self._shining):
+            response[shining, c] = linalg.cho_solve(
+                factor, (self._projected.T @ moved[:, c])[shining], check_finite=False
+            )
+        return np.asarray(moved - self._projected @ response)
+
+    def moved(self, change: Array) -> Array:
+        """Give J⊥ / σ, see `steer`: (M, 3)."""
+        moved = change @ self.images
+        moved -= self._background @ (self._background.T @ moved)
+        return np.asarray(moved / self.noise)
+
+
+def explain(
+    A: NDArray[np.floating[Any]], background: Array, y: Array, hidden_shape: tuple[int, int]
+) -> Explanation:
+    """Explain a photograph by a transport matrix.
+
+    Parameters
+    ----------
+    A
+        (M, N) transport matrix.
+    background
+        (M, r) orthonormal basis of range(B).
+    y
+        (M, 3) photograph, of any unit.
+    hidden_shape
+        (R, C) with R C = N.
+
+    Returns
+    -------
+    Explanation
+        See there.
+    """
+    Q = background
+    projected = A - Q @ (Q.T @ A)
+    rest = y - Q @ (Q.T @ y)
+    K = laplacian(hidden_shape)
+    K[np.diag_indices_from(K)] += ROUGHNESS - 1
+    gram = projected.T @ projected
+    unit = np.trace(gram) / len(gram)
+    μ, W = linalg.eigh(gram / unit, K, check_finite=False)
+    μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
+    z = W.T @ (projected.T @ rest)
+    freedom = len(y) - Q.shape[1]
+    # Without noise there still is finite precision.
+    energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
+    evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
+    images, curvatures = np.empty_like(z), []
+    for c in range(3):
+        ratios[c], value = _best_ratio(μ, z[:, c] ** 2, float(energy[c]), freedom)
+        free = W @ (z[:, c] / (μ + ratios[c]))
+        curvatures.append(gram + ratios[c] * unit * K)
+        correlation = projected.T @ rest[:, c]
+        images[:, c] = nonnegative(curvatures[c], correlation, free)
+        least, attained = (
+            max(energy[c] - float(f @ correlation), LEAST * energy.max())
+            for f in (free, images[:, c])
+        )
+        evidence += value + (freedom * np.log(attained / least) if least > 0 else 0.0)
+        misfit[c] = attained
+    return Explanation(
+        evidence=evidence,
+        darkness=float(freedom * np.log(energy[energy > 0]).sum()),
+        images=images,
+        noise=np.sqrt(misfit / freedom),
+        residuals=rest - projected @ images,
+        _projected=projected,
+        _background=Q,
+        _weights=1 / (μ[:, None] + ratios),
+        _W=W,
+        _curvatures=tuple(curvatures),
+    )
+
+
+def nonnegative(H: Array, h: Array, start: Array) -> Array:
+    """Minimize f'Hf/2 - h'f over f ≥ 0, exactly.
+
+    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
+    side change sides at once, while that helps; else the last of them alone.
+
+    Parameters
+    ----------
+    H
+        (N, N) symmetric and positive definite.
+    h
+        (N,) right-hand side.
+    start
+        (N,) whose positive entries are tried first.
+
+    Returns
+    -------
+    ndarray
+        (N,) the minimizer, exactly 0 where it is not positive.
+    """
+    shining = start > 0
+    fewest, patience = len(h) + 1, PATIENCE
+    tolerance = 1e-12 * float(np.abs(h).max())
+    while True:
+        f = np.zeros_like(h)
+        if shining.any():
+            f[shining] = linalg.solve(
+                H[np.ix_(shining, shining)], h[shining], assume_a="pos", check_finite=False
+            )
+        wrong = (f < 0) | (~shining & (H @ f - h < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return f
+        if count < fewest:
+            fewest, patience = count, PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        shining ^= wrong
+
+
+def _best_ratio(μ: Array, squared: Array, energy: float, freedom: int) -> tuple[float, float]:
+    """Find the α at which a channel's E_c is least, and E_c there."""
+
+    def evidence(log_ratio: float) -> float:
+        α = np.exp(log_ratio)
+        misfit = max(energy - float(np.sum(squared / (μ + α))), LEAST * energy)
+        return float(freedom * np.log(misfit) + np.log1p(μ / α).sum())
+
+    if not energy > 0:
+        return 1.0, 0.0
+    tried = np.log(RATIOS)
+    least = int(np.argmin([evidence(value) for value in tried]))
+    bounds = tried[max(least - 1, 0)], tried[min(least + 1, len(tried) - 1)]
+    found = minimize_scalar(evidence, bounds=bounds, method="bounded")
+    return float(np.exp(found.x)), float(found.fun)

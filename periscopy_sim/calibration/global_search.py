@@ -1,0 +1,71 @@
+"""From a start that is far off to the neighbourhood of the best: where no slope can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.resolution_level import Level, Values
+from periscopy_sim.scenario import Array
+
+Visit = Callable[[Values, float], None]
+
+GENERATIONS = 4
+ELITE = 10
+"""Points of a generation from which the next is drawn."""
+
+
+def population(parameters: int) -> tuple[int, int]:
+    """Count the points of the first generation and of each later one."""
+    return (128 if parameters <= 3 else 256), 64
+
+
+def explore(level: Level, start: Values, spreads: Values, seed: int, visit: Visit) -> Values:
+    """Find the best of many points, generation by generation.
+
+    The first is spread evenly over a box about the start (Sobol's sequence), each later one is
+    drawn from the normal distribution of the best points so far (the cross-entropy method:
+    Rubinstein, Methodol. Comput. Appl. Probab. 1, 1999). Points that are not physical lose.
+
+    Parameters
+    ----------
+    level
+        Where to look.
+    start
+        (P,) centre of the box, itself one of the points.
+    spreads
+        (P,) half widths of the box.
+    seed
+        Of the draws.
+    visit
+        Told each point and its evidence.
+
+    Returns
+    -------
+    ndarray
+        (P,) the best point.
+    """
+    from scipy.stats import qmc
+
+    def evidence(point: Values) -> float:
+        value = level.evidence(point)
+        visit(point, value)
+        return value
+
+    random = np.random.default_rng(seed)
+    first, later = population(len(start))
+    box = 2 * qmc.Sobol(len(start), rng=random).random(first) - 1
+    points: Array = np.concatenate([start[None], start + spreads * box[1:]])
+    values: NDArray[np.float64] = np.array([evidence(point) for point in points])
+    for _ in range(GENERATIONS):
+        best = np.argsort(values)[:ELITE]
+        points, values = points[best], values[best]
+        # A little of the box keeps the generations from freezing where they have agreed early.
+        covariance = np.atleast_2d(np.cov(points.T)) + np.diag((0.01 * spreads) ** 2)
+        drawn = random.multivariate_normal(points.mean(axis=0), covariance, later)
+        points = np.concatenate([points, drawn])
+        values = np.append(values, [evidence(point) for point in drawn])
+    best_point: Values = points[np.argmin(values)]
+    return best_point

@@ -1,0 +1,198 @@
+"""The photograph at one resolution, and how well a scene's parameters explain it there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.evidence import Explanation, explain
+from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.scenario import Array, Scenario
+
+Values = NDArray[np.float64]
+
+
+COVERED = 0.5
+"""Part of a coarse pixel that must be left by the mask; its mean is that of what is left."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How finely a level looks.
+
+    Attributes
+    ----------
+    photograph, hidden
+        (rows, columns) at most; see `fitted`.
+    samples, pixel_samples
+        Of the transport matrix, see `render_transport`.
+    """
+
+    photograph: int
+    hidden: int
+    samples: int
+    pixel_samples: int
+
+
+class Level:
+    """A photograph at one resolution, explained by a scene of some parameters.
+
+    Attributes
+    ----------
+    photograph_shape, hidden_shape
+        Of this resolution.
+    used
+        (rows, columns) pixels that are used.
+    scale
+        Root mean square of the photograph there.
+
+    Parameters
+    ----------
+    path
+        The scene file.
+    fixed
+        Values of parameters that stay.
+    names
+        Parameters that vary.
+    photograph
+        (rows, columns, 3) at full resolution.
+    mask
+        (rows, columns) pixels to use; None for all.
+    hidden
+        (R, C) that was asked for.
+    sampling
+        How finely to look.
+    seed
+        Of the rays: the same for all parameters, so that noise does not hide differences.
+    check
+        Raises SceneError for a scenario that is not physical.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        fixed: Mapping[str, str],
+        names: tuple[str, ...],
+        photograph: Array,
+        mask: NDArray[np.bool_] | None,
+        hidden: tuple[int, int],
+        sampling: Sampling,
+        seed: int,
+        check: Callable[[Scenario], None],
+    ) -> None:
+        from periscopy_sim.storage.pictures import area_average
+
+        self.path, self.names, self.sampling, self.seed = path, names, sampling, seed
+        self._fixed, self._check = dict(fixed), check
+        rows, columns = photograph.shape[:2]
+        self.photograph_shape = fitted((rows, columns), sampling.photograph)
+        self.hidden_shape = fitted(hidden, sampling.hidden)
+        mask = np.ones((rows, columns), bool) if mask is None else mask
+        coverage = area_average(mask[..., None], self.photograph_shape)
+        self.used = coverage[..., 0] > COVERED
+        light = area_average(np.where(mask[..., None], photograph, 0), self.photograph_shape)
+        self._y = light[self.used] / coverage[self.used]
+        self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
+        self._background: Array | None = None
+
+    def varying(self, names: tuple[str, ...]) -> Level:
+        """Give the same level with other parameters that vary."""
+        other = copy(self)
+        other.names = names
+        return other
+
+    def scenario(self, values: Values) -> Scenario:
+        """Load the scene at some values; see `load_scenario`.
+
+        Raises
+        ------
+        SceneError
+            If they are not physical.
+        """
+        from periscopy_sim.rendering.scene.load import load_scenario
+
+        given = {name: f"{value:.17g}" for name, value in zip(self.names, values, strict=True)}
+        scenario = load_scenario(
+            self.path, self.hidden_shape, self._fixed | given, photograph=self.photograph_shape
+        )
+        self._check(scenario)
+        return scenario
+
+    def matrix(self, values: Values, seed: int | None = None) -> Array:
+        """Render the transport matrix at some values, (used pixels, N); with the level's own seed.
+
+        Raises
+        ------
+        SceneError
+            If they are not physical, or no light reaches the wall.
+        """
+        from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+        A = render_transport(
+            self.scenario(values),
+            samples=self.sampling.samples,
+            pixel_samples=self.sampling.pixel_samples,
+            seed=self.seed if seed is None else seed,
+        )
+        return A[self.used.ravel()].astype(np.float64)
+
+    def background(self, values: Values) -> Array:
+        """Span the ambient light: an orthonormal basis of range(B).
+
+        That of the first values is taken for all: the camera's small moves hardly change it.
+
+        Raises
+        ------
+        PhotographError
+            If there are too few pixels to tell it from the signal.
+        """
+        from periscopy_sim.analytic.point_light import point_light_backgrounds
+
+        if self._background is None:
+            B = point_light_backgrounds(self.scenario(values))[self.used.ravel()]
+            basis = background_basis(B)
+            if len(basis) <= 2 * basis.shape[1]:
+                raise PhotographError(
+                    f"at {self.photograph_shape[0]}x{self.photograph_shape[1]} pixels "
+                    f"{len(basis)} of them are used, too few beside {basis.shape[1]} kinds of "
+                    "ambient light; give a larger photograph, or mask less of it"
+                )
+            self._background = basis
+        return self._background
+
+    def explain(self, values: Values, seed: int | None = None) -> Explanation:
+        """Explain the photograph by the scene at some values; with the level's own rays, or others.
+
+        Raises
+        ------
+        SceneError
+            As `matrix`.
+        """
+        A = self.matrix(values, seed)
+        return explain(A, self.background(values), self._y, self.hidden_shape)
+
+    def picture(self, residuals: Array) -> Array:
+        """Lay out what is left of the used pixels, over the scale: (rows, columns, 3)."""
+        laid = np.zeros((*self.photograph_shape, 3))
+        laid[self.used] = residuals / self.scale
+        return laid
+
+    def evidence(self, values: Values) -> float:
+        """Give the evidence at some values; infinite where they are not physical."""
+        try:
+            return self.explain(values).evidence
+        except SceneError:
+            return np.inf
+
+
+def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """Shrink (rows, columns) until the longer is at most `longest`, in proportion."""
+    factor = min(1.0, longest / max(size))
+    rows, columns = (max(1, round(factor * n)) for n in size)
+    return rows, columns

@@ -1,0 +1,227 @@
+"""Open a data set, check it, describe it."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from periscopy_sim.dataset.archive.completion import checksum, is_marked, mark_of, read_mark
+from periscopy_sim.dataset.archive.layout import Layout, digest_of, layout_of, read_attributes
+from periscopy_sim.errors import DatasetError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
+    """Open a data set; its arrays are read when they are needed.
+
+    Parameters
+    ----------
+    path
+        What `periscopy dataset` wrote.
+    incomplete
+        Whether to open one in the making: the samples up to the first that is missing.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables with labelled dimensions, units and, as attributes, all they were made of. The
+        variables of one text or number for each sample are coordinates:
+        ``data.sel(sample=data.split == "train")``.
+
+    Raises
+    ------
+    DatasetError
+        If the path holds no data set, or one in the making unless `incomplete`.
+    """
+    import xarray as xr
+
+    path = Path(path)
+    attributes = read_attributes(path)
+    layout, digest = layout_of(attributes), digest_of(attributes)
+    marked = 0
+    while marked < layout.blocks and is_marked(path, layout, digest, marked):
+        marked += 1
+    ready = min(marked * layout.block, layout.count)
+    if ready < layout.count and not incomplete:
+        raise DatasetError(
+            f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
+            "run 'periscopy dataset' again, or give incomplete=True"
+        )
+    with warnings.catch_warnings():
+        # Text of any length is not in Zarr's standard yet; the archive records what reads it.
+        warnings.filterwarnings("ignore", message=".*does not have a Zarr V3 specification.*")
+        try:
+            data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
+    labels = [
+        str(name) for name, values in data.data_vars.items()
+        if values.dims in (("sample",), ("geometries",))
+    ]  # fmt: skip
+    return data.isel(sample=slice(ready)).set_coords(labels)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Neighbouring blocks that are not what was written.
+
+    Attributes
+    ----------
+    samples
+        Their first sample, and the one after their last.
+    reason
+        What is wrong.
+    """
+
+    samples: tuple[int, int]
+    reason: str
+
+
+def verify_dataset(
+    path: str | Path, progress: Callable[[int, int], None] | None = None
+) -> tuple[int, list[Damage]]:
+    """Check every file of a data set against its checksum, and decode every chunk.
+
+    Parameters
+    ----------
+    path
+        The data set.
+    progress
+        Called with the blocks checked and their number.
+
+    Returns
+    -------
+    tuple
+        The number of whole samples, and what is damaged or missing.
+
+    Raises
+    ------
+    DatasetError
+        If the path holds no data set.
+    """
+    path = Path(path)
+    attributes = read_attributes(path)
+    layout, digest = layout_of(attributes), digest_of(attributes)
+    damaged: list[Damage] = []
+    whole = 0
+    group, reason = _opened(path, layout)
+    if reason:
+        return 0, [Damage((0, layout.count), reason)]
+    for block in range(layout.blocks):
+        place = layout.samples_in(block)
+        if not mark_of(path, block).is_file():
+            reason = "missing"
+        elif not is_marked(path, layout, digest, block):
+            reason = "its mark is damaged, or of another count or configuration"
+        else:
+            reason = _fault(path, group, block, place)
+        if (
+            reason
+            and damaged
+            and damaged[-1] == Damage((damaged[-1].samples[0], place.start), reason)
+        ):
+            damaged[-1] = Damage((damaged[-1].samples[0], place.stop), reason)
+        elif reason:
+            damaged.append(Damage((place.start, place.stop), reason))
+        else:
+            whole += place.stop - place.start
+        if progress is not None:
+            progress(block + 1, layout.blocks)
+    return whole, damaged
+
+
+def _fault(path: Path, group: Any, block: int, place: slice) -> str:
+    """Say what is wrong with a block; empty where nothing is."""
+    mark = read_mark(path, block)
+    expected = {} if mark is None else mark["crc32c"]
+    for name in expected:
+        try:
+            if checksum(path, name, block) != expected[name]:
+                return f"{name}: another checksum"
+        except OSError as error:
+            return f"{name}: {error.strerror}"
+        try:
+            values = np.asarray(group[name][place])
+        except Exception as error:  # whatever a codec says of bytes it cannot decode
+            return f"{name}: {type(error).__name__}: {error}"
+        if values.dtype.kind == "f" and name != "sbr" and not np.isfinite(values).all():
+            return f"{name}: holds NaN or infinity"
+    return ""
+
+
+def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
+    """Open the archive and read what is not of samples; say what is wrong, if anything is."""
+    import zarr
+
+    name = "zarr.json"
+    try:
+        group: Any = zarr.open_group(path, mode="r", zarr_format=3)
+        for name, array in group.arrays():
+            if array.metadata.dimension_names[0] != "sample":
+                if not (path / name / "c" / "0").is_file():
+                    return None, f"{name}: its file is missing"
+                np.asarray(array[:])
+            elif array.shape[0] != layout.count:
+                return None, f"{name}: has {array.shape[0]} samples, not {layout.count}"
+        missing = [each for each in layout.variables if each not in group]
+    except Exception as error:  # whatever a codec says of bytes it cannot decode
+        return None, f"{name}: {type(error).__name__}: {error}"
+    return group, f"{missing[0]}: is missing" if missing else ""
+
+
+def describe(path: str | Path) -> dict[str, Any]:
+    """Tell a data set's sizes, what is done of it, and what its samples are.
+
+    Parameters
+    ----------
+    path
+        The data set.
+
+    Returns
+    -------
+    dict
+        Of JSON's types.
+
+    Raises
+    ------
+    DatasetError
+        If the path holds no data set.
+    """
+    path = Path(path)
+    attributes = read_attributes(path)
+    layout, digest = layout_of(attributes), digest_of(attributes)
+    places = [
+        layout.samples_in(block)
+        for block in range(layout.blocks)
+        if is_marked(path, layout, digest, block)
+    ]
+    size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+    description: dict[str, Any] = {
+        "samples": layout.count,
+        "finished": sum(place.stop - place.start for place in places),
+        "photograph": list(layout.photograph_shape),
+        "hidden": list(layout.hidden_shape),
+        "bytes": size,
+        "seed": attributes["configuration"]["seed"],
+        "versions": attributes["versions"],
+    }
+    data = open_dataset(path, incomplete=True)
+    missing = [name for name in layout.variables if name not in data.variables]
+    if missing:
+        raise DatasetError(f"{path}: its variable '{missing[0]}' is lost; make it again")
+    for name in ("split", "hidden_kind", "ambient"):
+        description[name] = dict(Counter(str(text) for text in data[name].values).most_common())
+    for name in ("sbr", "snr", "exposure"):
+        values = data[name].values
+        if len(values):
+            description[name] = [float(values.min()), float(values.max())]
+    description["geometries"] = data.sizes["geometries"]
+    return description

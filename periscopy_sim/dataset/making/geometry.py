@@ -1,0 +1,149 @@
+"""What is rendered once for many photographs: the transport matrix of a geometry, ambient light."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.dataset.configuration.document import Configuration, Direct, PathTraced
+from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
+from periscopy_sim.errors import ConfigurationError, SceneError
+from periscopy_sim.scenario import Scenario
+
+Array = NDArray[np.float64]
+Photographer = Callable[[Array, int], Array]
+"""Takes (R, C, 3) and a seed, gives (rows, columns, 3)."""
+
+REMEMBERED = 4
+"""Geometries kept ready: of direct light 66 MB each at 36 x 29 patches and 126 x 126 pixels."""
+
+_rendering = threading.RLock()
+"""Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A scene with its parameters, ready to take photographs.
+
+    Attributes
+    ----------
+    draw
+        What was drawn for it.
+    scenario
+        The scene.
+    transport
+        A, (M, N) float32, of direct light; None otherwise.
+    photographer
+        Path traces a photograph; None otherwise.
+    """
+
+    draw: GeometryDraw
+    scenario: Scenario
+    transport: NDArray[np.float32] | None
+    photographer: Photographer | None
+
+
+def scenario_of(configuration: Configuration, number: int) -> Scenario:
+    """Load the scene of a geometry.
+
+    Parameters
+    ----------
+    configuration
+        Of the data set.
+    number
+        Of the geometry.
+
+    Raises
+    ------
+    ConfigurationError
+        If the scene cannot be loaded so; with the reason and the parameters.
+    """
+    from periscopy_sim.rendering.scene.load import load_scenario
+
+    draw = draw_geometry(configuration, number)
+    scene = configuration.scenes[draw.source].scene
+    try:
+        with _rendering:
+            return load_scenario(
+                found_scene(configuration, scene), configuration.hidden, draw.parameters
+            )
+    except SceneError as error:
+        given = ", ".join(f"{name}={value}" for name, value in draw.parameters.items())
+        raise ConfigurationError(
+            f"geometry {number} ({given or 'no parameters'}): {error}"
+        ) from error
+
+
+def found_scene(configuration: Configuration, name: str) -> Path:
+    """Find a scene file, as seen from the configuration's folder, or a shipped one."""
+    from periscopy_sim.shipped import find_scene
+
+    beside = configuration.folder / name
+    return beside if beside.is_file() else find_scene(name)
+
+
+def geometry_of(configuration: str, number: int) -> Geometry:
+    """Render what all photographs of a geometry share; the last few are remembered.
+
+    Parameters
+    ----------
+    configuration
+        As JSON, see `as_json`.
+    number
+        Of the geometry.
+    """
+    with _rendering:  # who waits for it finds it remembered
+        return _rendered(configuration, number)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _rendered(configuration: str, number: int) -> Geometry:
+    settings = Configuration.model_validate_json(configuration)
+    scenario = scenario_of(settings, number)
+    draw = draw_geometry(settings, number)
+    if isinstance(settings.light, Direct):
+        from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+        # The seed is the data set's own: samples of A are no random draw of a sample.
+        A = render_transport(scenario, samples=settings.light.samples, seed=settings.seed)
+        return Geometry(draw, scenario, A, None)
+    return Geometry(draw, scenario, None, _photographer(scenario, settings.light))
+
+
+def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:
+    from periscopy_sim.rendering.photograph import Monitor, without_warnings
+
+    monitor = Monitor(
+        scenario, scenario.hidden_shape, samples=light.samples, bounces=light.bounces,
+        only_monitor=True,
+    )  # fmt: skip
+
+    def photograph(image: Array, seed: int) -> Array:
+        with _rendering, without_warnings():
+            return monitor.photograph(image, seed=seed)
+
+    return photograph
+
+
+def as_json(configuration: Configuration) -> str:
+    """Write a configuration without its `count`, of which no sample depends."""
+    return configuration.model_copy(update={"count": 1}).model_dump_json()
+
+
+def view_digest(scenario: Scenario) -> str:
+    """Tell walls apart that ambient light falls on differently; their colour aside."""
+    digest = hashlib.sha256()
+    for values in (scenario.wall_points, scenario.wall_normals, scenario.photograph_shape):
+        digest.update(np.ascontiguousarray(np.round(values, 6)).tobytes())
+    return digest.hexdigest()[:12]
+
+
+Backgrounds = Mapping[str, Mapping[int, NDArray[np.float32]]]
+"""By `view_digest` and by ambient source: (K, rows, columns, 3) irradiance, in any unit."""

@@ -1,0 +1,254 @@
+"""Make a data set: what is missing of it, on this machine or on Dask workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from periscopy_sim.dataset.archive.archive import Archive, check_place
+from periscopy_sim.dataset.archive.layout import MAKING, Layout
+from periscopy_sim.dataset.configuration.document import Configuration
+from periscopy_sim.dataset.configuration.light_sources import Pictures
+from periscopy_sim.dataset.making.backgrounds import Rendering, backgrounds_of, given_picture
+from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
+from periscopy_sim.dataset.making.geometry import Backgrounds, as_json, geometry_of, scenario_of
+from periscopy_sim.dataset.making.inputs import attributes_of, geometry_variables, resolved
+from periscopy_sim.dataset.making.samples import Block, make_samples
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.numerics.threads import ahead
+from periscopy_sim.scenario import Scenario
+
+SHARES_PER_THREAD = 4
+"""Tasks for each thread of a Dask cluster, so that none waits long for the last."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a run did.
+
+    Attributes
+    ----------
+    count
+        Samples in the data set.
+    made
+        Samples made by this run.
+    geometries
+        Geometries that these are of.
+    """
+
+    count: int
+    made: int
+    geometries: int
+
+
+def make_dataset(
+    configuration: Configuration,
+    out: str | Path,
+    *,
+    count: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    rendering: Rendering | None = None,
+) -> Made:
+    """Make what is missing of a data set.
+
+    Parameters
+    ----------
+    configuration
+        From `load_configuration`.
+    out
+        The archive, a Zarr folder. What it holds already of this configuration stays; blocks that
+        are damaged are made again.
+    count
+        Samples, instead of the configuration's; may grow from run to run.
+    scheduler
+        Address of a Dask scheduler; None for this process.
+    progress
+        Called with the samples that are done and those that there will be, before each block is
+        kept; what it raises stops the making.
+    rendering
+        Told of each ambient condition that is rendered, gives what takes the fraction done.
+
+    Returns
+    -------
+    Made
+
+    Raises
+    ------
+    PeriscopyError
+        If a scene, an image or a condition cannot be used, `out` holds something else or another
+        process is at work there, the disk is full, or no scheduler answers.
+    """
+    from periscopy_sim.storage.outputs.lock import alone_in
+
+    out, report = Path(out), progress or (lambda *_: None)
+    if count is not None:
+        configuration = _of_count(configuration, count)
+    check_place(out)
+    settings = resolved(configuration)
+    draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
+    first = _checked_scenes(settings, draws)
+    layout = _layout(settings, first)
+    attributes = attributes_of(settings, layout)
+    with alone_in(out / MAKING):
+        archive = Archive(out, layout, attributes, geometry_variables(settings, draws))
+        shares = _by_geometry(settings, archive.unfinished())
+        missing = sum(len(blocks) for blocks in shares.values())
+        done = layout.count - sum(_length(layout, b) for blocks in shares.values() for b in blocks)
+        report(done, layout.count)
+        if missing:
+            backgrounds = backgrounds_of(settings, shares, first, out / MAKING, rendering)
+            for block, values in _made(
+                settings, shares, layout.photograph_shape, backgrounds, scheduler
+            ):
+                # Before it is kept: who interrupts may have stopped Mitsuba in the midst of it.
+                report(done, layout.count)
+                archive.write(block, values)
+                done += _length(layout, block)
+            report(done, layout.count)
+    made = sum(_length(layout, block) for blocks in shares.values() for block in blocks)
+    return Made(layout.count, made, len(shares))
+
+
+def _made(
+    settings: Configuration,
+    shares: Mapping[int, list[int]],
+    photograph_shape: tuple[int, int],
+    backgrounds: Backgrounds,
+    scheduler: str | None,
+) -> Iterator[tuple[int, Block]]:
+    """Make blocks, geometry by geometry or wherever a worker is free."""
+    shared = (as_json(settings), photograph_shape, backgrounds)
+    if scheduler is None:
+        for geometry, blocks in shares.items():
+            make = partial(make_block, *shared, geometry)
+            # Rendered here, not in the threads; path tracing is parallel by itself.
+            traced = geometry_of(shared[0], geometry).transport is None
+            yield from zip(
+                blocks, map(make, blocks) if traced else ahead(make, blocks), strict=True
+            )
+        return
+    from periscopy_sim.evaluation.workers import compute, connect
+
+    with connect(scheduler) as client:
+        threads = sum(client.nthreads().values())
+        tasks = list(_tasks(shares, SHARES_PER_THREAD * threads))
+        for _, made in compute(client, _make_share, shared, tasks):
+            yield from made
+
+
+def make_block(
+    configuration: str,
+    photograph_shape: tuple[int, int],
+    backgrounds: Backgrounds,
+    geometry: int,
+    block: int,
+) -> Block:
+    """Make the samples of a block, here and now.
+
+    Parameters
+    ----------
+    configuration
+        As JSON, from `as_json`.
+    photograph_shape
+        (rows, columns) that photographs must have.
+    backgrounds
+        Rendered and given ambient light.
+    geometry, block
+        Numbers; the block is of the geometry.
+
+    Raises
+    ------
+    ConfigurationError
+        If the geometry's camera has another film size.
+    """
+    settings = Configuration.model_validate_json(configuration)
+    start = block * settings.samples_per_shard
+    ready = geometry_of(configuration, geometry)
+    _check_shape(geometry, ready.scenario, photograph_shape)
+    return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
+
+
+def _make_share(
+    shared: tuple[str, tuple[int, int], Backgrounds], task: tuple[int, tuple[int, ...]]
+) -> list[tuple[int, Block]]:
+    geometry, blocks = task
+    return [(block, make_block(*shared, geometry, block)) for block in blocks]
+
+
+def _tasks(shares: Mapping[int, list[int]], wanted: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """Share the work: a geometry's blocks stay together unless workers would go idle."""
+    pieces = max(1, -(-wanted // len(shares)))
+    for geometry, blocks in shares.items():
+        for part in np.array_split(blocks, min(pieces, len(blocks))):
+            yield geometry, tuple(part.tolist())
+
+
+def _by_geometry(settings: Configuration, blocks: Iterable[int]) -> dict[int, list[int]]:
+    shares: dict[int, list[int]] = {}
+    for block in blocks:
+        geometry = block * settings.samples_per_shard // settings.samples_per_geometry
+        shares.setdefault(geometry, []).append(block)
+    return shares
+
+
+def _layout(settings: Configuration, scenario: Scenario) -> Layout:
+    return Layout(
+        count=settings.count,
+        block=settings.samples_per_shard,
+        photograph_shape=scenario.photograph_shape,
+        hidden_shape=settings.hidden,
+        photograph_type=settings.photograph_type,
+        keep_background=settings.keep_background,
+    )
+
+
+def _of_count(configuration: Configuration, count: int) -> Configuration:
+    """Change the number of samples, which is checked as the file's own.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is out of range.
+    """
+    try:
+        return Configuration.model_validate({**dict(configuration), "count": count})
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise ConfigurationError(f"count {count}: {message}") from None
+
+
+def _checked_scenes(settings: Configuration, draws: Sequence[GeometryDraw]) -> Scenario:
+    """Load each scene once, and read the given ambient light; return the scenario of geometry 0.
+
+    Raises
+    ------
+    PeriscopyError
+        If one cannot be used, or has another film size than the first.
+    """
+    first = scenario_of(settings, 0)
+    for number in {draw.source: draw.number for draw in reversed(draws)}.values():
+        if number:
+            _check_shape(number, scenario_of(settings, number), first.photograph_shape)
+    for source in settings.ambient:
+        for name in source.files if isinstance(source, Pictures) else ():
+            given_picture(name, first)
+    return first
+
+
+def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
+    if scenario.photograph_shape != expected:
+        sizes = ("x".join(map(str, size)) for size in (scenario.photograph_shape, expected))
+        raise ConfigurationError(
+            "geometry {} has photographs of {} pixels, geometry 0 of {}; give all scenes films of "
+            "one size".format(geometry, *sizes)
+        )
+
+
+def _length(layout: Layout, block: int) -> int:
+    return len(range(*layout.samples_in(block).indices(layout.count)))

@@ -1,0 +1,168 @@
+"""Animated pictures: panels side by side under their titles, in time."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.figures.panels import Image
+from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.pictures import area_average
+
+if TYPE_CHECKING:
+    from PIL.ImageFont import FreeTypeFont
+
+Pixels = NDArray[np.uint8]
+
+PANEL = (240, 480)
+"""Rows that a panel has about, and columns that it has at most, unless patches are smaller."""
+
+_TITLE_ROWS, _GAP = 34, 12
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def draw_animation(
+    path: Path,
+    titles: Sequence[str],
+    frames: Iterable[Sequence[Image]],
+    *,
+    count: int,
+    rate: float,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw linear images side by side as an animated PNG that repeats for ever.
+
+    Frames are drawn and encoded as they come, so that a long video takes no more memory than a
+    short one.
+
+    Parameters
+    ----------
+    path
+        A PNG file; appears once complete. Viewers without animation show the first frame.
+    titles
+        One for each panel.
+    frames
+        For each moment a (rows, columns, 3) linear image in [0, 1] for each panel, of sizes that
+        stay.
+    count
+        How many frames there are.
+    rate
+        Frames a second.
+    metadata
+        Text chunks, such as provenance.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer frames than `count`, or none.
+    OutputError
+        If the path cannot be written.
+
+    References
+    ----------
+    Portable Network Graphics (PNG) Specification, third edition, W3C 2025: chunks acTL, fcTL, fdAT.
+    """
+    if count < 1:
+        raise ValueError(f"count is {count}: give at least one frame")
+    pictures = (_side_by_side(titles, [_panel(image) for image in frame]) for frame in frames)
+    with staged_file(path) as staged, staged.open("wb") as stream:
+        stream.write(_SIGNATURE)
+        for kind, content in _animation_chunks(pictures, count, rate, metadata or {}):
+            checksum = zlib.crc32(kind + content)
+            stream.write(struct.pack(">I", len(content)) + kind + content)
+            stream.write(struct.pack(">I", checksum))
+
+
+def _animation_chunks(
+    pictures: Iterable[Pixels], count: int, rate: float, metadata: Mapping[str, str]
+) -> Iterator[tuple[bytes, bytes]]:
+    """Chunks of an animated PNG: those of its first picture, the data of the others behind."""
+    delay = Fraction(1 / rate).limit_denominator(10_000)
+    number = -1
+    for number, picture in enumerate(pictures):
+        chunks = list(_chunks(_encoded(picture, {} if number else metadata)))
+        data = b"".join(content for kind, content in chunks if kind == b"IDAT")
+        if number == 0:
+            yield from (chunk for chunk in chunks if chunk[0] not in (b"IDAT", b"IEND"))
+            yield b"acTL", struct.pack(">2I", count, 0)  # 0: for ever
+        # Control and data chunks are numbered in turn; the first picture's data bear no number.
+        rows, columns, _ = picture.shape
+        place = (max(2 * number - 1, 0), columns, rows, 0, 0)
+        yield b"fcTL", struct.pack(">5I2H2B", *place, delay.numerator, delay.denominator, 0, 0)
+        yield (b"fdAT", struct.pack(">I", 2 * number) + data) if number else (b"IDAT", data)
+    if number + 1 != count:
+        raise ValueError(f"got {number + 1} frames, not {count}")
+    yield b"IEND", b""
+
+
+def _encoded(picture: Pixels, metadata: Mapping[str, str]) -> bytes:
+    """PNG file of 8-bit sRGB values."""
+    from PIL import Image as Pillow
+    from PIL import PngImagePlugin
+
+    chunks = PngImagePlugin.PngInfo()
+    chunks.add(b"sRGB", b"\x00")
+    for key, value in sorted(metadata.items()):
+        chunks.add_text(key, value)
+    stream = io.BytesIO()
+    Pillow.fromarray(picture).save(stream, "PNG", pnginfo=chunks)
+    return stream.getvalue()
+
+
+def _chunks(file: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kinds and contents of the chunks of a PNG file."""
+    start = len(_SIGNATURE)
+    while start < len(file):
+        (length,) = struct.unpack_from(">I", file, start)
+        yield file[start + 4 : start + 8], file[start + 8 : start + 8 + length]
+        start += length + 12
+
+
+def _panel(image: Image) -> Pixels:
+    """8-bit sRGB pixels of an image brought to about the size of a panel, its patches square."""
+    rows, columns, _ = image.shape
+    factor = max(1, min(round(PANEL[0] / rows), PANEL[1] // columns))
+    if rows > 1.5 * PANEL[0]:
+        image = area_average(image, (PANEL[0], max(1, round(columns * PANEL[0] / rows))))
+    encoded = np.rint(255 * srgb_encode(np.clip(image, 0, 1))).astype(np.uint8)
+    return np.repeat(np.repeat(encoded, factor, axis=0), factor, axis=1)
+
+
+def _side_by_side(titles: Sequence[str], panels: Sequence[Pixels]) -> Pixels:
+    """Panels on white, each centred under its title in a column as wide as the wider of both."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw
+
+    font = _font(20)
+    widths = [
+        max(panel.shape[1], int(np.ceil(font.getlength(title))))
+        for title, panel in zip(titles, panels, strict=True)
+    ]
+    rows = max(panel.shape[0] for panel in panels)
+    size = (sum(widths) + _GAP * (len(widths) + 1), _TITLE_ROWS + rows + _GAP)
+    picture = Pillow.new("RGB", size, "white")
+    draw = ImageDraw.Draw(picture)
+    left = _GAP
+    for title, panel, width in zip(titles, panels, widths, strict=True):
+        draw.text((left + width / 2, _TITLE_ROWS / 2), title, "black", font, anchor="mm")
+        corner = (left + (width - panel.shape[1]) // 2, _TITLE_ROWS + (rows - panel.shape[0]) // 2)
+        picture.paste(Pillow.fromarray(panel), corner)
+        left += width + _GAP
+    return np.asarray(picture)
+
+
+def _font(size: int) -> FreeTypeFont:
+    """Matplotlib's own: the same on every machine."""
+    import matplotlib
+    from PIL import ImageFont
+
+    return ImageFont.truetype(Path(matplotlib.get_data_path(), "fonts/ttf/DejaVuSans.ttf"), size)

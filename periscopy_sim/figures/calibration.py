@@ -1,0 +1,120 @@
+"""How a calibration went: what it explains of the photograph, and the way there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from periscopy_sim.figures.panels import displayable, show
+from periscopy_sim.scenario import Array
+from periscopy_sim.storage.formats.srgb import srgb_encode
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.calibrate import Calibration
+
+
+def draw_calibration(
+    path: Path,
+    photograph: Array,
+    calibration: Calibration,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw the photograph, what is left of it before and after, and each parameter's way.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    photograph
+        (rows, columns, 3), linear.
+    calibration
+        From `calibrate`.
+    metadata
+        Text chunks of a PNG.
+    """
+    from matplotlib.figure import Figure
+
+    columns = max(3, min(len(calibration.parameters), 4))
+    below = -(-len(calibration.parameters) // columns)
+    figure = Figure(figsize=(3.1 * columns, 3.3 + 2.1 * below), layout="constrained")
+    above, beneath = figure.subfigures(2, 1, height_ratios=[3.3, 2.1 * below], squeeze=False)[:, 0]
+    _draw_residuals(above, photograph, calibration)
+    axes = beneath.subplots(below, columns, squeeze=False).ravel()
+    for k, ax in enumerate(axes):
+        if k < len(calibration.parameters):
+            _draw_way(ax, calibration, k)
+        else:
+            ax.set_axis_off()
+    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
+def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) -> None:
+    """Show the photograph and the mean over its channels of what is left, in percent."""
+    before, after = (
+        100 * residual.mean(axis=2)
+        for residual in (calibration.residual_before, calibration.residual)
+    )
+    bound = float(np.percentile(np.abs(before), 99)) or 1.0
+    axes = figure.subplots(1, 3)
+    show(axes[0], "photograph", srgb_encode(displayable(photograph)))
+    noises = calibration.noise_before, calibration.noise
+    names = "unexplained at the start", "unexplained after calibration"
+    for ax, residual, name, noise in zip(axes[1:], (before, after), names, noises, strict=True):
+        title = f"{name}: {100 * np.sqrt(np.mean(noise**2)):.2f} %"
+        picture = show(ax, title, residual, cmap="RdBu_r", vmin=-bound, vmax=bound)
+    bar = figure.colorbar(picture, ax=axes[1:], shrink=0.8)
+    bar.set_label("% of the photograph's root mean square", fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+
+
+def _draw_way(ax: Any, calibration: Calibration, k: int) -> None:
+    """Show a parameter at all points that were visited, level by level, and where it ended."""
+    parameter = calibration.parameters[k]
+    shades = ("#bdbdbd", "#6baed6", "#08519c")
+    for level, (shade, visited) in enumerate(zip(shades, calibration.path, strict=True)):
+        # A level's points take equal room, however many they are.
+        place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)
+        ax.plot(
+            place,
+            visited.values[:, k],
+            ".-" if level else ".",
+            color=shade,
+            markersize=3,
+            linewidth=0.8,
+        )
+    ax.set_ylim(*_shown(calibration, k))
+    ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":")
+    ax.axhspan(
+        parameter.value - parameter.standard_error,
+        parameter.value + parameter.standard_error,
+        color="#fd8d3c",
+        alpha=0.35,
+        linewidth=0,
+    )
+    ax.axhline(parameter.value, color="#d94801", linewidth=0.8)
+    ax.set_title(
+        f"{parameter.name}: {parameter.value:.4g} ± {parameter.standard_error:.2g}", fontsize=9
+    )
+    ax.set_xticks([0.5, 1.5, 2.5])
+    ax.set_xticklabels(
+        ["{} x {}".format(*visited.photograph_shape) for visited in calibration.path], fontsize=7
+    )
+    ax.tick_params(labelsize=7)
+
+
+BEST = 10
+"""Points of the search that the picture must show."""
+
+
+def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
+    """Give the range of start, end, descents and the search's best; the first search is wider."""
+    parameter, (search, *descents) = calibration.parameters[k], calibration.path
+    physical = np.isfinite(search.evidence)
+    best = search.values[physical][np.argsort(search.evidence[physical])[:BEST], k]
+    ends = parameter.value + parameter.standard_error * np.array([-1, 1])
+    shown = np.concatenate([[parameter.start], best, ends, *(d.values[:, k] for d in descents)])
+    margin = 0.08 * float(np.ptp(shown)) or 1.0
+    return float(shown.min()) - margin, float(shown.max()) + margin

@@ -1,0 +1,254 @@
+"""Pictures that a person can read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.storage.formats.srgb import srgb_encode
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Image = NDArray[np.floating[Any]]
+
+COLUMN_WIDTH = 3.5
+"""Width of a journal's column, in inches."""
+
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Colours that the colour-blind tell apart, after Okabe and Ito, the darker first."""
+
+
+def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
+    """Scale a linear image for display: negatives black, the brightest half percent white.
+
+    Parameters
+    ----------
+    image
+        (rows, columns, 3) linear.
+    white
+        Value shown as white; None for the 99.5th percentile. One factor for all channels, so that
+        colours stay.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns, 3) in [0, 1], linear.
+    """
+    level = float(np.percentile(image, 99.5)) if white is None else white
+    return np.clip(np.asarray(image, np.float64) / (level if level > 0 else 1.0), 0, 1)
+
+
+def enlarged(image: Image, width: int = 720) -> Image:
+    """Repeat patches until the image is about `width` pixels wide."""
+    factor = max(1, width // image.shape[1])
+    return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
+
+
+def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
+    """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
+
+    Parameters
+    ----------
+    ax
+        Where, alone with the title.
+    title
+        What stands above.
+    picture
+        As above.
+    **colours
+        The false colours, as `imshow` takes them.
+
+    Returns
+    -------
+    What a colour bar is made of.
+    """
+    ax.set_title(title, fontsize=10)
+    ax.set_axis_off()
+    return ax.imshow(picture, interpolation="nearest", aspect="equal", **colours)
+
+
+def draw_panels(
+    path: Path,
+    panels: Sequence[tuple[str, Image]],
+    *,
+    caption: str = "",
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw linear images side by side, each under its title.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    panels
+        Titles and (rows, columns, 3) linear images in [0, 1].
+    caption
+        A line below.
+    metadata
+        Text chunks of a PNG, such as provenance.
+    """
+    from matplotlib.figure import Figure
+
+    aspects = [image.shape[1] / image.shape[0] for _, image in panels]
+    height = 2.6
+    size = (height * sum(aspects) + 0.2, height + (0.65 if caption else 0.4))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
+    for ax, (title, image) in zip(axes, panels, strict=True):
+        show(ax, title, srgb_encode(image))
+    if caption:
+        figure.supxlabel(caption, fontsize=9)
+    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
+def draw_maps(
+    path: Path,
+    maps: Sequence[tuple[str, Image]],
+    label: str,
+    *,
+    caption: str = "",
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw maps of one positive quantity on one logarithmic colour scale, with a colour bar.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    maps
+        Titles and (rows, columns) positive values.
+    label
+        The quantity and its unit.
+    caption
+        A line below.
+    metadata
+        Text chunks of a PNG.
+    """
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
+
+    values = np.concatenate([np.ravel(values) for _, values in maps])
+    norm = LogNorm(float(values.min()), float(values.max()))
+    figure = Figure(figsize=(3.6 * len(maps) + 0.9, 3.4), layout="constrained")
+    axes = figure.subplots(1, len(maps), squeeze=False)[0]
+    for ax, (title, values) in zip(axes, maps, strict=True):
+        picture = ax.imshow(values, norm=norm, cmap="viridis", interpolation="nearest")
+        ax.set_title(title, fontsize=10)
+        ax.set_xlabel("patch column", fontsize=9)
+        ax.tick_params(labelsize=8)
+    axes[0].set_ylabel("patch row", fontsize=9)
+    bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    bar.ax.yaxis.set_major_formatter(plain)
+    bar.ax.yaxis.set_minor_formatter(plain)
+    bar.ax.tick_params(labelsize=8, which="both")
+    if caption:
+        figure.supxlabel(caption, fontsize=9)
+    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
+def draw_certainty(
+    path: Path,
+    image: Image,
+    standard_errors: Image,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw a reconstruction beside how sure each of its patches is.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    image, standard_errors
+        (R, C, 3) in one unit; the errors are shown as the root mean square over the channels, in
+        percent of the image's 99th percentile.
+    metadata
+        Text chunks of a PNG.
+    """
+    from matplotlib.figure import Figure
+
+    white = float(np.percentile(image, 99)) or 1.0
+    errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
+    aspect = image.shape[1] / image.shape[0]
+    figure = Figure(figsize=(5.2 * aspect + 1.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
+    top = float(errors.max()) or 1.0
+    shown = show(
+        right, "standard error, if the scene is right", errors, cmap="magma", vmin=0, vmax=top
+    )
+    bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
+    bar.ax.tick_params(labelsize=8)
+    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
+def draw_sweep(
+    path: Path, results: xr.Dataset, *, metadata: Mapping[str, str] | None = None
+) -> None:
+    """Draw each method's error against the signal-to-background ratio, as in Fig. 4.
+
+    Lines are means over backgrounds and seeds, bands reach from their 10th to their 90th
+    percentile. Where a method failed it is left out.
+
+    Parameters
+    ----------
+    path
+        A PNG or PDF file.
+    results
+        ``mean_squared_error`` over (method, background, sbr, seed), from `run_sweep`.
+    metadata
+        Text chunks of a PNG.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    labels = ("method", "sbr", "background", "seed")
+    errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
+    figure = Figure(layout="constrained")
+    ax = figure.subplots()
+    looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
+    for method, (colour, dashes) in zip(errors, looks, strict=False):
+        finite = {float(e["sbr"]): e.values[np.isfinite(e.values)] for e in method}
+        seen = {sbr: e for sbr, e in finite.items() if e.size}
+        if not seen:
+            continue
+        sbrs = list(seen)
+        low, high = np.transpose([np.percentile(e, (10, 90)) for e in seen.values()])
+        # The edge keeps the band of a single SBR in sight.
+        ax.fill_between(sbrs, low, high, color=colour, alpha=0.18, linewidth=0.8)
+        ax.plot(
+            sbrs, [e.mean() for e in seen.values()], label=method["method"].item(),
+            color=colour, linestyle=dashes, linewidth=1.3, marker="o", markersize=2.6,
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    bottom, top = ax.get_ylim()
+    if top < 4 * bottom:  # room for two labelled ticks
+        middle = np.sqrt(bottom * top)
+        ax.set_ylim(middle / 2, middle * 2)
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(plain)
+        axis.set_minor_formatter(NullFormatter())
+    ax.set_xlabel("signal-to-background ratio", fontsize=8)
+    ax.set_ylabel("mean squared error", fontsize=8)
+    ax.tick_params(labelsize=7, which="both")
+    ax.grid(True, which="major", linewidth=0.4, color="0.85")
+    ax.set_axisbelow(True)
+    names = [str(line.get_label()) for line in ax.lines]
+    side_by_side = 2 if max(map(len, names), default=0) <= 22 else 1
+    if names:  # above the axes: inside, it would hide a curve
+        figure.legend(
+            loc="outside upper center", ncols=side_by_side, fontsize=7, frameon=False,
+            handlelength=2.8,
+        )  # fmt: skip
+    figure.set_size_inches(COLUMN_WIDTH, 2.6 + 0.13 * -(-len(names) // side_by_side))
+    figure.savefig(path, dpi=300, metadata=dict(metadata or {}))

@@ -1,0 +1,1 @@
+"""Numerics that several rooms share: threads, large products, compiled loops, validation."""

@@ -1,0 +1,83 @@
+"""Validation of what solvers are given: images for compiled loops, and where to stop."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
+    """Give an image as compiled loops take it, of its own precision.
+
+    Parameters
+    ----------
+    image
+        Of a real floating-point type and of any shape, finite.
+    name
+        What to call it in errors.
+
+    Returns
+    -------
+    The same values, C-contiguous, aligned and writeable (each other kind of array would have the
+    loops compiled anew): float32 from float16 and float32, else float64. Not necessarily a copy.
+
+    Raises
+    ------
+    TypeError
+        The image is not of a real floating-point type.
+    ValueError
+        It holds NaN or infinity.
+    """
+    values = np.asarray(image)
+    if values.dtype.kind != "f":
+        raise TypeError(f"{name} is of type {values.dtype}: convert it to floating point")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} holds NaN or infinity: replace those values first")
+    single = values.dtype.itemsize <= 4
+    return np.require(values, np.float32 if single else np.float64, ["C", "A", "W"])
+
+
+def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDArray[Any]:
+    """Give an image that stands beside another, in the other's precision.
+
+    Parameters
+    ----------
+    image, name
+        As in `checked_image`.
+    beside
+        The other image.
+
+    Returns
+    -------
+    As `checked_image`, of the type of the other.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `checked_image`; the two are not of one shape.
+    """
+    values = checked_image(image, name)
+    if values.shape != beside.shape:
+        raise ValueError(f"{name} has shape {values.shape}, the image beside it {beside.shape}")
+    return values.astype(beside.dtype, copy=False)
+
+
+def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
+    """Refuse numbers that iterations cannot stop at.
+
+    Parameters
+    ----------
+    tolerance
+        Relative; between 0 and 1.
+    max_iterations
+        At least 1.
+
+    Raises
+    ------
+    ValueError
+        Naming the number.
+    """
+    if not 0 < tolerance < 1:
+        raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
+    if max_iterations < 1:
+        raise ValueError(f"max_iterations is {max_iterations}: give at least 1")

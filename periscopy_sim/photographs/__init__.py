@@ -1,0 +1,1 @@
+"""Photographs as arrays: what a camera did to them before the scene's equations hold."""

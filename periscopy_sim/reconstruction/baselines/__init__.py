@@ -1,0 +1,1 @@
+"""The methods that the paper compares with: differencing [15] and a truncated SVD."""

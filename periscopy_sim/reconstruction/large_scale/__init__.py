@@ -1,0 +1,1 @@
+"""Reconstruction without P, where P or even A does not fit in memory."""

@@ -1,0 +1,305 @@
+"""The light transport matrix as an operator: passes over its rows, backgrounds projected out.
+
+    A⊥ = A − Q QᵀA,   Q an orthonormal basis of range(B)
+
+A pass reads a few rows, multiplies by them and, while they are in the cache, by their transpose:
+A⊥ᵀA⊥ f costs one reading of A for all channels together. So A may be an array, a memory map, or
+blocks of rows that are made anew in every pass. The number of threads does not change the results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.numerics.threads import in_parallel
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+PARTS = 16
+"""Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""
+
+CONVERTED_ROWS = 256
+"""Rows converted to double precision at once where BLAS multiplies."""
+
+BLOCK_ENTRIES = 2**22
+"""Entries of a memory map that are read at once where only some rows are used: 16 to 32 MB."""
+
+ROWS, COLUMNS = 8, 1024
+"""Tile of A that the compiled loops take at a time; 8 rows of 25,000 patches fill a cache of 1 MB.
+"""
+
+
+class RowBlocks(Protocol):
+    """A matrix that is known by blocks of consecutive rows."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M, N)."""
+        ...
+
+    def row_blocks(self) -> Iterator[tuple[slice, Image]]:
+        """Give every block once, in order, with the rows that it holds."""
+        ...
+
+
+Matrix: TypeAlias = Image | RowBlocks
+
+
+@dataclass(frozen=True, eq=False)
+class UsedRows:
+    """Some of the rows of a matrix, picked out of each block as it is read.
+
+    Attributes
+    ----------
+    A
+        (M, N) memory map or `RowBlocks`.
+    mask
+        (M,), True for the M' rows that are used.
+    """
+
+    A: Matrix
+    mask: NDArray[np.bool_]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M', N)."""
+        return int(np.count_nonzero(self.mask)), self.A.shape[1]
+
+    def row_blocks(self) -> Iterator[tuple[slice, Image]]:
+        """Give every used row once, in order, numbered among the used ones."""
+        first = 0
+        for rows, block in row_blocks(self.A, max(BLOCK_ENTRIES // self.A.shape[1], 1)):
+            used = block[self.mask[rows]]
+            if len(used):
+                yield slice(first, first + len(used)), used
+                first += len(used)
+
+
+def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Image]]:
+    """Give the rows of an array, `count` at a time or all at once, or those of `RowBlocks`."""
+    if isinstance(A, np.ndarray):
+        plain = np.asarray(A)  # no memory map to Numba
+        step = max(len(A), 1) if count is None else count
+        for start in range(0, len(A), step):
+            yield slice(start, min(start + step, len(A))), plain[start : start + step]
+    else:
+        yield from A.row_blocks()
+
+
+def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
+    """Take some rows of a matrix: a copy of those of an array, else `UsedRows`.
+
+    Parameters
+    ----------
+    A
+        (M, N) array, memory map or `RowBlocks`.
+    mask
+        (M,), True for the rows that are used.
+
+    Returns
+    -------
+    (M', N), of the same kind or `RowBlocks`.
+    """
+    if isinstance(A, np.memmap) or hasattr(A, "row_blocks"):
+        return UsedRows(A, mask)
+    used: Image = np.asarray(A)[mask]
+    return used
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenvectors:
+    """Eigenvectors of A⊥ᵀA⊥: hidden images of norm 1, and the energy with which each is seen.
+
+    Attributes
+    ----------
+    energy
+        (k,) eigenvalues, the largest first: the squares of A⊥'s singular values.
+    V
+        (N, k) the eigenvectors.
+    """
+
+    energy: Array
+    V: Array
+
+
+class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
+    """A⊥ = A − Q QᵀA as a SciPy linear operator, by passes over A's rows.
+
+    Parameters
+    ----------
+    A
+        (M, N) array or memory map of floats, or `RowBlocks`.
+    Q
+        (M, r) orthonormal basis of what is projected out; None for nothing.
+
+    Attributes
+    ----------
+    Q
+        (M, r).
+    QtA
+        (r, N) QᵀA.
+    squared_norm
+        ‖A⊥‖_F².
+
+    Raises
+    ------
+    ValueError
+        If the rows of Q do not match A's, A is not finite, or nothing is left of it.
+    """
+
+    def __init__(self, A: Matrix, Q: Array | None = None) -> None:
+        if not hasattr(A, "row_blocks"):
+            A = np.asanyarray(A)  # what other libraries keep in memory; a memory map stays one
+            if A.ndim != 2 or A.dtype not in (np.float32, np.float64):
+                raise ValueError(
+                    f"A has shape {A.shape} and type {A.dtype}: give (M, N) of float32 or float64"
+                )
+        super().__init__(np.dtype(np.float64), A.shape)
+        self.A = A
+        self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
+        if len(self.Q) != A.shape[0]:
+            raise ValueError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
+        self.QtA = np.zeros((self.Q.shape[1], A.shape[1]))
+        squared_norm = 0.0
+        for rows, block in self._converted_blocks():
+            self.QtA += self.Q[rows].T @ block
+            squared_norm += float(np.vdot(block, block))
+        if not np.isfinite(squared_norm):
+            raise ValueError("A must be finite")
+        self.squared_norm = squared_norm - float(np.vdot(self.QtA, self.QtA))
+        if not self.squared_norm > 1e-12 * squared_norm:
+            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+
+    def reject_background(self, y: Image) -> Array:
+        """Project range(Q) out of (M, K) photographs: y − Q Qᵀ y."""
+        rejected: Array = y - self.Q @ (self.Q.T @ y)
+        return rejected
+
+    def gram_product(self, f: Array) -> Array:
+        """Multiply by A⊥ᵀA⊥ in one pass.
+
+        Parameters
+        ----------
+        f
+            (N, K).
+
+        Returns
+        -------
+        ndarray
+            (N, K) A⊥ᵀA⊥ f = Aᵀ(A f − Q QᵀA f).
+        """
+        channels = np.ascontiguousarray(f.T)
+        background = np.ascontiguousarray((self.QtA @ f).T)
+        product = np.zeros_like(channels)
+        for rows, block in row_blocks(self.A):
+            Q = self.Q[rows]
+
+            def part(edges: tuple[int, int], block: Image = block, Q: Array = Q) -> Array:
+                own = slice(*edges)
+                return _gram_product(block[own], Q[own], background, channels)
+
+            edges = np.linspace(0, len(block), PARTS + 1).astype(int).tolist()
+            for share in in_parallel(part, list(pairwise(edges))):
+                product += share
+        return np.ascontiguousarray(product.T)
+
+    def strongest_eigenvectors(self, count: int) -> Eigenvectors:
+        """Find the hidden images that the photograph shows best, by Lanczos iterations.
+
+        Parameters
+        ----------
+        count
+            How many; at most N.
+
+        Returns
+        -------
+        Eigenvectors
+            Some four passes for each.
+        """
+        N = self.shape[1]
+        if 2 * count >= N:  # more iterations than columns
+            energy, V = np.linalg.eigh(self.gram_product(np.eye(N)))
+        else:
+            gram = LinearOperator(
+                (N, N), lambda f: self.gram_product(f.reshape(N, 1)).ravel(), dtype=np.float64
+            )
+            start = np.random.default_rng(0).standard_normal(N)
+            energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 3 * count), tol=1e-4)
+        return Eigenvectors(energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count]))
+
+    def _matmat(self, f: Array) -> Array:
+        y = np.empty((self.shape[0], f.shape[1]))
+        for rows, block in self._converted_blocks():
+            y[rows] = block @ f
+        return self.reject_background(y)
+
+    def _rmatmat(self, y: Array) -> Array:
+        rejected = self.reject_background(y)
+        f = np.zeros((self.shape[1], y.shape[1]))
+        for rows, block in self._converted_blocks():
+            f += block.T @ rejected[rows]
+        return f
+
+    def _converted_blocks(self) -> Iterator[tuple[slice, Array]]:
+        for rows, block in row_blocks(self.A):
+            for start in range(0, len(block), CONVERTED_ROWS):
+                part = np.asarray(block[start : start + CONVERTED_ROWS], np.float64)
+                first = rows.start + start
+                yield slice(first, first + len(part)), part
+
+
+@compiled_reordered
+def _gram_product(A: Image, Q: Array, background: Array, f: Array) -> Array:
+    """Compute (A fᵀ − Q backgroundᵀ)ᵀA for (m, N) A, (m, r) Q, (K, r) background and (K, N) f."""
+    m, N = A.shape
+    K = len(f)
+    product = np.zeros((K, N))
+    image = np.empty((m, K))
+    for i in range(m):
+        for k in range(K):
+            image[i, k] = -_dot(Q[i], background[k])
+    for top in range(0, m, ROWS):
+        bottom = min(top + ROWS, m)
+        for left in range(0, N, COLUMNS):
+            right = min(left + COLUMNS, N)
+            for i in range(top, bottom):
+                for k in range(K):
+                    image[i, k] += _dot(A[i, left:right], f[k, left:right])
+        for left in range(0, N, COLUMNS):
+            right = min(left + COLUMNS, N)
+            for k in range(K):
+                _add_rows(image[top:bottom, k], A[top:bottom, left:right], product[k, left:right])
+    return product
+
+
+# Loops over whole slices: only these vectorize.
+@compiled_reordered
+def _dot(a: Image, b: Array) -> float:
+    total = 0.0
+    for j in range(len(a)):
+        total += a[j] * b[j]
+    return total
+
+
+@compiled_reordered
+def _add_rows(w: Array, A: Image, total: Array) -> None:
+    """Add wᵀA, four rows at a time where there are so many."""
+    single = len(A) % 4
+    for i in range(single):
+        row = A[i]
+        for j in range(len(total)):
+            total[j] += w[i] * row[j]
+    for i in range(single, len(A), 4):
+        a, b, c, d = A[i], A[i + 1], A[i + 2], A[i + 3]
+        p, q, r, s = w[i], w[i + 1], w[i + 2], w[i + 3]
+        for j in range(len(total)):
+            total[j] += p * a[j] + q * b[j] + r * c[j] + s * d[j]

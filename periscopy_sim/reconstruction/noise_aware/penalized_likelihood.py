@@ -1,0 +1,171 @@
+"""The minimization behind `noise_aware`, for one photograph or for a frame of a video.
+
+    f̂ = argmin_{f ≥ 0} ½ Σ_c w_c ‖A⊥ f_c − y⊥_c‖² + λ Σ ‖∇f‖ [+ λ₂ Σ ‖f − f_prev‖],   w_c = σ²/σ_c²
+
+in units in which A⊥ᵀA⊥ has a mean diagonal of 1. The sums are over the patches; their norms are
+over the colours too. The last term, in a video, is Eq. 12's, of the patches' colours: a patch keeps
+what it showed in the frame before, or changes in all its channels.
+
+It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
+u = ∇f and v = f split off and over-relaxed; `spectral_basis` solves each iteration's equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.splitting import Splitting, advance, right_hand_side
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+RIDGE = 0.01
+"""Weight of K beside A⊥ᵀA⊥ in the image that the scale is taken from."""
+
+FARTHEST = 1e12
+"""A frame before that is brighter than this is as far away as can be: squares stay finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that the objective needs of a photograph.
+
+    Attributes
+    ----------
+    coefficients
+        (3, N) WᵀA⊥ᵀ y, y over its level.
+    noise
+        (3,) standard deviation of y, likewise.
+    level
+        Root mean square of the photograph, range(B) projected out.
+    """
+
+    coefficients: Array
+    noise: Array
+    level: float
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How the splitting is run.
+
+    Attributes
+    ----------
+    penalty
+        λ/ρ over the image's scale.
+    tolerance, max_iterations
+        Stop when both relative residuals (Boyd et al., Sec. 3.3) are at most this, or after so
+        many iterations.
+    checked
+        Iterations between two looks at the residuals.
+    weak
+        SpectralBasis of curvature below this part of ρ, see `SpectralBasis.solver`, ...
+    renewed
+        ... are summed anew after so many iterations.
+    """
+
+    penalty: float
+    tolerance: float
+    max_iterations: int
+    checked: int
+    weak: float = 0.0
+    renewed: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where the iterations ended.
+
+    Attributes
+    ----------
+    image
+        (3, R, C) in single precision.
+    split
+        What was split off: over the image's scale, its multipliers over λ. None of a photograph
+        that shows nothing.
+    iterations
+        Those taken.
+    residual
+        The larger of the relative primal and dual residuals.
+    """
+
+    image: Image
+    split: Splitting | None
+    iterations: int
+    residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """The objective of one scene, for any photograph.
+
+    Attributes
+    ----------
+    basis
+        Of A⊥ᵀA⊥, its mean diagonal 1.
+    hidden_shape
+        (R, C) of the image.
+    tv_weight
+        λ over √N σ/2.
+    positive
+        Whether f ≥ 0.
+    """
+
+    basis: SpectralBasis
+    hidden_shape: tuple[int, int]
+    tv_weight: float
+    positive: bool
+
+    def minimize(
+        self,
+        evidence: Evidence,
+        schedule: Schedule,
+        start: Splitting | None = None,
+        previous: Image | None = None,
+        l1_weight: float = 0.0,
+    ) -> Minimum:
+        """Run the splitting.
+
+        Parameters
+        ----------
+        evidence
+            Of the photograph.
+        schedule
+            Where and how to stop.
+        start
+            That of a `Minimum` nearby; None for the black image.
+        previous
+            (3, R, C) the frame before, ≥ 0 where f is; None for none.
+        l1_weight
+            λ₂ over λ.
+        """
+        σ = float(evidence.noise.mean())
+        w = (σ / evidence.noise) ** 2
+        λ = self.tv_weight * np.sqrt(len(self.basis.rows)) * σ / 2
+        data = w[:, None] * evidence.coefficients
+        ridge = self.basis.combined(data / (w[:, None] * self.basis.curvatures + RIDGE))
+        scale = float(np.sqrt(np.mean(ridge**2)))
+        if not scale > 0:
+            return Minimum(np.zeros((3, *self.hidden_shape), np.float32), None, 0, 0.0)
+        threshold = schedule.penalty * scale
+        ρ = λ / threshold
+        solve = self.basis.solver(w, ρ, data, schedule.weak)
+        drawn_to = None
+        if previous is not None and l1_weight > 0:
+            drawn_to = np.ascontiguousarray(np.clip(previous, -FARTHEST, FARTHEST), np.float32)
+        split = start.scaled(scale, threshold) if start else Splitting.zeros(self.hidden_shape)
+        pull = l1_weight * threshold
+        residual, iteration = np.inf, 0
+        while residual > schedule.tolerance and iteration < schedule.max_iterations:
+            f = solve(right_hand_side(split), renew=iteration % schedule.renewed == 0)
+            iteration += 1
+            image = f.reshape(split.v.shape)
+            residuals = advance(image, split, threshold, self.positive, drawn_to, pull)
+            if iteration % schedule.checked == 0 or iteration == schedule.max_iterations:
+                residual = float(max(residuals))
+        return Minimum(split.v, split.scaled(1 / scale, 1 / threshold), iteration, residual)

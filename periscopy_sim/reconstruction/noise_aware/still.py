@@ -1,0 +1,365 @@
+"""The hidden image that explains the photograph best, given the photograph's own noise.
+
+    f̂ = argmin_{f ≥ 0} Σ_c ‖A⊥ f_c − y⊥_c‖² / σ_c² + λ Σ ‖∇f‖,   A⊥ = A − Q QᵀA
+
+Q is an orthonormal basis of range(B), so that the misfit is that of y on [A, B] with the ambient
+light fitted freely: the very information that P keeps. But the paper goes on from P y as if its
+noise were white and alike in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. Here the
+noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
+the norm over both directions and all three channels, so that the channels share their edges.
+
+`penalized_likelihood` minimizes it; `wall_gain` tells of a smooth gain over the wall.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.numerics.products import subtract_combinations, times_rows
+from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
+    Evidence,
+    Objective,
+    Schedule,
+)
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.uncertainty import standard_errors
+from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
+from periscopy_sim.reconstruction.observation import observation_of
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+PENALTY = 0.2
+"""λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
+
+SEEN = 1e-12
+"""Curvatures below this part of the largest are patterns that the wall does not show."""
+
+LARGEST_RATIO = 30
+"""Between the noises of two channels: one that has less is not believed."""
+
+CHECKED = 10
+"""Iterations between two looks at the residuals."""
+
+FIRST = 20
+"""Iterations for the image that the gain over the wall is found from; more tell nothing more."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseAwareReconstruction:
+    """A hidden image and how it came about.
+
+    Attributes
+    ----------
+    image
+        (R, C, 3), in units of the photograph's over those of A.
+    noise
+        (3,) standard deviation of the photograph's noise, as estimated from what no hidden image
+        and no ambient light explains of it.
+    weight
+        λ.
+    iterations
+        Those taken.
+    residual
+        The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
+    tolerance
+        What it was to be at most.
+    gain
+        (rows, columns) gain over the wall that was found and corrected for; 1 where there is none
+        to tell of or none was looked for. (M,) where the photograph's shape is not known.
+    """
+
+    image: Array
+    noise: Array
+    weight: float
+    iterations: int
+    residual: float
+    tolerance: float
+    gain: Array
+
+    @property
+    def has_gain(self) -> bool:
+        """Whether a gain over the wall was found."""
+        return bool((self.gain != 1).any())
+
+    @property
+    def converged(self) -> bool:
+        """Whether the residual is what was asked for."""
+        return self.residual <= self.tolerance
+
+    def warn_unless_converged(self) -> None:
+        """Tell where the iterations did not suffice."""
+        if not self.converged:
+            warnings.warn(
+                f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
+                f"residual of {self.residual:.1e}, above {self.tolerance:.1e}: raise "
+                "max_iterations or tolerance",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+
+
+class NoiseAware(StillMethod[np.float64]):
+    """Recover hidden images by penalized likelihood; fit once to a scene.
+
+    λ = `tv_weight` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the photograph's
+    noise and units.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds; None for none.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    rank_tolerance
+        Relative tolerance on B's singular values, see `background_basis`.
+    tv_weight
+        Relative weight of the total variation as above.
+    positive
+        Whether f ≥ 0.
+    tolerance, max_iterations
+        Stop when both relative residuals are at most this, or after so many iterations.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        Which pixels to use, see `observation_of`; None for all.
+    wall_gain
+        Whether stills are searched for a smooth gain over the wall, see `wall_gain`; None where
+        the rows and columns of photographs are known, from their shape or the mask's.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, A or B is not finite, B explains all of A, a number is out of
+        range, or a gain is asked for and the rows and columns are not known.
+    """
+
+    def __init__(
+        self,
+        A: Image,
+        B: Image | None = None,
+        *,
+        hidden_shape: tuple[int, int],
+        channel_gain: Image | None = None,
+        rank_tolerance: float = TOLERANCE,
+        tv_weight: float = 0.02,
+        positive: bool = True,
+        tolerance: float = 1e-3,
+        max_iterations: int = 1000,
+        photograph_shape: tuple[int, int] | None = None,
+        mask: NDArray[np.bool_] | None = None,
+        wall_gain: bool | None = None,
+    ) -> None:
+        if not 0 < tv_weight < np.inf:
+            raise ValueError(f"tv_weight is {tv_weight}: give a positive, finite number")
+        check_stopping(tolerance, max_iterations)
+        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
+        self.photograph_shape = photograph_shape
+        self.hidden_shape = hidden_shape
+        self.tv_weight = tv_weight
+        self.positive = positive
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
+        used = np.ascontiguousarray(self._observation.used(A, "A"), np.float64)
+        if not np.isfinite(used).all():
+            raise ValueError("A must be finite")
+        Q = np.zeros((len(used), 0))
+        if B is not None:
+            Q = background_basis(self._observation.used(B), rank_tolerance)
+        self._background = np.ascontiguousarray(Q.T)
+        self._transport = np.ascontiguousarray(used.T, np.float32)
+        C = Q.T @ used
+        gram = used.T @ used - C.T @ C
+        energy = float(np.trace(gram))
+        if not energy > 1e-12 * float(np.vdot(used, used)):
+            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+        self.norm = np.sqrt(energy)
+        # Scaled by the mean energy of a patch, f is near 1 in units of y over that root.
+        self._unit = np.sqrt(energy / len(gram))
+        self._gram = gram
+        self._basis = SpectralBasis(gram / self._unit**2, hidden_shape)
+        curvatures = self._basis.curvatures  # they ascend
+        self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
+        self._wall_gain = self._fitted_gain(wall_gain)
+
+    @classmethod
+    def for_scene(cls, scene: Seen, A: Image, B: Image | None = None, **settings: Any) -> Self:
+        """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
+        return cls(A, B, **settings_of(scene), **settings)
+
+    def solve(self, photograph: Image) -> NoiseAwareReconstruction:
+        """Recover the hidden image and tell how it came about; see `reconstruct`."""
+        planes = self._rejected(np.asarray(photograph)[None])
+        (evidence,) = self._evidence(planes)
+        if self._wall_gain is None:
+            found, _ = self.recover(evidence)
+        else:
+            found = self._recover_with_gain(self._wall_gain, planes, evidence)
+        found.warn_unless_converged()
+        return found
+
+    def evidence(self, photographs: Image) -> list[Evidence]:
+        """Take from photographs what the objective needs, Aᵀ applied to all in one product.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
+
+        Returns
+        -------
+        list
+            An `Evidence` of each.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct`.
+        """
+        return self._evidence(self._rejected(photographs))
+
+    def _rejected(self, photographs: Image) -> Array:
+        """Project range(B) out of photographs, (K, 3, M')."""
+        planes = self._observation.planar(photographs, self.photograph_shape)
+        y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
+        subtract_combinations(y, times_rows(y, self._background), self._background)
+        return planes
+
+    def _evidence(self, planes: Array) -> list[Evidence]:
+        """Take the evidence from (K, 3, M') planes, and divide them by their levels, in place."""
+        levels = np.sqrt(np.mean(planes**2, axis=(1, 2)))
+        levels[levels == 0] = 1
+        planes /= levels[:, None, None]  # single precision needs numbers near 1
+        y = planes.reshape(-1, planes.shape[-1]).astype(np.float32)
+        h = times_rows(y, self._transport) * np.float32(1 / self._unit)
+        products = times_rows(h, self._basis.rows).astype(np.float64)
+        return [
+            Evidence(coefficients, self._noise(plane, coefficients), float(level))
+            for coefficients, plane, level in zip(
+                products.reshape(*planes.shape[:2], -1), planes, levels, strict=True
+            )
+        ]
+
+    def recover(
+        self,
+        evidence: Evidence,
+        schedule: Schedule | None = None,
+        start: Splitting | None = None,
+        previous: Image | None = None,
+        l1_weight: float = 0.0,
+    ) -> tuple[NoiseAwareReconstruction, Splitting | None]:
+        """Recover the hidden image from a photograph's evidence.
+
+        Parameters
+        ----------
+        evidence
+            Of the photograph.
+        schedule
+            How the minimum is found; None for the way of `solve`.
+        start
+            What was split off from an image nearby; None for a start from black.
+        previous
+            (R, C, 3) the frame before, in a video; None for a still.
+        l1_weight
+            λ₂ over λ, λ₂ the weight of the distance to that frame.
+
+        Returns
+        -------
+        tuple
+            The image with how it came about, and what was split off.
+        """
+        if schedule is None:
+            schedule = self._schedule(self.max_iterations)
+        unit = evidence.level / self._unit
+        before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
+        objective = Objective(self._basis, self.hidden_shape, self.tv_weight, self.positive)
+        minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
+        found = NoiseAwareReconstruction(
+            image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
+            noise=evidence.level * evidence.noise,
+            weight=self.tv_weight * self.norm / (evidence.level * float(evidence.noise.mean())),
+            iterations=minimum.iterations,
+            residual=minimum.residual,
+            tolerance=schedule.tolerance,
+            gain=np.ones(self._wall_shape),
+        )
+        return found, minimum.split
+
+    def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
+        """Tell how sure each patch of a recovered image is, see `uncertainty`.
+
+        A gain over the wall is taken as known.
+
+        Parameters
+        ----------
+        found
+            From `solve`.
+
+        Returns
+        -------
+        ndarray
+            (R, C, 3) standard errors, in units of the image.
+        """
+        return standard_errors(self._gram, found.noise, found.image, found.weight)
+
+    def _recover_with_gain(
+        self, wall_gain: WallGain, planes: Array, evidence: Evidence
+    ) -> NoiseAwareReconstruction:
+        """Recover a first image, take away what the gain adds to its light, and go on from it."""
+        tried = min(FIRST, self.max_iterations // 2)
+        first, split = self.recover(evidence, self._schedule(tried))
+        image = first.image.reshape(-1, 3).T / evidence.level
+        gain = wall_gain.estimate(planes[0], evidence.noise, image)
+        if gain.accepted:
+            (even,) = self._evidence(planes - gain.added)
+            evidence = replace(even, level=evidence.level * even.level)
+        rest = self._schedule(self.max_iterations - first.iterations)
+        found, _ = self.recover(evidence, rest, split)
+        field = gain.field if gain.accepted else found.gain
+        return replace(found, iterations=first.iterations + found.iterations, gain=field)
+
+    def _schedule(self, max_iterations: int) -> Schedule:
+        return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)
+
+    def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
+        """Prepare to find gains, if wanted."""
+        shape = self._observation.rows_and_columns(self.photograph_shape)
+        self._wall_shape = shape or (self._observation.pixels,)
+        if shape is None and wanted:
+            raise ValueError(
+                "wall_gain needs the rows and columns of photographs: give photograph_shape"
+            )
+        if shape is None or wanted is False:
+            return None
+        return WallGain(
+            self._transport,
+            self._background,
+            self._basis.rows[self._seen],
+            self._basis.curvatures[self._seen] * self._unit**2,
+            shape,
+            self._observation.mask,
+        )
+
+    def _noise(self, y: Array, coefficients: Array) -> Array:
+        """Take the standard deviation of what is left by the least-squares hidden image."""
+        curvatures = self._basis.curvatures[self._seen]
+        explained = (coefficients[:, self._seen] ** 2 / curvatures).sum(axis=1)
+        left = np.einsum("cm,cm->c", y, y) - explained
+        freedom = max(y.shape[1] - len(self._background) - len(curvatures), 1)
+        noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
+        # Without noise there still is finite precision; and a black channel is no oracle.
+        rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30
+        return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))

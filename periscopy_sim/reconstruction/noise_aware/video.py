@@ -1,0 +1,116 @@
+"""Video by the noise-aware method: each frame is drawn towards the one before it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Evidence, Schedule
+from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
+from periscopy_sim.reconstruction.video_method import FrameByFrame
+
+Image = NDArray[np.floating[Any]]
+Coupling = Literal["l1", "none"]
+
+BATCH = 64
+"""Photographs that A is applied to in one product."""
+
+PENALTY = 0.4
+"""λ/ρ over the image's scale: the step that needed the fewest iterations from a frame nearby."""
+
+FIRM = 4.0
+"""λ₂/λ above which the step follows λ₂ in the place of λ."""
+
+WEAK = 0.1
+"""Part of ρ below which a pattern's curvature is taken for small: that of most patterns."""
+
+RENEWED = 10
+"""Iterations for which the sum over those patterns is kept; the frame itself is not changed."""
+
+LOOSER = 3.0
+"""Tolerance over that of a still: with this step, it leaves a frame as near to its minimum."""
+
+
+class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
+    """The noise-aware method for video, fitted to one scene: one frame at a time, or many at once.
+
+    The first frame is a still. Each later one is, by `coupling`:
+
+    - ``"l1"``, Eq. 12 with the misfit taken in the photograph: the minimizer of the still's
+      objective plus λ₂ Σ‖f − f_prev‖, the norm over a patch's channels, so that a patch stays as
+      it was or changes in all its colours;
+    - ``"none"``: a still.
+
+    Each frame starts from the solution of the one before, which saves a sixth of the iterations
+    and does not move the minimum: of what was before, a frame depends on the frame before alone.
+    No frame is searched for a gain over the wall, which would be another for each.
+
+    Parameters
+    ----------
+    method
+        The method for stills, whose λ and tolerance serve every frame.
+    coupling
+        How a frame is tied to the previous one.
+    l1_weight
+        λ₂ over λ.
+
+    Attributes
+    ----------
+    previous
+        (R, C, 3) the latest frame; None before the first and after `restart`.
+
+    Raises
+    ------
+    ValueError
+        If the coupling is not known or the weight is negative or not finite.
+    """
+
+    def __init__(
+        self, method: NoiseAware, *, coupling: Coupling = "l1", l1_weight: float = 0.8
+    ) -> None:
+        if coupling not in get_args(Coupling):
+            raise ValueError(f"coupling '{coupling}' is not known; use 'l1' or 'none'")
+        if not 0 <= l1_weight < np.inf:
+            raise ValueError(f"l1_weight is {l1_weight}: give a finite number, not negative")
+        self.method = method
+        self.coupling = coupling
+        self.l1_weight = l1_weight
+        super().__init__(method.hidden_shape, np.float64)
+
+    def restart(self) -> None:
+        """Forget the latest frame: the next one is a first one."""
+        super().restart()
+        self._split: Splitting | None = None
+
+    def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
+        """Apply A to many photographs in one product; see `FrameByFrame.begun`."""
+        for start in range(0, len(photographs), BATCH):
+            for evidence in self.method.evidence(np.asarray(photographs[start : start + BATCH])):
+                yield partial(self.finish, evidence)
+
+    def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:
+        """Recover the next frame from its photograph's evidence."""
+        if self.previous is None:
+            found, split = self.method.recover(evidence)
+        else:
+            weight = self.l1_weight if self.coupling == "l1" else 0.0
+            schedule = Schedule(
+                penalty=PENALTY / max(1.0, weight / FIRM),
+                tolerance=LOOSER * self.method.tolerance,
+                max_iterations=self.method.max_iterations,
+                checked=1,
+                weak=WEAK,
+                renewed=RENEWED,
+            )
+            found, split = self.method.recover(
+                evidence, schedule, self._split, self.previous, weight
+            )
+        found.warn_unless_converged()
+        self._split = split
+        self.previous = found.image.copy()  # the caller may change what is returned
+        return found

@@ -1,0 +1,243 @@
+"""A smooth gain over the wall that no model tells, found from the photograph itself.
+
+A lens darkens corners, a wall is not quite Lambertian, a monitor's fall-off with angle is fitted:
+all that multiplies the penumbrae by something smooth,
+
+    y = g (A f) + B e + noise,   g = 1 + Σ_k c_k p_k,
+
+p_k the polynomials of degree ≤ 2 over the wall, without the constant, which no photograph tells. A
+first image f₀ tells the few c_k, by least squares from what no hidden image and no ambient light
+explain:
+
+    ĉ = argmin_c Σ_channels ‖(I − F Fᵀ)(y − Σ_k c_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
+
+S, the polynomials of degree ≤ 5, keeps apart the smooth ambient light that B leaves over. What the
+gain adds, Σ_k ĉ_k p_k A f₀, is to be subtracted: to divide y by the gain would bend the ambient
+light, too, out of range(B).
+
+Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone, of which white noise in
+(I − F Fᵀ) y is independent. So without a gain, the K terms explain as much, for each term, as other
+directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
+It is compared with the polynomials of degrees 6 and 7 in the three channels rather than with all
+that is left: where light or scene do not fit the model, whatever is smooth is larger than noise.
+
+A rendered A errs as well, by some δA that pixels and patches do not share. If what is left, r, is
+−δA f₀, then δA is also in the terms and in F, which takes from the products of terms and y
+
+    Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
+
+How much of r that is nobody knows. So the ratio is the least one over parts of both between 0 and
+1, added to the products, which makes a gain by chance no likelier.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from periscopy_sim.numerics.products import subtract_combinations, times_rows
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+DEGREE = 2
+"""Of the gain."""
+
+AMBIENT_DEGREE = 5
+"""Of the ambient light that is kept apart."""
+
+COMPARED_DEGREE = 7
+"""Up to which the remaining polynomials tell how large a term may be by chance."""
+
+ERROR_RATE = 1e-3
+"""Part, at most, of the photographs without a gain in which one is found."""
+
+BOUNDS = 0.2, 5.0
+"""No gain is believed beyond these."""
+
+LEFT = 1e-5
+"""A polynomial of which less is left than this part is one that [A, B] explains."""
+
+ANGLE = 1e-3
+"""Rows that are less apart are taken for one."""
+
+INDEPENDENT = 1e-6
+"""Least squared sine of the terms' angles to what explains the photograph without them."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainEstimate:
+    """What a photograph tells of the gain.
+
+    Attributes
+    ----------
+    coefficients
+        (K,) ĉ.
+    probability
+        That as large a ratio comes about without a gain, at most.
+    field
+        (rows, columns) g.
+    accepted
+        Whether that is below `ERROR_RATE`, and the gain within `BOUNDS`.
+    added
+        (3, M') the light that the gain adds to that of the model, range(B) projected out.
+    """
+
+    coefficients: Array
+    probability: float
+    field: Array
+    accepted: bool
+    added: Array
+
+
+class WallGain:
+    """Estimate the gain over one scene's wall; see the module.
+
+    Parameters
+    ----------
+    transport
+        (N, M') Aᵀ in single precision, of the M' pixels used.
+    background
+        (r, M') Qᵀ, an orthonormal basis of range(B).
+    patterns
+        (N', N) W_k in single precision, a row each, ...
+    curvatures
+        (N',) ... and λ_k > 0, such that the A⊥ W_k/√λ_k are an orthonormal basis of the range of
+        A⊥ = A − Q QᵀA.
+    photograph_shape
+        (rows, columns), rows * columns = M.
+    mask
+        (rows, columns) or (M,), True in the pixels used; None for all.
+    """
+
+    def __init__(
+        self,
+        transport: Image,
+        background: Array,
+        patterns: Image,
+        curvatures: Array,
+        photograph_shape: tuple[int, int],
+        mask: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self._transport = transport
+        self._background = background.astype(np.float32)
+        self._basis = patterns
+        self._scales = (1 / np.sqrt(curvatures)).astype(np.float32)
+        self._shape = photograph_shape
+        self._terms = polynomials(photograph_shape, 1, DEGREE)
+        used = slice(None) if mask is None else mask.ravel()
+        self._used_terms = self._terms[:, used].astype(np.float32)
+        ambient = polynomials(photograph_shape, 0, AMBIENT_DEGREE)[:, used]
+        compared = polynomials(photograph_shape, AMBIENT_DEGREE + 1, COMPARED_DEGREE)[:, used]
+        self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
+        self._compared = self._unexplained(compared, self._ambient)
+
+    def estimate(self, y: Array, noise: Array, image: Image) -> GainEstimate:
+        """Find the gain of a photograph.
+
+        Parameters
+        ----------
+        y
+            (3, M') the photograph's channels, range(B) projected out, near 1 in size.
+        noise
+            (3,) its standard deviation σ.
+        image
+            (3, N) first image f₀, in units of y over those of A.
+        """
+        count = len(self._terms)
+        signal = np.zeros(y.shape, np.float32)
+        subtract_combinations(signal, -image.astype(np.float32), self._transport)
+        light = np.concatenate([self._used_terms[:, None] * signal, y[None]]) / noise[:, None]
+        vectors = self._without_background(light.reshape(-1, y.shape[1]).astype(np.float32))
+        whole = products(vectors)
+        coordinates = self._coordinates(vectors)
+        left = whole - products(coordinates) - products(vectors @ self._ambient.T)
+        H, q = left[:count, :count], left[:count, count]
+        sizes = np.sqrt(np.diag(whole)[:count]) + 1e-30
+        compared = vectors[-3:] @ self._compared.T
+        c, probability = np.zeros(count), 1.0
+        if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
+            c = np.asarray(np.linalg.solve(H, q), np.float64)
+            errors = self._errors_of_transport(vectors, coordinates, image / noise[:, None])
+            C = np.linalg.cholesky(H)
+            white = (np.linalg.solve(C, part) for part in (errors, -q))
+            least = 2 * optimize.lsq_linear(*white, bounds=(0, 1)).cost
+            ratio = (least / count) / (np.mean(compared**2) + 1e-30)
+            probability = float(special.fdtrc(count, compared.size, ratio))
+        field = 1 + (c @ self._terms).reshape(self._shape)
+        believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
+        added = np.tensordot(c, vectors.reshape(count + 1, 3, -1)[:-1], 1) * noise[:, None]
+        return GainEstimate(
+            coefficients=c,
+            probability=probability,
+            field=field,
+            accepted=bool(believed and probability < ERROR_RATE),
+            added=added,
+        )
+
+    def _errors_of_transport(self, vectors: Image, coordinates: Image, f: Array) -> Array:
+        """Give what errors of A alone would take from the terms' products with y, (K, 2)."""
+        images = (coordinates * self._scales) @ self._basis
+        explained = np.zeros((3, vectors.shape[1]), np.float32)
+        subtract_combinations(explained, -images[-3:], self._transport)
+        r = vectors[-3:] - self._without_background(explained)
+        squares = (r - (r @ self._ambient.T) @ self._ambient) ** 2
+        own = self._used_terms @ squares.sum(axis=0)
+        shares = squares.sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
+        shared = np.einsum("kcn,cn,c->k", images[:-3].reshape(len(own), *f.shape), f, shares)
+        return np.stack([own, -shared], axis=1).astype(np.float64)
+
+    def _without_background(self, vectors: Image) -> Image:
+        return vectors - (vectors @ self._background.T) @ self._background
+
+    def _coordinates(self, vectors: Image) -> Image:
+        """Give coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
+        return times_rows(times_rows(vectors, self._transport), self._basis) * self._scales
+
+    def _unexplained(self, rows: Array, others: Image) -> Image:
+        """Find an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
+        left = unit_rows(rows)
+        sizes = np.ones(len(rows))
+        for _ in range(3):  # each time from what is left, single precision suffices
+            left = self._without_background(left.astype(np.float32))
+            f = (self._coordinates(left) * self._scales) @ self._basis
+            left = self._without_background(left - f @ self._transport)
+            left = left - (left @ others.T) @ others
+            sizes *= np.linalg.norm(left, axis=1)
+            left = unit_rows(left)
+        _, sines, basis = np.linalg.svd(left[sizes > LEFT], full_matrices=False)
+        return np.ascontiguousarray(basis[sines > ANGLE], np.float32)
+
+
+def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
+    """Evaluate Legendre polynomials over an image, those of a total degree in a range.
+
+    Returns
+    -------
+    ndarray
+        (K, rows * columns), by ascending degree.
+    """
+    down, across = (legendre.legvander(np.linspace(-1, 1, size), highest).T for size in shape)
+    return np.array(
+        [
+            np.outer(down[i], across[degree - i]).ravel()
+            for degree in range(lowest, highest + 1)
+            for i in range(degree + 1)
+        ]
+    )
+
+
+def unit_rows(rows: Image) -> Image:
+    """Divide rows by their norms."""
+    return np.asarray(rows / (np.linalg.norm(rows, axis=1, keepdims=True) + 1e-30))
+
+
+def products(vectors: Image) -> Array:
+    """Multiply terms with each other; (3 K, M') vectors, three channels a term, give (K, K)."""
+    terms = vectors.reshape(len(vectors) // 3, -1).astype(np.float64)
+    return np.asarray(terms @ terms.T)

@@ -1,0 +1,290 @@
+"""Between images and the vectors of y = A f, for every method alike."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+
+
+SMALLEST = 1e-30
+"""Largest value of a photograph that is still taken for light; its reciprocal is the other end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The sizes of photograph and hidden image, the wall's colour, and where the wall is used.
+
+    Make one by `observation_of`.
+
+    Attributes
+    ----------
+    pixels
+        M, of the photograph.
+    hidden_shape
+        (R, C) of the hidden image.
+    channel_gain
+        (3,) colour of the wall.
+    mask
+        (rows, columns) or (M,), True in the M' pixels that are used; None for all. The others are
+        left out of every vector, whatever they hold.
+    """
+
+    pixels: int
+    hidden_shape: tuple[int, int]
+    channel_gain: Array
+    mask: Mask | None = None
+
+    def used(self, matrix: Image, name: str = "B") -> Image:
+        """Take the rows of a matrix that belong to the pixels used.
+
+        Parameters
+        ----------
+        matrix
+            (M, K).
+        name
+            What to call it in errors.
+
+        Returns
+        -------
+        ndarray
+            (M', K); the matrix itself where there is no mask.
+
+        Raises
+        ------
+        ValueError
+            If there is a mask and the matrix has not M rows.
+        """
+        if self.mask is None:
+            return matrix
+        if len(matrix) != self.pixels:
+            raise ValueError(
+                f"{name} has {len(matrix)} rows; they must match the {self.pixels} of A"
+            )
+        return matrix[self.mask.ravel()]
+
+    def vectorized(
+        self, photograph: Image, photograph_shape: tuple[int, int] | None = None
+    ) -> Array:
+        """Turn a photograph into the y of y = A f, as a grey wall would show it.
+
+        Parameters
+        ----------
+        photograph
+            (rows, columns, 3) or (M, 3).
+        photograph_shape
+            As in `planar`.
+
+        Returns
+        -------
+        ndarray
+            (M', 3) float64, each channel divided by its gain.
+
+        Raises
+        ------
+        ValueError
+            As `planar`.
+        """
+        plane = self.planar(np.asarray(photograph)[None], photograph_shape)[0]
+        return np.ascontiguousarray(plane.T)
+
+    def planar(self, photographs: Image, photograph_shape: tuple[int, int] | None = None) -> Array:
+        """Turn many photographs into planes, each channel's pixels side by side in memory.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3).
+        photograph_shape
+            (rows, columns) that they must have; None checks the number of pixels alone.
+
+        Returns
+        -------
+        ndarray
+            (K, 3, M') float64, each channel divided by its gain.
+
+        Raises
+        ------
+        ValueError
+            If a photograph has another size or is not finite where it is used.
+        """
+        photographs = _real(photographs)
+        size = photographs.shape[1:-1]
+        if photograph_shape is not None and len(size) == 2 and size != tuple(photograph_shape):
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
+                f"{photograph_shape[0]}x{photograph_shape[1]}"
+            )
+        count = len(photographs)
+        if photographs.shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
+            raise ValueError(
+                f"the photograph has shape {photographs.shape[1:]}; A has {self.pixels} rows, so "
+                f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
+            )
+        self._check_size(size)
+        values = photographs.reshape(count, self.pixels, 3)
+        if self.mask is not None:
+            values = values[:, self.mask.ravel()]
+        planes = np.moveaxis(values, -1, 1)
+        return _checked(np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64))
+
+    def image(self, f: Array) -> Array:
+        """Turn (N, 3) into the (R, C, 3) hidden image."""
+        return f.reshape(*self.hidden_shape, 3)
+
+    def rows_and_columns(
+        self, photograph_shape: tuple[int, int] | None = None
+    ) -> tuple[int, int] | None:
+        """Tell the size of photographs, as given or as the mask tells it; None if none does."""
+        if photograph_shape is None and self.mask is not None and self.mask.ndim == 2:
+            rows, columns = self.mask.shape
+            return rows, columns
+        return photograph_shape
+
+    def _check_size(self, size: tuple[int, ...]) -> None:
+        """Refuse a photograph whose rows and columns are not those of the mask."""
+        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
+                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
+            )
+
+
+def _real(photograph: Image) -> Image:
+    """Refuse what is no array of real numbers."""
+    values = np.asarray(photograph)
+    if values.dtype.kind not in "buif":
+        raise ValueError(f"the photograph is of type {values.dtype}; give real numbers")
+    return values
+
+
+def _checked(y: Array) -> Array:
+    """Refuse numbers whose squares would leave double precision's range."""
+    if not np.isfinite(y).all():
+        raise ValueError("the photograph must be finite")
+    largest = float(np.abs(y).max(initial=0))
+    if largest > 0 and not SMALLEST <= largest <= 1 / SMALLEST:
+        raise ValueError(
+            f"the photograph's largest value is {largest:.1e}; scale it to between {SMALLEST:g} "
+            f"and {1 / SMALLEST:g}"
+        )
+    return y
+
+
+def observation_of(
+    A: Image,
+    hidden_shape: tuple[int, int],
+    channel_gain: Image | None = None,
+    mask: Mask | None = None,
+    photograph_shape: tuple[int, int] | None = None,
+) -> Observation:
+    """Check that A fits the hidden image and the mask, and that the wall has a colour.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere.
+    photograph_shape
+        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
+
+    Returns
+    -------
+    Observation
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, the mask leaves fewer pixels than patches, or the wall reflects
+        nothing in a channel.
+    """
+    if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
+        raise ValueError(
+            f"a hidden image of {hidden_shape[0]}x{hidden_shape[1]} patches does not fit A's "
+            f"{A.shape[1]} columns"
+        )
+    gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
+    if gain.shape != (3,) or not (gain > 0).all():
+        raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
+    used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
+    return Observation(len(A), hidden_shape, gain, used)
+
+
+def checked_mask(
+    mask: Mask,
+    transport_shape: tuple[int, ...],
+    photograph_shape: tuple[int, int] | None = None,
+) -> Mask:
+    """Check that a mask fits A and leaves enough of it; see `check_mask`.
+
+    Returns
+    -------
+    ndarray
+        A copy of the mask.
+    """
+    checked = np.array(mask)
+    is_boolean = checked.dtype == np.bool_
+    check_mask(
+        checked.shape if is_boolean else None,
+        int(np.count_nonzero(checked)),
+        transport_shape,
+        photograph_shape,
+    )
+    return checked
+
+
+def check_mask(
+    shape: tuple[int, ...] | None,
+    count: int,
+    transport_shape: tuple[int, ...],
+    photograph_shape: tuple[int, int] | None = None,
+) -> None:
+    """Check that a mask fits A and leaves enough of it.
+
+    Parameters
+    ----------
+    shape
+        Of the mask, which must be (rows, columns) or (M,); None if it is not boolean.
+    count
+        M', how many of its entries are True.
+    transport_shape
+        (M, N) of A.
+    photograph_shape
+        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
+
+    Raises
+    ------
+    ValueError
+        If it is not boolean, has another shape, leaves nothing, or leaves fewer pixels than patches
+        where the whole photograph has as many.
+    """
+    if shape is None:
+        raise ValueError("the mask must be boolean, True where the wall is to be used")
+    pixels, patches = transport_shape
+    rectangular = shape if photograph_shape is None else tuple(photograph_shape)
+    is_rectangular = len(shape) == 2 and shape == rectangular
+    if math.prod(shape) != pixels or not (is_rectangular or len(shape) == 1):
+        size = "(rows, columns)" if photograph_shape is None else str(rectangular)
+        raise ValueError(
+            f"the mask has shape {shape}: it must be {size} or ({pixels},), a value for each of "
+            f"the {pixels} pixels"
+        )
+    if count == 0:
+        raise ValueError("the mask leaves out every pixel: it must be True where the wall is used")
+    if count < patches <= pixels:
+        raise ValueError(
+            f"the mask leaves {count} pixels for {patches} patches: leave out less of the wall, or "
+            "use fewer patches"
+        )

@@ -1,0 +1,177 @@
+"""The paper's optimized preconditioner P = [I 0][A, B]^+ (Eq. 5 to 8), factored.
+
+While range(A) and range(B) meet only in 0, the top rows of [A, B]^+ are the pseudoinverse of A with
+range(B) projected out:
+
+    P = (A⊥ᵀ A⊥)⁻¹ A⊥ᵀ,   A⊥ = A − Q Qᵀ A,   Q an orthonormal basis of range(B).
+
+Then P A = I and P B = 0 hold together, so the minimum of Eq. 7, ‖P B‖² + ω ‖P A − I‖², is 0 for
+every weight ω > 0: ω is inert and does not appear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from periscopy_sim.numerics.products import subtract_combinations
+from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+
+Array = NDArray[np.float64]
+
+PROBES = 8
+"""Random vectors of ±1 on which I − P A is looked at."""
+
+UNREFINED = 1e-9
+"""Refine P where an entry of (I − P A) v exceeds this, v a vector of N random signs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Preconditioner:
+    """P in factored form: A, the background basis Q and a Cholesky factor of A⊥ᵀ A⊥.
+
+    Make one by `form_preconditioner`.
+
+    Attributes
+    ----------
+    A
+        (M, N) light transport matrix, float64.
+    Q
+        (M, r) orthonormal basis of the backgrounds.
+    cholesky
+        (N, N) upper triangular R with RᵀR = A⊥ᵀ A⊥, C-contiguous.
+    """
+
+    A: Array
+    Q: Array
+    cholesky: Array
+
+    def reject_background(self, y: NDArray[np.floating[Any]]) -> Array:
+        """Project range(B) out of photographs: y − Q Qᵀ y.
+
+        Parameters
+        ----------
+        y
+            (M,) or (M, K) vectorized photographs.
+
+        Returns
+        -------
+        ndarray
+            Same shape, float64.
+        """
+        rejected: Array = y - self.Q @ (self.Q.T @ y)
+        return rejected
+
+    def solve(self, g: Array) -> Array:
+        """Apply (A⊥ᵀ A⊥)⁻¹ to (N,) or (N, K)."""
+        solution: Array = linalg.cho_solve((self.cholesky.T, True), g, check_finite=False)
+        return solution
+
+    def apply(self, y: NDArray[np.floating[Any]]) -> Array:
+        """Multiply photographs by P without forming it.
+
+        Parameters
+        ----------
+        y
+            (M,) or (M, K) vectorized photographs.
+
+        Returns
+        -------
+        ndarray
+            P y, (N,) or (N, K) float64.
+        """
+        # One step of iterative refinement: the Gram matrix squares A's condition number.
+        y = self.reject_background(y)
+        f = self.solve(self.A.T @ y)
+        residual = self.reject_background(y - self.A @ f)
+        refined: Array = f + self.solve(self.A.T @ residual)
+        return refined
+
+    def matrix(self) -> Array:
+        """Form P itself, (N, M) float64."""
+        A, Q = self.A, self.Q
+        inverse = self._inverse_gram()
+        P: Array = inverse @ A.T
+        subtract_combinations(P, inverse @ (Q.T @ A).T, np.ascontiguousarray(Q.T))
+        # Where the Gram matrix, which squares A's condition number, has lost too much, the
+        # refinement of `apply`, for all columns: P ← P + (I − P A) P.
+        probes = np.random.default_rng(0).choice([-1.0, 1.0], (A.shape[1], PROBES))
+        if np.abs(P @ (A @ probes) - probes).max() > UNREFINED:
+            P += (np.eye(len(P)) - P @ A) @ P
+        return P
+
+    def _inverse_gram(self) -> Array:
+        inverse, _ = linalg.lapack.dpotri(self.cholesky.T, lower=True)
+        full: Array = inverse + np.tril(inverse, -1).T
+        return full
+
+    @cached_property
+    def noise_gain(self) -> Array:
+        """(N,) diagonal of P Pᵀ = (A⊥ᵀ A⊥)⁻¹: each patch's Cramér-Rao bound for unit noise."""
+        inverse_factor, _ = linalg.lapack.dtrtri(self.cholesky.T, lower=True)
+        gain: Array = np.sum(inverse_factor**2, axis=0)
+        return gain
+
+
+def form_preconditioner(
+    A: NDArray[np.floating[Any]],
+    B: NDArray[np.floating[Any]] | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+) -> Preconditioner:
+    """Form the optimized preconditioner of Eq. 8.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds; None or no columns gives the pseudoinverse of A.
+    tolerance
+        Relative tolerance on B's singular values, see `background_basis`.
+
+    Returns
+    -------
+    Preconditioner
+        P, factored.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, entries are not finite, or A with range(B) projected out has not
+        full column rank: some patch cannot be told apart from the others or from background.
+    """
+    transport: Array = np.asarray(A, np.float64)
+    if A.ndim != 2 or A.shape[0] < A.shape[1]:
+        raise ValueError(f"A must have at least as many rows as columns, not shape {A.shape}")
+    if B is None:
+        B = np.zeros((A.shape[0], 0))
+    if B.ndim != 2 or B.shape[0] != A.shape[0]:
+        raise ValueError(f"B has shape {B.shape}; its rows must match the {A.shape[0]} of A")
+    if not np.isfinite(A).all():
+        raise ValueError("A must be finite")
+    Q = background_basis(B, tolerance)
+    # NumPy's BLAS all along: the idle threads of a second one, SciPy's, would take the cores.
+    gram = transport.T @ transport
+    norms = np.sqrt(np.diag(gram))
+    C = Q.T @ transport
+    gram -= C.T @ C
+    cholesky: Array | None
+    try:
+        cholesky = np.asarray(np.linalg.cholesky(gram, upper=True), np.float64)
+    except np.linalg.LinAlgError:
+        cholesky = None
+    # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
+    # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
+    if cholesky is None or (np.diag(cholesky) <= 1e-6 * norms).any():
+        dark = int((norms <= 1e-7 * norms.max()).sum())
+        raise ValueError(
+            f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "
+            f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor"
+        )
+    return Preconditioner(transport, Q, cholesky)

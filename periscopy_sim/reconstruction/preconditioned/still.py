@@ -1,0 +1,337 @@
+"""Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.numerics.products import subtract_combinations, times_rows
+from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.preconditioned.preconditioner import (
+    Preconditioner,
+    form_preconditioner,
+)
+from periscopy_sim.reconstruction.preconditioned.repair import repair
+from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+BATCH = 64
+"""Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
+
+
+class Method(Protocol):
+    """Anything that turns a photograph into a hidden image."""
+
+    def reconstruct(self, photograph: Image) -> Image:
+        """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What P makes of photographs, before it is denoised.
+
+    Attributes
+    ----------
+    preconditioned
+        (K, R, C, 3) P y, float32 where P is explicit.
+    noise
+        (K, 3) standard deviation of each photograph's noise, as estimated from it.
+    weight
+        (K, 3) the total-variation weight λ for each channel.
+    """
+
+    preconditioned: Image
+    noise: Array
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A hidden image and the stages that led to it (Fig. 2).
+
+    Attributes
+    ----------
+    preconditioned
+        (R, C, 3) the estimate P y.
+    denoised
+        (R, C, 3) after the proximal operator of total variation.
+    image
+        (R, C, 3) after repair: the result, in units of the photograph's over those of A.
+    noise
+        (3,) standard deviation of the photograph's noise in each channel, as estimated from it.
+    weight
+        (3,) the total-variation weight λ used for each channel.
+    threshold
+        The repair threshold κ used.
+    """
+
+    preconditioned: Image
+    denoised: Image
+    image: Image
+    noise: Array
+    weight: Array
+    threshold: float
+
+
+class Periscope(StillMethod[np.floating[Any]]):
+    """The paper's method (Algorithm 1), fitted to one scene.
+
+    Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:
+
+    - λ is `tv_weight` times the standard error of P y: the noise σ of the photograph, estimated
+      from the part of it that [A, B] cannot explain, times the root mean square of √(P Pᵀ)_jj.
+    - κ is `repair_threshold` times the 99th percentile of the denoised magnitudes.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix; kept, and not copied where it is float64 already.
+    B
+        (M, L) prototype backgrounds; None for none.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    tolerance
+        Relative tolerance on B's singular values, see `background_basis`.
+    tv_weight, repair_threshold
+        Relative weights as above; 0 and infinity switch a stage off.
+    explicit
+        Form P in float32 once, for speed; otherwise apply it in factored float64.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
+        rows of A and B are left out, and what the photograph holds there, be it NaN. The
+        `preconditioner` then takes vectors of the pixels used.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, the mask leaves fewer pixels than patches, A has not full
+        column rank beside B, the wall reflects nothing in a channel, or a weight is negative or
+        NaN.
+    """
+
+    def __init__(
+        self,
+        A: NDArray[np.floating[Any]],
+        B: NDArray[np.floating[Any]] | None = None,
+        *,
+        hidden_shape: tuple[int, int],
+        channel_gain: NDArray[np.floating[Any]] | None = None,
+        tolerance: float = TOLERANCE,
+        tv_weight: float = 1.0,
+        repair_threshold: float = 0.1,
+        explicit: bool = True,
+        photograph_shape: tuple[int, int] | None = None,
+        mask: Mask | None = None,
+    ) -> None:
+        if not (tv_weight >= 0 and repair_threshold >= 0):
+            raise ValueError(
+                f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
+                "are not negative"
+            )
+        self.precision: type[np.floating[Any]] = np.float32 if explicit else np.float64
+        self.photograph_shape = photograph_shape
+        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
+        A = self._observation.used(A)
+        B = None if B is None else self._observation.used(B)
+        self.hidden_shape = hidden_shape
+        self.tv_weight = tv_weight
+        self.repair_threshold = repair_threshold
+        self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
+        self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
+        # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
+        self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
+        self._background = np.ascontiguousarray(self.preconditioner.Q.T)
+        self._unit_error = np.sqrt(self.preconditioner.noise_gain.mean())
+
+    @classmethod
+    def for_scene(
+        cls,
+        scene: Seen,
+        A: NDArray[np.floating[Any]],
+        B: NDArray[np.floating[Any]] | None = None,
+        **settings: Any,
+    ) -> Self:
+        """Fit to a scenario: its sizes and the colour of its wall are taken from it.
+
+        Parameters
+        ----------
+        scene
+            A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
+            ``channel_gain``.
+        A, B
+            As in the class.
+        **settings
+            The class's other parameters.
+        """
+        return cls(A, B, **settings_of(scene), **settings)
+
+    def solve(self, photograph: Image) -> Reconstruction:
+        """Recover the hidden image and keep the stages; see `reconstruct`."""
+        estimate = self.estimate(np.asarray(photograph)[None])
+        return denoise_and_repair(
+            estimate.preconditioned[0],
+            estimate.noise[0],
+            weight=estimate.weight[0],
+            repair_threshold=self.repair_threshold,
+        )
+
+    def reconstruct_batch(self, photographs: Image) -> Image:
+        """Recover the hidden images of many photographs, P applied to all in one product.
+
+        Parameters
+        ----------
+        photographs
+            (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
+
+        Returns
+        -------
+        ndarray
+            (K, R, C, 3), what `reconstruct` gives for each.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct`.
+        """
+        images: list[Image] = []
+        for estimate in self.estimates(photographs):
+
+            def finish(k: int, estimate: Estimate = estimate) -> Image:
+                return denoise_and_repair(
+                    estimate.preconditioned[k],
+                    estimate.noise[k],
+                    weight=estimate.weight[k],
+                    repair_threshold=self.repair_threshold,
+                ).image
+
+            images += in_parallel(finish, range(len(estimate.noise)))
+        stack: Image = np.array(images, self.precision)
+        return stack.reshape(-1, *self.hidden_shape, 3)
+
+    def estimates(self, photographs: Image) -> Iterator[Estimate]:
+        """Precondition photographs, `BATCH` of them at a time; see `reconstruct_batch`."""
+        photographs = np.asarray(photographs)
+        for start in range(0, max(len(photographs), 1), BATCH):
+            yield self.estimate(photographs[start : start + BATCH])
+
+    def estimate(self, photographs: Image) -> Estimate:
+        """Precondition photographs and tell the noise of each; see `reconstruct_batch`."""
+        y = self._observation.planar(photographs, self.photograph_shape)
+        rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
+        P = self.preconditioner
+        subtract_combinations(rejected, times_rows(rejected, self._background), self._background)
+        if self._matrix is None:
+            f = P.apply(rejected.T).T
+        else:
+            # Single precision needs numbers near 1, in whatever unit the photograph is.
+            scale = np.sqrt(np.mean(rejected**2, axis=1, keepdims=True))
+            scale[scale == 0] = 1
+            near_one = (rejected / scale).astype(np.float32)
+            f = scale * times_rows(near_one, self._matrix)
+        noise = noise_level(P, rejected, f, self._factor).reshape(-1, 3)
+        return Estimate(
+            np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
+            noise,
+            self.tv_weight * self._unit_error * noise,
+        )
+
+
+def noise_level(P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None) -> Array:
+    """Take the standard deviation of what [A, B] leaves of photographs, channel by channel.
+
+    By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
+
+    Parameters
+    ----------
+    P
+        The preconditioner.
+    rejected
+        (K, M) photographs y⊥, range(B) projected out.
+    f
+        (K, N) the estimates P y.
+    factor
+        R, such as in single precision; None takes it from the preconditioner.
+
+    Returns
+    -------
+    ndarray
+        (K,) in units of the photograph.
+    """
+    R = P.cholesky if factor is None else factor
+    explained = _energies(times_rows(f, R, upper=True))
+    residual = np.maximum(_energies(rejected) - explained, 0)
+    freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
+    noise: Array = np.sqrt(residual / max(freedom, 1))
+    return noise
+
+
+def _energies(rows: Array) -> Array:
+    """Squared norm of each row."""
+    energies: Array = np.einsum("km,km->k", rows, rows)
+    return energies
+
+
+def denoise_and_repair(
+    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float
+) -> Reconstruction:
+    """Lead a linear estimate through total variation and repair (Algorithm 1, lines 6 and 8).
+
+    Parameters
+    ----------
+    estimate
+        (R, C, 3) P y.
+    noise
+        (3,) of the photograph, for the record.
+    weight
+        (3,) the total-variation weight λ of each channel.
+    repair_threshold
+        κ as a part of the 99th percentile of the denoised magnitudes.
+
+    Returns
+    -------
+    Reconstruction
+    """
+    denoised = prox_total_variation(estimate, weight)
+    image, threshold = repaired(denoised, repair_threshold)
+    return Reconstruction(estimate, denoised, image, noise, weight, threshold)
+
+
+def repaired(
+    denoised: Image, relative_threshold: float, previous: Image | None = None
+) -> tuple[Image, float]:
+    """Repair with a threshold that follows the image (Algorithm 2).
+
+    Parameters
+    ----------
+    denoised
+        (R, C, 3).
+    relative_threshold
+        κ as a part of the 99th percentile of the magnitudes; infinity repairs nothing.
+    previous
+        (R, C, 3) the previous frame of a video, see `repair`.
+
+    Returns
+    -------
+    tuple
+        The repaired image and κ.
+    """
+    threshold = relative_threshold
+    if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
+        wide = np.asarray(denoised, np.float64)
+        magnitude = np.sqrt(np.einsum("rcz,rcz->rc", wide, wide))
+        threshold *= float(np.percentile(magnitude, 99))
+    return repair(denoised, threshold, previous), threshold

@@ -1,0 +1,1 @@
+"""Ambient light on the wall, in independent replicas that tell its error."""

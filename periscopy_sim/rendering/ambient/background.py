@@ -1,0 +1,261 @@
+"""Ambient light: the wall as lit by everything but the hidden monitor.
+
+Brute force would need hours to push its noise below a camera's. But irradiance is smooth where no
+shadow falls. So direct light, from each emitter apart, and light that has bounced are estimated in
+independent replicas, and smoothed as far as these allow (see `smoothing`); samples are added where
+the error is largest, until the whole is as exact as was asked for.
+"""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.ambient.irradiance import (
+    bounced_irradiance,
+    direct_irradiance,
+    pixel_edges,
+)
+from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
+from periscopy_sim.rendering.ambient.smoothing import chosen_sites
+from periscopy_sim.rendering.scene.load import camera_of, shape_of
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+from periscopy_sim.shipped import find_scene
+
+DIRECT_SAMPLES = 64
+"""Samples of each emitter and pixel in a round."""
+
+LIFT = 1e-4
+"""Height of the points off the wall, over the diagonal of the ambient camera's field of view."""
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """A photograph of ambient light and its Monte Carlo error.
+
+    Attributes
+    ----------
+    photograph
+        (rows, columns, 3) radiance.
+    relative_error
+        Error of a pixel (standard error and bias of the smoothing) relative to its brightness, root
+        mean square over pixels and channels, after the one factor by which a composite scales the
+        whole.
+    brightness_error
+        Relative standard error of that factor; the root of both squares' sum is the whole error.
+    """
+
+    photograph: Array
+    relative_error: float
+    brightness_error: float
+
+
+def render_background(
+    path: str | Path,
+    scenario: Scenario,
+    parameters: Mapping[str, str] | None = None,
+    *,
+    target: float = 3e-4,
+    max_rounds: int = 64,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Background:
+    """Photograph a scenario's wall in an ambient scene, path traced.
+
+    The ambient scene is moved so that what its own camera sees of its own wall coincides, in
+    centre and axes, with what the scenario's camera sees. The wall takes the scenario's
+    reflectance; light between it and its surroundings is that of the ambient scene's wall.
+
+    Parameters
+    ----------
+    path
+        A scene file, or the name of a shipped one such as ``ambient/overcast``, with shape ``wall``
+        and sensor ``camera``, without a monitor.
+    scenario
+        The scene whose camera photographs.
+    parameters
+        Values for the ambient scene's ``<default>``s.
+    target
+        Relative error of a pixel, both parts together, at which to stop.
+    max_rounds
+        Most rounds of samples for each part of the light.
+    seed
+        Seed of every sampler. The same seed and variant give the same bytes.
+    progress
+        Called with the fraction done, as estimated.
+
+    Returns
+    -------
+    Background
+
+    Raises
+    ------
+    SceneError
+        If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
+        see its wall, no light reaches that, or the scenario's wall is not diffuse.
+
+    Warns
+    -----
+    RuntimeWarning
+        The target was not reached within `max_rounds`.
+    """
+    use_variant()
+    if scenario.wall_reflectance is None:
+        raise SceneError(
+            f"scene '{scenario.path}': ambient light needs a diffuse wall; give the wall a BSDF of "
+            "type diffuse"
+        )
+    path = find_scene(path)
+    scene = _ambient_scene(path, parameters)
+    if not scene.emitters():
+        raise SceneError(f"scene '{path}' has no emitter; give it light")
+    points, normals = _placed(scenario, *_view_of(scene, path))
+    if is_vectorized():
+        parts = _parts(scene, points, normals, scenario.photograph_shape)
+    else:
+        from periscopy_sim.rendering.ambient.scalar import scalar_parts
+
+        parts = scalar_parts(scene, points, normals, scenario.photograph_shape)
+    seeds = (
+        int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+        for number in itertools.count()
+    )
+    irradiance, errors = _refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+    if not irradiance.any():
+        raise SceneError(
+            f"scene '{path}': no light reaches its wall; move its emitters or its wall"
+        )
+    error = np.hypot(*errors)
+    if error > target:
+        warnings.warn(
+            f"'{path.stem}' stopped at a relative error of {error:.1e}, above {target:.1e}; "
+            "raise max_rounds",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    picture = irradiance * scenario.wall_reflectance / np.pi
+    return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
+
+
+def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
+    """Each emitter's direct light at every pixel, and bounced light at a few."""
+    edges = pixel_edges(points, normals, shape)
+
+    def direct(emitter: Any) -> Part:
+        def estimate(seed: int) -> Array:
+            return direct_irradiance(scene, emitter, points, normals, edges, DIRECT_SAMPLES, seed)
+
+        return Part(estimate, np.arange(len(points)), shape)
+
+    sites = chosen_sites(shape, SITES)
+
+    def bounced(seed: int) -> Array:
+        return bounced_irradiance(scene, points[sites], normals[sites], PATHS, seed)
+
+    return [*(direct(emitter) for emitter in scene.emitters()), Part(bounced, sites, shape)]
+
+
+def _refined(
+    parts: list[Part],
+    target: float,
+    max_rounds: int,
+    seeds: Iterator[int],
+    progress: Callable[[float], None],
+) -> tuple[Array, tuple[float, float]]:
+    """Add rounds to the part of largest error until the whole is as exact as the target."""
+    for part in parts:
+        part.add_round(seeds)
+    while True:
+        whole = sum((part.field.replicas for part in parts), np.zeros(()))
+        bias = sum((part.field.squared_bias for part in parts), np.zeros(3))
+        mean = whole.mean(axis=0)
+        errors = relative_errors(whole, bias)
+        open_parts = [part for part in parts if part.rounds < max_rounds]
+        error = np.hypot(*errors)
+        if error <= target or not open_parts:
+            return mean, errors
+        progress(min(1.0, (target / error) ** 2))
+
+        def share(part: Part, mean: Array = mean) -> float:
+            replicas = part.field.replicas
+            alone = mean + replicas - replicas.mean(axis=0)
+            return float(np.hypot(*relative_errors(alone, part.field.squared_bias)))
+
+        max(open_parts, key=share).add_round(seeds)
+
+
+def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
+    """Tell the error of the replicas' mean, as `Background` defines it.
+
+    Parameters
+    ----------
+    replicas
+        (K, M, 3) independent estimates of a picture.
+    squared_bias
+        (3,) of all of them.
+
+    Returns
+    -------
+    relative_error, brightness_error
+    """
+    K = len(replicas)
+    brightness = replicas.mean(axis=(1, 2))
+    if not brightness.any():
+        return 0.0, 0.0
+    scaled = replicas / brightness[:, None, None]
+    variance = scaled.var(axis=0, ddof=1) / K + squared_bias / brightness.mean() ** 2
+    pixel = scaled.mean(axis=(0, 2))
+    # A pixel that is dark in every replica has no error.
+    lit = pixel != 0
+    relative = np.sqrt((variance[lit] / pixel[lit, None] ** 2).sum() / variance.size)
+    return float(relative), float(brightness.std(ddof=1) / np.sqrt(K) / brightness.mean())
+
+
+def _ambient_scene(path: Path, parameters: Mapping[str, str] | None) -> Any:
+    nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
+    nodes.average_pixels()
+    return nodes.instantiate()
+
+
+def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
+    """Centre, axes and size of what the ambient scene's camera sees of its wall."""
+    import mitsuba as mi
+
+    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    points, normals = [], []
+    for row, column in itertools.product((1 / 6, 1 / 2, 5 / 6), repeat=2):
+        ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(column, row), mi.Point2f(0.5, 0.5))
+        si = scene.ray_intersect(ray)
+        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == _pointer(wall))):
+            raise SceneError(
+                f"scene '{path}': its camera does not see its wall; move what stands between them"
+            )
+        points.append(np.ravel(si.p))
+        normals.append(np.ravel(si.n) * -np.sign(np.ravel(si.n) @ np.ravel(ray.d)))
+    size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    return wall_frame(np.array(points, float), np.array(normals, float), (3, 3)), size
+
+
+def _pointer(shape: Any) -> Any:
+    import mitsuba as mi
+
+    return mi.ShapePtr(shape) if is_vectorized() else shape
+
+
+def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Array]:
+    """Move the scenario's wall points, lifted, and their normals into the ambient scene."""
+    points, normals = scenario.wall_points, scenario.wall_normals
+    own = wall_frame(points, normals, scenario.photograph_shape)
+    turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
+        [view.across, view.normal, view.up]
+    )
+    return (points - own.center + LIFT * size * normals) @ turn + view.center, normals @ turn

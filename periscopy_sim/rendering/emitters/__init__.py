@@ -1,0 +1,1 @@
+"""Angular emission profiles of monitors, one file for each, with its closed form."""

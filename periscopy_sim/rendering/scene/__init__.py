@@ -1,0 +1,1 @@
+"""Scene files: which files they name, their nodes, their meshes, loading them."""

@@ -1,0 +1,352 @@
+"""A Mitsuba scene before it is instantiated: its nodes, checked against the id contract, edited.
+
+The edits (what the monitor shows, a dark room around it, box-filtered pixels) are made on the
+parsed nodes, so that they work for every shape, sensor and emitter plugin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
+from periscopy_sim.rendering.scene.document import declared_defaults, exists, parsed
+from periscopy_sim.rendering.scene.meshes import check_mesh
+from periscopy_sim.scenario import EmissionProfile
+
+
+class SceneNodes:
+    """The parsed nodes of one scene file.
+
+    Parameters
+    ----------
+    path
+        The scene file.
+    parameters
+        Values for its ``<default>``s.
+    required
+        Ids, each with its kind of node, that the scene must have.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing or malformed, a parameter is not declared in it, a required id or a
+        mesh file is missing.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        parameters: Mapping[str, str] | None = None,
+        required: Mapping[str, str] | None = None,
+    ) -> None:
+        import mitsuba as mi
+
+        self.path = Path(path)
+        parameters = dict(parameters or {})
+        declared = declared_defaults(self.path)
+        for name in parameters:
+            if name not in declared:
+                known = ", ".join(f"{key} (default {value})" for key, value in declared.items())
+                raise SceneError(
+                    f"scene '{self.path}' declares no parameter '{name}'; "
+                    + (f"it declares {known}" if known else "it declares none")
+                )
+        self._config = mi.parser.ParserConfig(mi.variant())
+        # Merging meshes would lose their ids.
+        self._config.merge_meshes = False
+        self._config.merge_equivalent = False
+        values = {name: str(value) for name, value in parameters.items()}
+        try:
+            self._state = mi.parser.parse_file(self._config, str(self.path), **values)
+            mi.parser.transform_all(self._config, self._state)
+        except (RuntimeError, ValueError) as error:
+            raise SceneError(f"scene '{self.path}': {one_line(error)}") from None
+        self._resolve_files()
+        contract = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
+        for name, kind in (contract if required is None else required).items():
+            self._require(name, kind)
+        self._straighten_monitor()
+
+    # -- reading ---------------------------------------------------------------------------------
+
+    def shape_names(self) -> list[str]:
+        """Ids of the shapes, in the order of the file."""
+        return [props.id() for props in self._of_type("Shape")]
+
+    def emission_profile(self) -> EmissionProfile | None:
+        """Give the monitor's angular profile if it is known in closed form."""
+        emitter = self._monitor_emitter()
+        if emitter.plugin_name() == LCD:
+            names = ("vertical_exponent", "horizontal_exponent")
+            exponents = [float(emitter.get(name, 0.0)) for name in names]
+            if not all(0 <= exponent < np.inf for exponent in exponents):
+                raise SceneError(
+                    f"scene '{self.path}': the monitor's exponents {exponents} are not both 0 or "
+                    "more; give numbers that are"
+                )
+            return EmissionProfile(*exponents)
+        return EmissionProfile() if emitter.plugin_name() == "area" else None
+
+    def wall_material(self) -> str:
+        """Name the wall's BSDF plugin, for messages."""
+        for child in self._children(self._by_id("wall")):
+            if str(child.type).endswith("BSDF"):
+                return str(child.props.plugin_name())
+        return "default"
+
+    # -- editing ---------------------------------------------------------------------------------
+
+    def show(self, image: NDArray[np.floating[Any]] | None, mirrored: bool = False) -> None:
+        """Let the monitor show an image, or white.
+
+        Parameters
+        ----------
+        image
+            (R, C, 3) linear radiance along the normal, as a viewer facing the monitor sees it;
+            None for a radiance of 1 everywhere.
+        mirrored
+            Whether the monitor's u runs to a viewer's left.
+
+        Raises
+        ------
+        SceneError
+            If the monitor's emitter has no radiance.
+        """
+        import mitsuba as mi
+
+        emitter = self._monitor_emitter()
+        if "radiance" not in emitter:
+            raise SceneError(
+                f"scene '{self.path}': the monitor's emitter '{emitter.plugin_name()}' has no "
+                "'radiance' to show an image by"
+            )
+        if image is None:
+            emitter["radiance"] = mi.load_dict({"type": "rgb", "value": 1.0})
+            return
+        emitter["radiance"] = mi.load_dict(
+            {
+                "type": "bitmap",
+                "bitmap": mi.Bitmap(monitor_texture(image, mirrored)),
+                "raw": True,
+                "filter_type": "nearest",
+                "wrap_mode": "clamp",
+            }
+        )
+
+    def drop_angular_profile(self) -> None:
+        """Replace the LCD by a plain area emitter (Python plugins crawl in scalar variants)."""
+        emitter = self._monitor_emitter()
+        if emitter.plugin_name() == LCD:
+            emitter.set_plugin_name("area")
+            for name in ("vertical_exponent", "horizontal_exponent"):
+                if name in emitter:
+                    del emitter[name]
+
+    def darken(self) -> None:
+        """Remove every emitter but the monitor's."""
+        kept = self._monitor_emitter()
+        for node in self._state.nodes:
+            for key in node.props.keys():  # noqa: SIM118 (Properties do not iterate)
+                child = self._child(node.props, key)
+                if child is None or not str(child.type).endswith("Emitter"):
+                    continue
+                if child.props is not kept and child.props != kept:
+                    del node.props[key]
+
+    def average_pixels(
+        self, film_size: tuple[int, int] | None = None, *, sensor: str = "camera"
+    ) -> None:
+        """Make a sensor average each pixel over its own area, in linear float32 RGB.
+
+        Its samples become stratified ones: on penumbrae their error falls about as n^-0.75.
+
+        Parameters
+        ----------
+        film_size
+            (rows, columns) of the film; None leaves them.
+        sensor
+            Its id.
+
+        Raises
+        ------
+        SceneError
+            If the sensor has no film that records an image.
+        """
+        import mitsuba as mi
+
+        film = self._film(sensor)
+        if film is None:
+            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
+        for key in list(film.keys()):
+            child = self._child(film, key)
+            if child is not None and str(child.type).endswith("ReconstructionFilter"):
+                del film[key]
+        film["rfilter"] = mi.load_dict({"type": "box"})
+        film["pixel_format"] = "rgb"
+        film["component_format"] = "float32"
+        if film_size is not None:
+            film["height"], film["width"] = film_size
+        camera = self._by_id(sensor)
+        for key in list(camera.keys()):
+            child = self._child(camera, key)
+            if child is not None and str(child.type).endswith("Sampler"):
+                del camera[key]
+        # Not ldsampler: its dimensions are correlated; its error on bounced light stalls at 1 %.
+        camera["sampler"] = mi.load_dict({"type": "multijitter"})
+
+    def instantiate(self) -> Any:
+        """Build the Mitsuba scene, once: it consumes the nodes.
+
+        Returns
+        -------
+        mitsuba.Scene
+
+        Raises
+        ------
+        SceneError
+            With Mitsuba's own reason, if it refuses the scene.
+        """
+        import mitsuba as mi
+
+        state, self._state = self._state, None
+        refused = ""
+        try:
+            built = mi.parser.instantiate(self._config, state)
+        except (RuntimeError, ValueError) as error:
+            refused = one_line(error)
+        # What was built of a refused scene must go at once: Dr.Jit would trace an emitter that
+        # outlives its shape at the next virtual call, and crash.
+        del state
+        if refused:
+            raise SceneError(f"scene '{self.path}': {refused}")
+        return built[0] if isinstance(built, list | tuple) else built
+
+    # -- nodes -----------------------------------------------------------------------------------
+
+    def _of_type(self, kind: str) -> Iterator[Any]:
+        return (node.props for node in self._state.nodes if str(node.type).endswith(kind))
+
+    def _by_id(self, name: str) -> Any:
+        return self._state.nodes[self._state.id_to_index[name]].props
+
+    def _child(self, props: Any, key: str) -> Any:
+        import mitsuba as mi
+
+        if props.type(key) != mi.Properties.Type.ResolvedReference:
+            return None
+        return self._state.nodes[props[key].index()]
+
+    def _children(self, props: Any) -> Iterator[Any]:
+        for key in props.keys():  # noqa: SIM118 (Properties do not iterate)
+            child = self._child(props, key)
+            if child is not None:
+                yield child
+
+    def _monitor_emitter(self) -> Any:
+        for child in self._children(self._by_id("monitor")):
+            if str(child.type).endswith("Emitter"):
+                return child.props
+        raise SceneError(
+            f"scene '{self.path}': shape 'monitor' has no emitter; "
+            'give it one, for example <emitter type="area"> with a radiance'
+        )
+
+    def _straighten_monitor(self) -> None:
+        """Rewrite a flipped or mirrored rectangle as a plain one with the same emitting side.
+
+        Of such a rectangle Mitsuba's rays, position samples and UV lookups report different
+        normals, so that its light would depend on the way it was found.
+        """
+        import mitsuba as mi
+
+        if "monitor" not in self._state.id_to_index:
+            return
+        monitor = self._by_id("monitor")
+        if monitor.plugin_name() != "rectangle":
+            return
+        to_world = monitor.get("to_world", mi.ScalarTransform4f())
+        if not np.isfinite(np.array(to_world.matrix)).all():
+            raise SceneError(f"scene '{self.path}': the monitor's to_world is not finite; mend it")
+        if monitor.get("flip_normals", False):
+            to_world = to_world @ type(to_world)().scale([1, 1, -1])
+            del monitor["flip_normals"]
+        if np.linalg.det(np.array(to_world.matrix)) < 0:
+            to_world = to_world @ type(to_world)().scale([-1, 1, 1])
+        monitor["to_world"] = to_world
+
+    def _film(self, sensor: str) -> Any:
+        for child in self._children(self._by_id(sensor)):
+            if str(child.type).endswith("Film") and child.props.plugin_name() == "hdrfilm":
+                return child.props
+        return None
+
+    def _require(self, name: str, kind: str) -> None:
+        found = self._state.id_to_index
+        if name in found and str(self._state.nodes[found[name]].type).endswith(kind):
+            return
+        others = ", ".join(f"'{props.id()}'" for props in self._of_type(kind)) or "none"
+        raise SceneError(
+            f"scene '{self.path}' has no {kind.lower()} with id '{name}' "
+            f"(its {kind.lower()}s: {others})"
+        )
+
+    def _resolve_files(self) -> None:
+        # Mitsuba looks beside the scene and in the folders of its <path> tags.
+        tags = parsed(self.path).iter("path")
+        folders = [self.path.parent, *(self.path.parent / tag.get("value", "") for tag in tags)]
+        for node in self._state.nodes:
+            if "filename" not in node.props:
+                continue
+            name = node.props["filename"]
+            file = next((f / name for f in folders if exists(f / name)), folders[0] / name)
+            what = f"{node.props.plugin_name()} '{node.props.id()}'"
+            if not exists(file):
+                raise SceneError(f"scene '{self.path}': {what} names a missing file '{file}'")
+            if file.stat().st_size == 0:
+                raise SceneError(f"scene '{self.path}': {what} names an empty file '{file}'")
+            try:
+                check_mesh(file, node.props.plugin_name())
+            except ValueError as error:
+                raise SceneError(
+                    f"scene '{self.path}': {what}: the file '{file}' {error}; export it again"
+                ) from None
+            # Absolute, since Mitsuba searches the folder that the process started in.
+            node.props["filename"] = str(file.resolve())
+
+
+def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
+    """Lay an image out as the texture that shows it on the monitor.
+
+    A texture's row 0 lies at v = 0, the monitor's lower edge. A single row or column is doubled:
+    Mitsuba's textures have at least 2 x 2 pixels, and an update with fewer is read past its end.
+
+    Parameters
+    ----------
+    image
+        (R, C, 3) radiance as a viewer facing the monitor sees it.
+    mirrored
+        Whether the monitor's u runs to a viewer's left.
+
+    Returns
+    -------
+    ndarray
+        (max(R, 2), max(C, 2), 3) float32, contiguous.
+    """
+    texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
+    for axis in (0, 1):
+        if texture.shape[axis] == 1:
+            texture = np.repeat(texture, 2, axis)
+    return np.ascontiguousarray(texture)
+
+
+def one_line(error: BaseException) -> str:
+    """Give Mitsuba's reason without the source file that complains."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = " ".join(lines)
+    return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

@@ -1,0 +1,1 @@
+"""The light transport matrix A: by shadow rays, by columns, by blocks of rows."""

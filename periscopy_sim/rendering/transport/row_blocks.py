@@ -1,0 +1,88 @@
+"""The light transport matrix without the matrix: its rows are rendered whenever they are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import VariantError
+from periscopy_sim.rendering.transport.shadow_rays import LANES, Strata, rendered_rows
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedTransport:
+    """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
+
+    `reconstruction.transport_operator.TransportOperator` makes a SciPy linear operator of it, and
+    `IterativePeriscope` takes it in the place of A. Every pass traces all the rays again, and draws
+    the same samples.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    samples, strata, pixel_samples, seed
+        As of `render_transport`.
+    lanes
+        Entries rendered at once; bounds the memory (about 40 bytes each).
+
+    Raises
+    ------
+    ValueError
+        If a number is below 1, or `strata` is not known.
+    """
+
+    scenario: Scenario
+    samples: int = 16
+    strata: Strata = "jittered"
+    pixel_samples: int = 1
+    seed: int = 0
+    lanes: int = LANES
+
+    def __post_init__(self) -> None:
+        if self.samples < 1 or self.pixel_samples < 1 or self.lanes < 1:
+            raise ValueError(
+                f"{self.samples} samples, {self.pixel_samples} pixel samples, {self.lanes} lanes: "
+                "all must be positive"
+            )
+        if self.strata not in get_args(Strata):
+            raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M, N)."""
+        return self.scenario.transport_shape
+
+    def row_blocks(self) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Render every row once.
+
+        Yields
+        ------
+        tuple
+            The rows, and their entries, (rows, N) float32.
+
+        Raises
+        ------
+        VariantError
+            In scalar variants, which render columns only.
+        """
+        use_variant()
+        if not is_vectorized():
+            raise VariantError(
+                "rows of the transport matrix are rendered in llvm_ad_rgb or cuda_ad_rgb only; in "
+                "scalar variants store the whole of it: render_transport(..., out=memory_map)"
+            )
+        yield from rendered_rows(
+            self.scenario,
+            samples=self.samples,
+            strata=self.strata,
+            pixel_samples=self.pixel_samples,
+            seed=self.seed,
+            lanes=self.lanes,
+        )

@@ -1,0 +1,141 @@
+"""Photographs of ambient light kept in a folder, each rendered once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+
+Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+"""Told what is being rendered, gives what the fraction done is reported to."""
+
+
+def _silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
+    return nullcontext(lambda _: None)
+
+
+def ambient_photographs(
+    names: Sequence[str],
+    scenario: Scenario,
+    folder: Path,
+    seed: int,
+    *,
+    target: float = 3e-4,
+    progress: Progress = _silent,
+) -> dict[str, NDArray[np.float64]]:
+    """Photograph a scenario's wall under ambient conditions; what the folder holds is read.
+
+    Parameters
+    ----------
+    names
+        Shipped conditions, or paths of scene files.
+    scenario
+        The scene.
+    folder
+        Where each lies, or will, as ``NAME.exr``.
+    seed
+        Seed of the rendering.
+    target
+        Relative error of a pixel, see `render_background`.
+    progress
+        Told of each condition that is rendered.
+
+    Returns
+    -------
+    dict
+        Condition to (rows, columns, 3) radiance.
+
+    Raises
+    ------
+    PeriscopyError
+        If a name is unknown or given twice, or a file in the folder was made otherwise.
+    """
+    from periscopy_sim.rendering.ambient.background import render_background
+    from periscopy_sim.storage.formats.exr import read_exr, write_exr
+    from periscopy_sim.storage.outputs.staging import staged_file
+
+    paths = {Path(name).stem: find_condition(name) for name in names}
+    if len(paths) < len(names):
+        raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
+    photographs = {}
+    for name, path in paths.items():
+        file = folder / f"{name}.exr"
+        settings = _settings(path, scenario, seed, target)
+        if not file.is_file():
+            with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
+                found = render_background(path, scenario, target=target, seed=seed, progress=report)
+                metadata: dict[str, str | float] = {
+                    **settings,
+                    "relative_error": found.relative_error,
+                    "brightness_error": found.brightness_error,
+                }
+                write_exr(staged, found.photograph, metadata)
+        # Also what was just rendered: as stored, so that a later run computes the same.
+        picture, held = read_exr(file)
+        _check(file, picture, held, scenario, settings)
+        photographs[name] = picture.astype(np.float64)
+    return photographs
+
+
+def find_condition(name: str) -> Path:
+    """Find a shipped condition or a scene file.
+
+    Raises
+    ------
+    PeriscopyError
+        If there is neither; the message lists the shipped ones.
+    """
+    from periscopy_sim.shipped import find_scene
+
+    if name in (*REALISTIC, *ADVERSARIAL):
+        return find_scene(f"ambient/{name}")
+    if Path(name).suffix == ".xml" and Path(name).is_file():
+        return Path(name)
+    known = ", ".join((*REALISTIC, *ADVERSARIAL))
+    raise PeriscopyError(
+        f"no ambient condition '{name}'; there are {known}, or name a Mitsuba XML file"
+    )
+
+
+def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[str, str]:
+    """Record what a picture depends on; the scenario's hidden size is not of it."""
+    import mitsuba as mi
+
+    from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
+
+    made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
+    record = as_text({**made, "parameters": dict(scenario.parameters)})
+    for of_this_run in ("command", "python", "numpy", "scipy"):
+        del record[of_this_run]
+    ambient = {"ambient": path.stem, "ambient_sha256": scene_sha256(path)}
+    return {**ambient, "target": f"{target:g}", **record}
+
+
+def _check(
+    file: Path,
+    picture: NDArray[np.float32],
+    held: Mapping[str, str | float],
+    scenario: Scenario,
+    settings: Mapping[str, str],
+) -> None:
+    """Refuse a picture that was made otherwise."""
+    rows, columns = scenario.photograph_shape
+    if picture.shape[:2] != (rows, columns):
+        raise PeriscopyError(
+            f"{file}: has {picture.shape[0]}x{picture.shape[1]} pixels, the scene's camera "
+            f"{rows}x{columns}; name another folder or remove it"
+        )
+    for key, value in settings.items():
+        # The digest tells the scene, wherever it lies.
+        if key != "scene" and held.get(key) != value:
+            raise PeriscopyError(
+                f"{file}: was made otherwise ({key} {held.get(key)}, here {value}); name another "
+                "folder or remove it"
+            )

@@ -1,0 +1,1 @@
+"""File formats, each decoded without letting a damaged file surprise."""

@@ -1,0 +1,120 @@
+"""NumPy files, read without ever loading a pickle."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.lib.format as npy
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.decoding import check_count, decoding
+
+_LONGEST_HEADER = 10_000  # bytes: NumPy's own limit, which it looks at once it has read them
+
+_NOT_REAL = {
+    "b": "truth values",
+    "c": "complex numbers",
+    "O": "Python objects, which are never loaded",
+    "S": "text",
+    "U": "text",
+    "V": "records",
+    "M": "dates",
+    "m": "times",
+}
+
+
+def check_real(dtype: np.dtype[Any], name: str) -> None:
+    """Refuse a dtype whose values are not integers or floating-point numbers.
+
+    Raises
+    ------
+    PhotographError
+        Naming what the array `name` holds instead.
+    """
+    if dtype.kind not in "iuf":
+        held = _NOT_REAL.get(dtype.kind, "no numbers")
+        raise PhotographError(f"{name}: holds {held} ({dtype}); save real numbers, as float32 say")
+
+
+def read_npy(path: Path, *, truth_values: bool = False) -> NDArray[Any]:
+    """Read an NPY file of real numbers, of any shape, endianness and memory order.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    truth_values : bool
+        Whether it may hold truth values too.
+
+    Raises
+    ------
+    PhotographError
+        If the file is damaged, holds anything but real numbers, or announces too many.
+    """
+    with decoding(path, "NPY"), path.open("rb") as stream:
+        return _read_array(stream, path, truth_values)
+
+
+def read_npz(path: Path, key: str, *, truth_values: bool = False) -> NDArray[Any]:
+    """Read one array of real numbers from an NPZ archive.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    key : str
+        Name of the array.
+    truth_values : bool
+        Whether it may hold truth values too.
+
+    Raises
+    ------
+    PhotographError
+        As `read_npy`, and if the archive has no array `key`: the message lists those it has.
+    """
+    with decoding(path, "NPZ"), zipfile.ZipFile(path) as archive:
+        keys = [name.removesuffix(".npy") for name in archive.namelist()]
+        if key not in keys:
+            raise PhotographError(
+                f"{path}: has no array '{key}', only {', '.join(keys) or 'none at all'}; "
+                f"save it with numpy.savez(..., {key}=...)"
+            )
+        with archive.open(f"{key}.npy") as stream:  # compares the checksum
+            return _read_array(stream, path, truth_values)
+
+
+def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read the header of an NPY stream at its start, and no more than a header can need.
+
+    Returns
+    -------
+    shape : tuple of int
+    fortran_order : bool
+    dtype : numpy.dtype
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or longer than any header is.
+    """
+    first_version = npy.read_magic(stream) == (1, 0)
+    length = stream.read(2 if first_version else 4)
+    if int.from_bytes(length, "little") > _LONGEST_HEADER:
+        raise ValueError(f"its header announces {int.from_bytes(length, 'little')} bytes of itself")
+    head = io.BytesIO(length + stream.read(int.from_bytes(length, "little")))
+    return npy.read_array_header_1_0(head) if first_version else npy.read_array_header_2_0(head)
+
+
+def _read_array(stream: IO[bytes], path: Path, truth_values: bool) -> NDArray[Any]:
+    """Check what the header announces, then read the values."""
+    shape, _, dtype = read_header(stream)
+    if not (truth_values and dtype.kind == "b"):
+        check_real(dtype, str(path))
+    check_count(shape, path)
+    stream.seek(0)
+    return np.asarray(npy.read_array(stream, allow_pickle=False))

@@ -1,0 +1,118 @@
+"""Raw photographs in the MATLAB layout of Saunders, Murray-Bruce and Goyal, Nature 2019."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
+
+_REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exposures
+
+
+def read_matlab_photograph(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Read raw sensor counts, and average them down to a photograph.
+
+    The file holds `image`, the Bayer counts summed over exposures, `shutter_speed`, and
+    `iterations` or `averaged_iterations`, the number of exposures. The photograph is the counts
+    for each unit of exposure time, so that files of one camera share a scale.
+
+    Parameters
+    ----------
+    path : Path
+        MATLAB file of version 5 to 7.
+    shape : (rows, columns)
+        Size of the photograph; it must divide half the size of `image`.
+
+    Returns
+    -------
+    (rows, columns, 3) float64
+        Linear light.
+
+    Raises
+    ------
+    PhotographError
+        If the file is damaged, a field is missing or not numbers, or the sizes do not divide.
+    """
+    matrices = read_matrices(path)
+    counts = _real_field(matrices, "image", path)
+    if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
+        raise PhotographError(
+            f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        colour = bayer_colours(counts)
+    height, width, _ = colour.shape
+    if height % shape[0] or width % shape[1] or not colour.size:
+        raise PhotographError(
+            f"{path}: {height} x {width} colour pixels (rows x columns) do not average to "
+            f"{shape[0]} x {shape[1]}; give the camera's film a size that divides the former"
+        )
+    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[0])
+    exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as infinite
+        return np.divide(block_means(colour, shape), exposure, dtype=np.float64)
+
+
+def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
+    """Half-size colours of Bayer counts: red at even and blue at odd rows and columns.
+
+    Parameters
+    ----------
+    counts : (2 rows, 2 columns)
+        Raw values; the two greens of each cell are averaged.
+
+    Returns
+    -------
+    (rows, columns, 3) float64
+    """
+    counts = np.asarray(counts, dtype=np.float64)
+    red, blue = counts[0::2, 0::2], counts[1::2, 1::2]
+    green = (counts[0::2, 1::2] + counts[1::2, 0::2]) / 2
+    return np.stack([red, green, blue], axis=-1)
+
+
+def block_means(image: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Average an image over equal blocks of pixels.
+
+    Parameters
+    ----------
+    image : (i rows, j columns, channels)
+        With whole numbers i and j.
+    shape : (rows, columns)
+        Size of the result.
+
+    Returns
+    -------
+    (rows, columns, channels) float64
+    """
+    rows, columns = shape
+    height, width, channels = image.shape
+    blocks = image.reshape(rows, height // rows, columns, width // columns, channels)
+    return np.asarray(blocks.mean(axis=(1, 3)))
+
+
+def _real_field(matrices: dict[str, Matrix], name: str, path: Path) -> NDArray[Any]:
+    """Real numbers of a field, or the reason why there are none."""
+    if name not in matrices:
+        held = ", ".join(filter(None, matrices)) or "none at all"
+        raise PhotographError(
+            f"{path}: has no field '{name}', only {held}; "
+            "store the raw layout: image, shutter_speed, iterations"
+        )
+    values = matrices[name].values
+    if values is None:
+        raise PhotographError(f"{path}: '{name}' is {matrices[name].kind}; store it as double")
+    return values
+
+
+def _number(matrices: dict[str, Matrix], name: str, path: Path) -> float:
+    """Value of a field that is one positive number."""
+    values = _real_field(matrices, name, path)
+    if values.size != 1 or not 0 < values.item() < np.inf:
+        raise PhotographError(f"{path}: '{name}' is not one positive number; store it as such")
+    return float(values.item())

@@ -1,0 +1,177 @@
+"""PNG, TIFF and JPEG files, read at the bit depth they were saved with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.decoding import Inflater, check_count, decoding
+
+_DIRECT_MODES = {  # of Pillow's modes: what to convert each to
+    "1": "L",
+    "L": "L",
+    "LA": "LA",
+    "P": "RGB",
+    "PA": "RGBA",
+    "RGB": "RGB",
+    "RGBA": "RGBA",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Values of a picture as they were saved.
+
+    Attributes
+    ----------
+    colour : (rows, columns, channels) uint8, uint16 or another dtype of real numbers
+        Three channels, or one for grey; row 0 at the top.
+    alpha : (rows, columns, 1) of the same dtype, or None
+        Opacity, where the file has it.
+    """
+
+    colour: NDArray[Any]
+    alpha: NDArray[Any] | None
+
+
+def png_size(path: Path) -> tuple[int, int]:
+    """Rows and columns that the header of a PNG file announces.
+
+    Raises
+    ------
+    PhotographError
+        If the header is cut short, or announces too many values.
+    """
+    rows, columns, _ = _png_header(path)
+    return rows, columns
+
+
+def read_raster(path: Path, kind: str) -> Raster:
+    """Read a PNG, TIFF or JPEG file without changing its bit depth.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        PNG, TIFF or JPEG, as `file_format` tells.
+
+    Raises
+    ------
+    PhotographError
+        If the file is damaged, holds several pictures, or colours other than grey or RGB.
+    """
+    if kind == "PNG" and _png_header(path)[2] == 16:
+        return _read_16_bit_png(path)
+    if kind == "TIFF":
+        return _read_tiff(path)
+    return _read_with_pillow(path, kind)
+
+
+def _png_header(path: Path) -> tuple[int, int, int]:
+    """Rows, columns and bit depth of a PNG file, once the checksums of all its chunks are right."""
+    import png
+
+    with decoding(path, "PNG"):
+        reader = png.Reader(bytes=path.read_bytes())  # from a stream it would ask for gigabytes
+        reader.preamble()
+        check_count((reader.height, reader.width, reader.planes), path)
+        bits = reader.width * reader.planes * reader.bitdepth
+        pixels = Inflater(2 * (reader.height + 8) * (bits // 8 + 8), path)  # interlaced ones too
+        for kind, body in reader.chunks():  # each is compared with its checksum; the last is there
+            if kind == b"IDAT":
+                pixels.feed(body)
+        return reader.height, reader.width, reader.bitdepth
+
+
+def _read_16_bit_png(path: Path) -> Raster:
+    """Read by pypng: Pillow would cut 16-bit colour down to 8 bits."""
+    import png
+
+    with decoding(path, "PNG"):
+        columns, rows, lines, info = png.Reader(bytes=path.read_bytes()).read()
+        values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
+        return _split(values.reshape(rows, columns, info["planes"]), path)
+
+
+def _read_tiff(path: Path) -> Raster:
+    """Read by tifffile, which keeps 16-bit and floating-point values; the rest by Pillow."""
+    import tifffile
+
+    mend = "save it again, uncompressed or with deflate compression"
+    with decoding(path, "TIFF", mend), tifffile.TiffFile(path) as file:
+        places: set[int] = set()
+        for each in file.pages:  # the next may be one before, and tifffile would never end
+            if each.offset in places:
+                raise PhotographError(f"{path}: its pages run in a circle; save or copy it again")
+            places.add(each.offset)
+        if len(file.series) != 1:
+            raise PhotographError(f"{path}: holds {len(file.series)} pictures; save one alone")
+        series, page = file.series[0], file.pages[0]
+        check_count(series.shape, path)
+        if series.dtype in (np.uint8, np.bool_):
+            if len(file.pages) != 1:
+                raise PhotographError(f"{path}: holds {len(file.pages)} pictures; save one alone")
+            return _read_with_pillow(path, "TIFF")
+        if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
+            raise PhotographError(f"{path}: is {page.photometric.name}; save it as grey or RGB")
+        if page.tags.valueof("Orientation", 1) != 1:
+            raise PhotographError(f"{path}: is stored turned or mirrored; save it upright")
+        ends = np.add(page.dataoffsets, page.databytecounts)
+        if ends.max() > path.stat().st_size:  # tifffile lets the last tile be cut short
+            raise PhotographError(f"{path}: is cut short; save or copy it again")
+        _check_packing(page, path)
+        values = series.asarray()
+        if series.axes == "SYX":
+            values = np.moveaxis(values, 0, -1)
+        return _split(values, path)
+
+
+def _check_packing(page: Any, path: Path) -> None:
+    """Refuse what is not deflate, and strips or tiles that unpack to more than they may hold."""
+    import tifffile
+
+    known = tifffile.COMPRESSION
+    if page.compression == known.NONE:
+        return
+    if page.compression not in (known.ADOBE_DEFLATE, known.DEFLATE):
+        raise PhotographError(
+            f"{path}: is packed by {page.compression.name}; save it uncompressed or with deflate"
+        )
+    check_count(page.chunks, path)
+    most = math.prod(page.chunks) * page.dtype.itemsize
+    with path.open("rb") as stream:
+        for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+            stream.seek(offset)
+            Inflater(most, path).feed(stream.read(count))
+
+
+def _read_with_pillow(path: Path, kind: str) -> Raster:
+    """Read 8 bits a channel or fewer, upright, palettes looked up."""
+    from PIL import Image, ImageOps
+
+    with decoding(path, kind), Image.open(path, formats=[kind]) as picture:
+        check_count((picture.height, picture.width, len(picture.getbands())), path)
+        if picture.mode not in _DIRECT_MODES:
+            raise PhotographError(f"{path}: has colours {picture.mode}; save it as grey or RGB")
+        mode = _DIRECT_MODES[picture.mode]
+        if "transparency" in picture.info:
+            mode = {"L": "LA", "RGB": "RGBA"}.get(mode, mode)
+        return _split(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path)
+
+
+def _split(values: NDArray[Any], path: Path) -> Raster:
+    """Colour and alpha of (rows, columns[, channels]) values."""
+    if values.ndim == 2:
+        values = values[..., None]
+    if values.ndim != 3 or not 1 <= values.shape[2] <= 4:
+        raise PhotographError(f"{path}: has shape {values.shape}; save a grey or RGB picture")
+    if values.shape[2] % 2:
+        return Raster(values, None)
+    return Raster(values[..., :-1], values[..., -1:])

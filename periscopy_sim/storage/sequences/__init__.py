@@ -1,0 +1,1 @@
+"""Sequences of frames, each decoded when its turn comes."""

@@ -1,0 +1,80 @@
+"""Frames as the files of a folder, in the natural order of their names."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.storage.sequences.frames import Frames, listed
+
+_KINDS = {
+    ".exr": "EXR",
+    ".npy": "NPY",
+    ".npz": "NPZ",
+    ".png": "PNG",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".mat": "MATLAB",
+}
+
+
+def folder_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None) -> Frames:
+    """Open a folder, one photograph a file; see `open_frames`."""
+    files, others = files_of_one_kind(path)
+    warnings = (f"{path}: left out {listed(others)}",) if others else ()
+    return Frames(
+        tuple(file.name for file in files),
+        warnings,
+        lambda: (read_photograph(file, shape, mask) for file in files),
+    )
+
+
+def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
+    """List the pictures in a folder in natural order.
+
+    Returns
+    -------
+    files : list of Path
+        Those whose suffix is that of a picture; hidden files and subfolders do not count.
+    others : list of str
+        The names of the other files.
+
+    Raises
+    ------
+    PhotographError
+        If there is no picture, or pictures of several formats.
+    """
+    try:
+        entries = [
+            entry
+            for entry in folder.iterdir()
+            if not entry.name.startswith(".") and not entry.is_dir()
+        ]
+    except OSError as error:
+        raise PhotographError(f"{folder}: cannot be opened: {error.strerror}") from error
+    entries.sort(key=lambda entry: _natural(entry.name))
+    of_kind: dict[str, list[Path]] = {}
+    for entry in entries:
+        of_kind.setdefault(_KINDS.get(entry.suffix.lower(), ""), []).append(entry)
+    others = [entry.name for entry in of_kind.pop("", [])]
+    if not of_kind:
+        raise PhotographError(
+            f"{folder}: holds no file named *{', *'.join(_KINDS)}; name a folder that does"
+        )
+    if len(of_kind) > 1:
+        examples = listed([f"{kind} ({files[0].name})" for kind, files in of_kind.items()])
+        raise PhotographError(f"{folder}: holds {examples}; keep frames of one format alone there")
+    return next(iter(of_kind.values())), others
+
+
+def _natural(name: str) -> tuple[list[str | int], str]:
+    """Sort key by which frame2 comes before frame10: text and numbers in turn."""
+    pieces = re.split("([0-9]+)", name.lower())
+    return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name

@@ -1,0 +1,89 @@
+"""What the hidden scene showed while a sequence was photographed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.arrays import check_real
+from periscopy_sim.storage.formats.decoding import file_format
+from periscopy_sim.storage.pictures import area_average, read_hidden_image
+from periscopy_sim.storage.sequences.folder import files_of_one_kind
+from periscopy_sim.storage.sequences.frames import place_of
+from periscopy_sim.storage.sequences.stacks import mapped_stack
+
+Array = NDArray[np.float64]
+
+
+def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:
+    """Read what the hidden scene showed at each photograph of a sequence.
+
+    Parameters
+    ----------
+    path : Path
+        A folder of pictures of one format, in natural order, each read by `read_hidden_image`; an
+        NPY stack (frames, any rows, any columns, 3) of linear light, its 8- or 16-bit integers
+        being fractions of their largest value; or one picture, which stands for every frame.
+    shape : (rows, columns)
+        Hidden patches; each frame is averaged over the area of each.
+    count : int
+        How many frames there are.
+
+    Yields
+    ------
+    (rows, columns, 3) float64
+        Linear light, 1 for white.
+
+    Raises
+    ------
+    PhotographError
+        If there are neither one nor `count`, or as `read_hidden_image`.
+    """
+    number, read = _opened(Path(path), shape)
+    if number not in (1, count):
+        raise PhotographError(
+            f"{path}: holds {number} hidden images for {count} photographs; give as many, or one"
+        )
+    if number == count:
+        yield from map(read, range(count))
+    else:
+        yield from repeat(read(0), count)
+
+
+def _opened(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
+    """Count the frames, and tell what reads one."""
+    if path.is_dir():
+        files, _ = files_of_one_kind(path)
+        return len(files), lambda k: read_hidden_image(files[k], shape)
+    if file_format(path) == "NPY":
+        stack = mapped_stack(path)
+        check_real(stack.dtype, str(path))
+        if stack.ndim == 4:
+            return len(stack), lambda k: area_average(_light(stack[k], place_of(path, k)), shape)
+    image = read_hidden_image(path, shape)
+    return 1, lambda _: image
+
+
+def _light(values: NDArray[Any], place: Path) -> Array:
+    """Linear light of one frame of an NPY stack."""
+    if values.shape[-1] not in (1, 3) or values.size == 0:
+        raise PhotographError(
+            f"{place}: has shape {values.shape}; give a stack (frames, rows, columns, 3)"
+        )
+    if values.dtype.kind != "f":
+        if values.dtype not in (np.uint8, np.uint16):
+            raise PhotographError(
+                f"{place}: holds {values.dtype}; save 8- or 16-bit or float values"
+            )
+        values = values / float(np.iinfo(values.dtype).max)
+    with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
+        light = np.broadcast_to(values, (*values.shape[:2], 3)).astype(np.float64)
+    if not (np.isfinite(light) & (light >= 0)).all():
+        raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
+    return light

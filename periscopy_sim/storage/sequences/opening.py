@@ -1,0 +1,66 @@
+"""Open a sequence of photographs, whichever form it has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.decoding import file_format
+from periscopy_sim.storage.sequences.exr_frames import exr_frames
+from periscopy_sim.storage.sequences.folder import folder_frames
+from periscopy_sim.storage.sequences.frames import Frames
+from periscopy_sim.storage.sequences.stacks import npy_frames, npz_frames, zarr_frames
+
+_ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
+_FORMS = "a folder of photographs, a Zarr archive, a multi-part EXR or an NPY or NPZ stack"
+
+
+def open_frames(
+    path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
+) -> Frames:
+    """Open a sequence of photographs; each is read and checked when its turn comes.
+
+    A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
+    natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
+    files of no such suffix are left out, with a warning. A Zarr archive, of format 2 or 3, is an
+    array (frames, rows, columns, 3), or a group that has it as `photograph`. NPY and NPZ files (key
+    `photograph`) hold such an array too. A multi-part EXR holds a frame in each part, as R, G, B or
+    Y; OpenEXR decodes all its parts at once, so that it may be no larger than a still. Where there
+    are three channels there may be one, which is grey.
+
+    Parameters
+    ----------
+    path : Path
+        The folder or file.
+    shape : (rows, columns)
+        Size that each photograph must have.
+    mask : (rows, columns) bool
+        Where the wall is used, see `read_photograph`; None: everywhere.
+
+    Returns
+    -------
+    Frames
+        At least one.
+
+    Raises
+    ------
+    PhotographError
+        Here if the sequence as a whole is missing, damaged, empty or of another form or size; while
+        iterating as `read_photograph`, naming the frame, the first being 0.
+    """
+    path = Path(path)
+    if path.is_dir():
+        if any((path / mark).exists() for mark in _ZARR_MARKS):
+            return zarr_frames(path, shape, mask)
+        return folder_frames(path, shape, mask)
+    kind = file_format(path)
+    if kind == "EXR":
+        return exr_frames(path, shape, mask)
+    if kind == "NPY":
+        return npy_frames(path, shape, mask)
+    if kind == "NPZ":
+        return npz_frames(path, shape, mask)
+    raise PhotographError(f"{path}: is a single {kind} file; give {_FORMS}")

@@ -1,0 +1,146 @@
+import numpy as np
+import pytest
+from scipy import optimize
+
+from periscopy_sim.calibration.evidence import ROUGHNESS, explain, nonnegative
+
+SHAPE = (3, 4)
+PIXELS, LIGHTS = 60, 4
+
+
+@pytest.fixture
+def problem():
+    random = np.random.default_rng(3)
+    A = random.random((PIXELS, 12))
+    Q = np.linalg.qr(random.random((PIXELS, LIGHTS)))[0]
+    y = A @ (1 + random.random((12, 3))) + Q @ random.random((LIGHTS, 3))
+    return A, Q, y + 0.05 * random.standard_normal(y.shape), random.standard_normal(A.shape)
+
+
+def precision():
+    """K of the prior, patch by patch."""
+    K = ROUGHNESS * np.eye(12)
+    for i in range(12):
+        for j in range(12):
+            down, across = abs(i // 4 - j // 4), abs(i % 4 - j % 4)
+            if down + across == 1:
+                K[i, i] += 1
+                K[i, j] -= 1
+    return K
+
+
+def dense(A, Q, y):
+    """Evidence, noise and covariances from (M - r, M - r) matrices, the ratio by a plain search."""
+    complement = np.linalg.svd(np.eye(PIXELS) - Q @ Q.T)[0][:, : PIXELS - LIGHTS]
+    seen = complement.T @ A
+    prior = seen @ np.linalg.inv(precision()) @ seen.T
+    unit = np.sum(seen**2) / 12
+    total, noise, inverses = 0.0, [], []
+    for rest in (complement.T @ y).T:
+
+        def parts(log_ratio, rest=rest):
+            S = np.eye(len(rest)) + prior / (unit * np.exp(log_ratio))
+            misfit = rest @ np.linalg.solve(S, rest)
+            return len(rest) * np.log(misfit) + np.linalg.slogdet(S)[1], misfit, S
+
+        best = optimize.minimize_scalar(lambda v: parts(v)[0], bounds=(-15, 3), method="bounded")
+        value, misfit, S = parts(best.x)
+        total += value
+        noise.append(np.sqrt(misfit / len(rest)))
+        inverses.append(complement @ np.linalg.inv(S) @ complement.T)
+    return total, np.array(noise), inverses
+
+
+def test_evidence_and_noise_are_those_of_the_dense_gaussian(problem):
+    A, Q, y, _ = problem
+    found = explain(A, Q, y, SHAPE)
+    evidence, noise, _ = dense(A, Q, y)
+    assert found.evidence == pytest.approx(evidence, abs=1e-5)
+    np.testing.assert_allclose(found.noise, noise, rtol=1e-4)
+
+
+def test_slope_is_the_derivative_of_the_dense_evidence(problem):
+    A, Q, y, change = problem
+    h = 1e-5
+    numeric = (dense(A + h * change, Q, y)[0] - dense(A - h * change, Q, y)[0]) / (2 * h)
+    assert explain(A, Q, y, SHAPE).slope(change) == pytest.approx(numeric, rel=1e-4)
+
+
+def test_information_weighs_moves_by_the_dense_inverse_covariance(problem):
+    A, Q, y, change = problem
+    found = explain(A, Q, y, SHAPE)
+    other = np.roll(change, 1, axis=0)
+    _, noise, inverses = dense(A, Q, y)
+    moves = change @ found.images, other @ found.images
+    expected = sum(
+        moves[0][:, c] @ inverse @ moves[1][:, c] / noise[c] ** 2
+        for c, inverse in enumerate(inverses)
+    )
+    assert np.vdot(found.steer(change), found.moved(other)) == pytest.approx(expected, rel=1e-3)
+
+
+def test_ambient_light_of_any_strength_changes_nothing(problem):
+    A, Q, y, change = problem
+    light = 1e3 * Q @ np.random.default_rng(1).standard_normal((LIGHTS, 3))
+    dark, lit = explain(A, Q, y, SHAPE), explain(A, Q, y + light, SHAPE)
+    assert lit.evidence == pytest.approx(dark.evidence, abs=1e-4)
+    np.testing.assert_allclose(lit.images, dark.images, atol=1e-6)
+    assert lit.slope(change) == pytest.approx(dark.slope(change), rel=1e-5)
+
+
+def test_units_shift_the_evidence_alone(problem):
+    A, Q, y, change = problem
+    one, other = explain(A, Q, y, SHAPE), explain(A, Q, 1e4 * y, SHAPE)
+    shift = 3 * (PIXELS - LIGHTS) * 2 * np.log(1e4)
+    assert other.evidence - one.evidence == pytest.approx(shift, rel=1e-9)
+    np.testing.assert_allclose(other.images, 1e4 * one.images, rtol=1e-5)
+    assert other.slope(change) == pytest.approx(one.slope(change), rel=1e-5)
+
+
+def test_a_black_channel_is_explained_by_darkness(problem):
+    A, Q, y, change = problem
+    y[:, 1] = 0
+    found = explain(A, Q, y, SHAPE)
+    assert np.isfinite(found.evidence)
+    assert np.isfinite(found.slope(change))
+    np.testing.assert_array_equal(found.images[:, 1], 0)
+
+
+def test_nothing_shines_negatively(problem):
+    A, Q, y, _ = problem
+    y = y - 1.5 * A[:, [2]] - 1.2 * A[:, [7]]  # patches 2 and 7 would have to
+    found = explain(A, Q, y, SHAPE)
+    assert found.images.min() == 0
+    # Against least squares with bounds, on the same problem with the prior's rows below.
+    seen = A - Q @ (Q.T @ A)
+    unit = np.sum(seen**2) / 12
+    misfits = found.noise**2 * (PIXELS - LIGHTS)
+    for c, misfit in enumerate(misfits):
+        rest = y[:, c] - Q @ (Q.T @ y[:, c])
+
+        def excess(log_ratio, rest=rest, misfit=misfit):
+            return 2 * bounded(seen, rest, unit * np.exp(log_ratio)).cost - misfit
+
+        # The ratio is the one by which the misfit is attained.
+        ratio = np.exp(optimize.brentq(excess, -12, 6))
+        expected = bounded(seen, rest, unit * ratio).x
+        np.testing.assert_allclose(found.images[:, c], expected, atol=2e-4)
+
+
+def bounded(seen, rest, weight):
+    """Least squares over f ≥ 0, the prior as rows below."""
+    root = np.linalg.cholesky(weight * precision()).T
+    stacked = np.concatenate([seen, root]), np.concatenate([rest, np.zeros(12)])
+    return optimize.lsq_linear(*stacked, bounds=(0, np.inf), tol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_nonnegative_quadratic_programs_meet_their_optimality_conditions(seed):
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((40, 25)) * np.geomspace(1, 1e-3, 25)
+    H, h = root.T @ root + 1e-8 * np.eye(25), random.standard_normal(25)
+    f = nonnegative(H, h, random.standard_normal(25))
+    slope = H @ f - h
+    assert (f >= 0).all()
+    np.testing.assert_allclose(slope[f > 0], 0, atol=1e-6)
+    assert (slope[f == 0] >= -1e-9).all()

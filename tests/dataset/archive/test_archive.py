@@ -1,0 +1,275 @@
+import json
+
+import numpy as np
+import pytest
+
+from periscopy_sim.dataset.archive.archive import Archive, check_place
+from periscopy_sim.dataset.archive.completion import file_of, is_finished, mark_of
+from periscopy_sim.dataset.archive.layout import MAKING, Layout, digest_of, read_attributes
+from periscopy_sim.errors import DatasetError, OutputError
+
+ATTRIBUTES = {"kind": "periscopy data set", "configuration": {"seed": 1}}
+
+
+def layout(count=7, **changes):
+    sizes = {"block": 3, "photograph_shape": (4, 5), "hidden_shape": (2, 3)}
+    return Layout(count=count, **sizes, photograph_type="float32", keep_background=False, **changes)
+
+
+def block(number, size=3):
+    rng = np.random.default_rng(number)
+    text = np.dtypes.StringDType()
+    return {
+        "photograph": rng.random((size, 4, 5, 3)).astype(np.float32),
+        "hidden": rng.random((size, 2, 3, 3)).astype(np.float32),
+        **{name: rng.random(size) for name in ("signal_scale", "sbr", "snr", "exposure")},
+        "clip_number": np.arange(size) + 3 * number,
+        "frame": np.zeros(size, np.int32),
+        "geometry": np.zeros(size, np.int32),
+        "split": np.array(["train"] * size, text),
+        "hidden_kind": np.array(["shapes"] * size, text),
+        "ambient": np.array(["none"] * size, text),
+    }
+
+
+def archive(path, count=7, attributes=ATTRIBUTES):
+    (path / MAKING).mkdir(parents=True, exist_ok=True)
+    return Archive(path, layout(count), attributes, {"geometry_scene": ["chair"]})
+
+
+def filled(path, count=7):
+    made = archive(path, count)
+    for number in made.unfinished():
+        made.write(number, block(number))
+    return made
+
+
+def contents(path):
+    return {
+        str(file.relative_to(path)): file.read_bytes()
+        for file in sorted(path.rglob("*")) if file.is_file()
+    }  # fmt: skip
+
+
+def test_new_archive_has_all_blocks_to_make_and_a_filled_one_none(tmp_path):
+    made = archive(tmp_path / "d")
+    assert list(made.unfinished()) == [0, 1, 2]
+    made.write(1, block(1))
+    assert list(made.unfinished()) == [0, 2]
+    assert list(filled(tmp_path / "d").unfinished()) == []
+    assert list(archive(tmp_path / "d").unfinished()) == []
+
+
+def test_what_is_written_is_read_and_the_last_block_is_cut_short(tmp_path):
+    import zarr
+
+    filled(tmp_path / "d")
+    group = zarr.open_group(tmp_path / "d", mode="r")
+    for name in block(0):
+        whole = np.concatenate([block(number)[name] for number in range(3)])
+        np.testing.assert_array_equal(group[name][:], whole[:7], err_msg=name)
+
+
+def test_order_of_writing_and_a_second_writing_leave_the_same_bytes(tmp_path):
+    filled(tmp_path / "a")
+    made = archive(tmp_path / "b")
+    for number in (2, 0, 2, 1):
+        made.write(number, block(number))
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_growing_makes_the_last_block_anew_and_ends_in_the_same_bytes(tmp_path):
+    filled(tmp_path / "d", 7)
+    grown = archive(tmp_path / "d", 11)
+    assert list(grown.unfinished()) == [2, 3]
+    for number in (2, 3):
+        grown.write(number, block(number))
+    filled(tmp_path / "e", 11)
+    assert contents(tmp_path / "d") == contents(tmp_path / "e")
+
+
+def test_fewer_samples_than_there_are_are_refused(tmp_path):
+    filled(tmp_path / "d", 11)
+    with pytest.raises(OutputError, match="holds more than 7 samples"):
+        archive(tmp_path / "d", 7)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "remove"])
+def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
+    filled(tmp_path / "d")
+    rng = np.random.default_rng(0)
+    for name, values in block(1).items():
+        file = file_of(tmp_path / "d", name, values.ndim, 1)
+        content = file.read_bytes()
+        if damage == "remove":
+            file.unlink()
+        elif damage == "flip":
+            flipped = bytearray(content)
+            flipped[int(rng.integers(len(content)))] ^= 1 << int(rng.integers(8))
+            file.write_bytes(flipped)
+        else:
+            file.write_bytes(content[: 0 if damage == "empty" else len(content) // 2])
+        assert list(archive(tmp_path / "d").unfinished()) == [1], name
+        file.write_bytes(content)
+    assert list(archive(tmp_path / "d").unfinished()) == []
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"samples": 3}', "null", '{"of": "x"}'])
+def test_damaged_mark_makes_its_block_unfinished(tmp_path, content):
+    filled(tmp_path / "d")
+    mark_of(tmp_path / "d", 0).write_text(content)
+    assert list(archive(tmp_path / "d").unfinished()) == [0]
+
+
+def test_damaged_heads_are_written_anew(tmp_path):
+    filled(tmp_path / "d")
+    before = contents(tmp_path / "d")
+    heads = [tmp_path / "d" / name for name in before if name.endswith(("zarr.json", "c/0"))]
+    heads = [head for head in heads if head.name == "zarr.json" or "channel" in str(head)]
+    assert len(heads) > 14
+    for head in heads:
+        for content in (b"", b"{", head.read_bytes().replace(b"1", b"2")):
+            head.write_bytes(content)
+            assert list(archive(tmp_path / "d").unfinished()) == []
+            assert contents(tmp_path / "d") == before, head
+
+
+def test_half_written_files_of_a_killed_run_are_removed(tmp_path):
+    filled(tmp_path / "d")
+    before = contents(tmp_path / "d")
+    (tmp_path / "d/photograph/c/0/0/0/x.partial").parent.mkdir(parents=True, exist_ok=True)
+    torn = tmp_path / "d/hidden/c/1/0/0/0.abc.partial"
+    torn.parent.mkdir(parents=True, exist_ok=True)
+    torn.write_bytes(b"half")
+    archive(tmp_path / "d")
+    assert contents(tmp_path / "d") == before
+
+
+def test_samples_of_other_attributes_are_neither_added_to_nor_believed(tmp_path):
+    filled(tmp_path / "d")
+    other = {**ATTRIBUTES, "configuration": {"seed": 2}}
+    with pytest.raises(OutputError, match=r"another data set \(configuration.seed 1, here 2\)"):
+        archive(tmp_path / "d", attributes=other)
+    # Even where the head was lost.
+    (tmp_path / "d/zarr.json").unlink()
+    with pytest.raises(OutputError, match="another data set, whose head is lost"):
+        archive(tmp_path / "d", attributes=other)
+
+
+@pytest.mark.parametrize("change", [{"of": "0" * 16}, {"samples": 9}, {"samples": -1}])
+@pytest.mark.parametrize("number", [0, 2])
+def test_mark_that_contradicts_the_head_is_made_anew(tmp_path, change, number):
+    filled(tmp_path / "d")
+    before = contents(tmp_path / "d")
+    mark = mark_of(tmp_path / "d", number)
+    mark.write_text(json.dumps({**json.loads(mark.read_text()), **change}))
+    assert list(archive(tmp_path / "d").unfinished()) == [number]
+    filled(tmp_path / "d")
+    assert contents(tmp_path / "d") == before
+
+
+def test_growth_that_is_stopped_leaves_no_mark_of_fewer_samples(tmp_path):
+    filled(tmp_path / "d", 7)
+    archive(tmp_path / "d", 9)
+    assert sorted(f.name for f in (tmp_path / "d/making/finished").iterdir()) == [
+        "00000000.json", "00000001.json",
+    ]  # fmt: skip
+
+
+def test_fewer_samples_of_the_same_blocks_are_refused_too(tmp_path):
+    filled(tmp_path / "d", 9)
+    with pytest.raises(OutputError, match="holds more than 8 samples"):
+        archive(tmp_path / "d", 8)
+
+
+def test_archive_without_samples_is_laid_out_anew_for_others(tmp_path):
+    archive(tmp_path / "d", 11)
+    other = {**ATTRIBUTES, "configuration": {"seed": 2}}
+    assert list(archive(tmp_path / "d", 7, other).unfinished()) == [0, 1, 2]
+
+
+def test_mark_that_names_not_every_variable_is_none(tmp_path):
+    made = filled(tmp_path / "d")
+    mark = mark_of(tmp_path / "d", 0)
+    record = json.loads(mark.read_text())
+    mark.write_text(json.dumps({**record, "crc32c": {}}))
+    assert not is_finished(tmp_path / "d", layout(), made.digest, 0)
+
+
+def test_leftovers_of_killed_runs_go_and_files_of_others_stay(tmp_path):
+    filled(tmp_path / "d")
+    before = contents(tmp_path / "d")
+    (tmp_path / "d/making/head/photograph").mkdir(parents=True)
+    (tmp_path / "d/making/head/zarr.json").write_text("x")
+    (tmp_path / "d/making/finished/.00000000-abc.json").write_text("x")
+    archive(tmp_path / "d")
+    assert contents(tmp_path / "d") == before
+    (tmp_path / "mine/making").mkdir(parents=True)
+    (tmp_path / "mine/thesis.partial").write_text("precious")
+    with pytest.raises(OutputError, match="not empty and no data set"):
+        check_place(tmp_path / "mine")
+
+
+def test_folder_in_the_place_of_a_chunk_is_told(tmp_path):
+    made = filled(tmp_path / "d")
+    mark_of(tmp_path / "d", 1).unlink()
+    file = file_of(tmp_path / "d", "sbr", 1, 1)
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(OutputError, match="remove what stands there"):
+        made.write(1, block(1))
+
+
+def test_write_that_fails_leaves_the_block_unmarked(tmp_path, monkeypatch):
+    made = filled(tmp_path / "d")
+    monkeypatch.setattr(
+        "periscopy_sim.dataset.archive.archive.checksum",
+        lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
+    )
+    with pytest.raises(OutputError, match="No space left"):
+        made.write(1, block(1))
+    monkeypatch.undo()
+    assert list(archive(tmp_path / "d").unfinished()) == [1]
+
+
+def test_places_of_other_things_are_refused_and_left_alone(tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError, match="is a file"):
+        check_place(tmp_path / "file")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/thesis.tex").write_text("x")
+    with pytest.raises(OutputError, match="is not empty and no data set"):
+        check_place(tmp_path / "full")
+    assert [file.name for file in (tmp_path / "full").iterdir()] == ["thesis.tex"]
+    check_place(tmp_path / "new")
+    (tmp_path / "empty").mkdir()
+    check_place(tmp_path / "empty")
+    filled(tmp_path / "d")
+    check_place(tmp_path / "d")
+
+
+def test_attributes_are_those_given_and_no_others_are_read(tmp_path):
+    filled(tmp_path / "d")
+    assert read_attributes(tmp_path / "d") == {**ATTRIBUTES, "count": 7}
+    with pytest.raises(DatasetError, match="no such data set"):
+        read_attributes(tmp_path / "none")
+    (tmp_path / "other").mkdir()
+    with pytest.raises(DatasetError, match="is no data set"):
+        read_attributes(tmp_path / "other")
+    for content in ("", "{}", "[]", json.dumps({"attributes": {"kind": "sweep", "count": 1}})):
+        (tmp_path / "other/zarr.json").write_text(content)
+        with pytest.raises(DatasetError, match="damaged, or of no data set"):
+            read_attributes(tmp_path / "other")
+
+
+def test_digest_is_of_everything_but_the_count():
+    one = digest_of({**ATTRIBUTES, "count": 5})
+    assert one == digest_of({**ATTRIBUTES, "count": 9}) == digest_of(ATTRIBUTES)
+    assert one != digest_of({**ATTRIBUTES, "configuration": {"seed": 2}})
+
+
+def test_block_is_finished_for_its_own_data_set_alone(tmp_path):
+    made = filled(tmp_path / "d")
+    assert is_finished(tmp_path / "d", layout(), made.digest, 0)
+    assert not is_finished(tmp_path / "d", layout(), "0" * 16, 0)
+    assert not is_finished(tmp_path / "d", layout(8), made.digest, 2)

@@ -1,0 +1,156 @@
+"""What photographs are made of, put together again from the parts that are kept."""
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.dataset.configuration.distributions import Quantity
+from periscopy_sim.dataset.making.draws import draw_clip
+from periscopy_sim.dataset.making.geometry import as_json, geometry_of, view_digest
+from periscopy_sim.dataset.making.samples import make_samples
+from periscopy_sim.errors import ConfigurationError
+
+INTERVAL = 4.9
+"""Standard deviations that one of 10⁶ normal draws exceeds."""
+
+
+@pytest.fixture(scope="module")
+def geometry(configured):
+    return geometry_of(as_json(configured()), 0)
+
+
+@pytest.fixture(scope="module")
+def block(configured, geometry):
+    return make_samples(configured(), geometry, {}, 0, 20)
+
+
+def noise_free(block, geometry):
+    A = geometry.transport.astype(np.float64)
+    f = block["hidden"].reshape(20, -1, 3)
+    signal = np.einsum("mn,knc->kmc", A, f) * geometry.scenario.channel_gain
+    signal = signal.reshape(block["photograph"].shape) * block["signal_scale"][:, None, None, None]
+    return signal, signal + block["background"]
+
+
+def test_photograph_is_scaled_transport_plus_background_plus_noise(block, geometry):
+    _, clean = noise_free(block, geometry)
+    for photograph, exact, snr in zip(block["photograph"], clean, block["snr"], strict=True):
+        noise = photograph - exact
+        σ = 10 ** (-snr / 20) * np.sqrt(np.mean(exact**2))
+        # Mean and mean square of n normal numbers; 20 samples, both sides: 1 in 25,000 seeds.
+        n = noise.size
+        assert abs(noise.mean()) < INTERVAL * σ / np.sqrt(n)
+        assert abs(noise.var() / σ**2 - 1) < INTERVAL * np.sqrt(2 / n)
+
+
+def test_signal_stands_to_the_background_as_asked(block, geometry):
+    signal, clean = noise_free(block, geometry)
+    lit = np.isfinite(block["sbr"])
+    assert 0 < lit.sum() < 20
+
+    def of_clips(values):
+        return values.reshape(10, 2, -1).mean(axis=(1, 2))
+
+    with np.errstate(divide="ignore"):
+        found = of_clips(signal) / of_clips(block["background"])
+    np.testing.assert_allclose(found, block["sbr"][::2], rtol=1e-5)
+    np.testing.assert_allclose(of_clips(clean), block["exposure"][::2], rtol=1e-5)
+    assert (block["background"][~lit] == 0).all()
+    assert (block["ambient"][~lit] == "none").all()
+
+
+def test_lamps_and_monitor_stay_as_they_are_throughout_a_clip(block):
+    for first in range(0, 20, 2):
+        assert block["signal_scale"][first] == block["signal_scale"][first + 1]
+        np.testing.assert_array_equal(block["background"][first], block["background"][first + 1])
+
+
+def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry):
+    bright = configured(photograph_type="float16", exposure=90, ambient=[{"kind": "none"}])
+    make_samples(bright, geometry, {}, 0, 2)
+    too_bright = bright.model_copy(update={"exposure": Quantity(value=1e6)})
+    with pytest.raises(ConfigurationError, match="do not fit float16"):
+        make_samples(too_bright, geometry, {}, 0, 2)
+
+
+def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):
+    for first, second in zip(range(0, 20, 2), range(1, 20, 2), strict=True):
+        for name in ("sbr", "snr", "exposure", "clip_number", "ambient", "hidden_kind", "geometry"):
+            assert block[name][first] == block[name][second]
+        assert block["frame"][[first, second]].tolist() == [0, 1]
+        noises = block["photograph"][[first, second]] - block["photograph"][[second, first]]
+        assert noises.any()
+        moves = block["hidden_kind"][first] == "moving"
+        still = np.array_equal(block["hidden"][first], block["hidden"][second])
+        assert still != moves
+    np.testing.assert_array_equal(
+        block["hidden"][4:6], draw_clip(configured(), 2).hidden.astype(np.float32)
+    )
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 2), (8, 12), (18, 20)])
+def test_sample_does_not_depend_on_its_neighbours(block, configured, geometry, start, stop):
+    alone = make_samples(configured(), geometry, {}, start, stop)
+    for name, values in alone.items():
+        np.testing.assert_array_equal(values, block[name][start:stop], err_msg=name)
+
+
+def test_photographs_are_clipped_where_they_saturate(configured, geometry):
+    free = make_samples(configured(), geometry, {}, 0, 4)["photograph"]
+    level = float(np.median(free))
+    found = make_samples(configured(saturation=level), geometry, {}, 0, 4)["photograph"]
+    np.testing.assert_array_equal(found, np.minimum(free, np.float32(level)))
+
+
+def test_half_precision_rounds_photographs_alone(configured, geometry):
+    single = make_samples(configured(), geometry, {}, 0, 2)
+    half = make_samples(configured(photograph_type="float16"), geometry, {}, 0, 2)
+    np.testing.assert_array_equal(half["photograph"], single["photograph"].astype(np.float16))
+    assert half["hidden"].dtype == np.float32
+
+
+def test_pictures_of_ambient_light_are_mixed_turned_and_coloured(configured, geometry):
+    scenario = geometry.scenario
+    shape = (*scenario.photograph_shape, 3)
+    pictures = np.random.default_rng(0).random((3, *shape)).astype(np.float32) + 0.1
+    entry = {"kind": "conditions", "names": ["overcast", "low_sun", "corridor"], "mixed": 2}
+    configuration = configured(ambient=[entry])
+    backgrounds = {view_digest(scenario): {0: pictures}}
+    block = make_samples(configuration, geometry, backgrounds, 0, 20)
+    turned = set()
+    for k in range(20):
+        expected = np.zeros(shape)
+        for which, weight, down, across in draw_clip(configuration, k // 2).ambient.mixture:
+            picture = pictures[which].astype(np.float64)
+            turned.add((down, across))
+            picture = np.flipud(picture) if down else picture
+            picture = np.fliplr(picture) if across else picture
+            expected += weight * picture / picture.mean()
+        found = block["background"][k].astype(np.float64)
+        np.testing.assert_allclose(found / found.mean(), expected / expected.mean(), rtol=1e-5)
+    assert len(turned) == 4
+
+
+def test_lamps_light_by_eq_4(configured, geometry):
+    entry = {"kind": "lamps", "number": 1, "across": 0.4, "away": 2.0, "up": -0.3, "tint": 0}
+    block = make_samples(configured(ambient=[entry]), geometry, {}, 0, 2)
+    expected = ps.point_light_backgrounds(geometry.scenario, np.array([[0.4, 2.0, -0.3]]))
+    found = block["background"][0].reshape(-1, 3)
+    for channel in found.T:
+        np.testing.assert_allclose(
+            channel / channel.mean(), expected[:, 0] / expected.mean(), rtol=1e-5
+        )
+
+
+def test_path_traced_photographs_agree_with_the_transport_matrix(configured):
+    settings = {"ambient": [{"kind": "none"}], "snr": 300, "exposure": 1}
+    traced = {"kind": "path-traced", "samples": 1024, "bounces": 1}
+    direct = {"kind": "direct", "samples": 256}
+    photographs = []
+    for light in (traced, direct):
+        configuration = configured(light=light, **settings)
+        geometry = geometry_of(as_json(configuration), 0)
+        photographs.append(make_samples(configuration, geometry, {}, 0, 4)["photograph"])
+    for one, other in zip(*photographs, strict=True):
+        assert np.linalg.norm(one - other) < 0.03 * np.linalg.norm(other)
+        assert not np.array_equal(one, other)

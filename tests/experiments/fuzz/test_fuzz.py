@@ -1,0 +1,113 @@
+"""Every reader on sound, hostile and damaged files: what is read is sound, the rest one line."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from experiments.fuzz.__main__ import Finding, Reader, damaged_cases, fuzz, keep, summary
+from experiments.fuzz.damage import damaged
+from experiments.fuzz.hostile_pictures import hostile_pictures
+from experiments.fuzz.hostile_texts import hostile_texts
+from experiments.fuzz.sound import Case, sound_cases
+from experiments.fuzz.worker import ACCEPTED, REFUSED
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the fuzzer reads /proc")
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return sound_cases()
+
+
+def defects(findings):
+    return [
+        f"{finding.case.reader}, {finding.case.kind}: {finding.verdict} {finding.detail[:200]}"
+        for finding in findings
+        if finding.is_defect
+    ]
+
+
+def test_sound_files_are_accepted_and_a_few_hundred_damaged_ones_are_no_trouble(sound):
+    kept = [case for case in sound if case.reader != "scene"]
+    cases = [*kept, *(c for c in damaged_cases(sound, 500, seed=3) if c.reader != "scene")]
+    findings = list(fuzz(cases, sound))
+    assert not defects(findings)
+    assert [f.case.kind for f in findings[: len(kept)] if f.verdict != ACCEPTED] == ["mat 7.3"]
+    assert sum(f.verdict == REFUSED for f in findings) > 200
+
+
+@pytest.mark.slow
+def test_hostile_files_and_twenty_thousand_damaged_ones_are_no_trouble(sound):
+    cases = [*hostile_pictures(), *hostile_texts(), *damaged_cases(sound, 20_000, seed=4)]
+    assert not defects(fuzz(cases, sound, processes=2))
+
+
+def test_same_seed_gives_the_same_damage_and_most_damage_changes_something(sound):
+    first, second = (list(damaged_cases(sound, 300, seed=5)) for _ in range(2))
+    assert first == second
+    assert first != list(damaged_cases(sound, 300, seed=6))
+    untouched = sum(any(case.files == other.files for other in sound) for case in first)
+    assert untouched < 0.1 * len(first)
+
+
+def test_damage_leaves_the_sound_case_as_it_was(sound):
+    case = next(case for case in sound if case.kind == "compressed npz")
+    before = dict(case.files)
+    for k in range(20):
+        damaged(case, sound, np.random.default_rng(k))
+    assert case.files == before
+
+
+TROUBLE = {
+    "raise KeyError('a\\nb')": "exception",
+    "warnings.warn('careful')": "warning",
+    "os._exit(3)": "crash",
+    "time.sleep(60)": "hang",
+    "bytearray(b'x') * (900 << 20)": "memory",
+    "raise MemoryError": "allocation",
+    "print('chatter', flush=True)": "output",
+    "raise PeriscopyError('x' * 10_000 * 0 + 'fine')": REFUSED,
+    "return [np.array([np.nan])]": "values",
+    "kept.append(open('/dev/null'))": "descriptors",
+    "return []": ACCEPTED,
+}
+
+
+@pytest.mark.parametrize(("code", "verdict"), TROUBLE.items())
+def test_every_kind_of_trouble_is_told(code, verdict, monkeypatch, tmp_path):
+    """A reader that misbehaves, in a worker of its own."""
+    script = (
+        "import os, sys, time, warnings, numpy as np\n"
+        "from experiments import fuzz_worker\n"
+        "from periscopy_sim.errors import PeriscopyError\n"
+        "kept = []\n"
+        f"def trouble(path):\n    {code}\n    return []\n"
+        "def reader(path):\n"
+        "    return [] if path.name == 'sound' else trouble(path)\n"
+        "fuzz_worker.readers = lambda: {'photograph': reader}\n"
+        "fuzz_worker.main()\n"
+    )
+    (tmp_path / "worker.py").write_text(script)
+    monkeypatch.setattr("experiments.fuzz.__main__.WORKER", (str(tmp_path / "worker.py"),))
+    if verdict == "hang":
+        monkeypatch.setattr("experiments.fuzz.__main__.LONGEST", 2.0)
+    monkeypatch.setenv("PYTHONPATH", ".")
+    sound = Case("photograph", "kind", {"sound": b""})
+    with Reader([sound]) as reader:
+        assert reader.read(Case("photograph", "kind", {"hostile": b""})).verdict == verdict
+        assert reader.read(sound).verdict == ACCEPTED
+
+
+def test_defects_are_kept_with_their_files_and_counted_by_class(tmp_path):
+    case = Case("scene", "kind", {"a.xml": b"<a/>", "b/c.ply": b"ply"})
+    findings = [Finding(case, "crash", f"ended with {k}", 0.1) for k in range(5)]
+    findings.append(Finding(case, REFUSED, "one line", 0.1))
+    classes = keep(findings, tmp_path)
+    assert list(classes.values()) == [5]
+    kept = sorted((tmp_path / "defects").iterdir())
+    assert len(kept) == 3
+    assert (kept[0] / "files" / "b" / "c.ply").read_bytes() == b"ply"
+    assert "crash" in (kept[0] / "finding.txt").read_text()
+    assert json.loads(json.dumps(summary(findings))) == {"scene": {"crash": 5, REFUSED: 1}}

@@ -1,0 +1,224 @@
+"""Animated pictures and contact sheets."""
+
+import struct
+import subprocess
+import sys
+import zlib
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from periscopy_sim.figures.animation import draw_animation
+from periscopy_sim.figures.contact_sheet import draw_contact_sheet, evenly_chosen
+
+METADATA = {"command": "periscopy video λ", "seed": "3"}
+# Linear 0.21404 is 0.5 in sRGB, 0.05127 is 0.25.
+COLOURS = np.array([[0.21404, 1, 0], [0, 0.05127, 1], [1, 0, 0.21404]])
+CODES = np.array([[127.5, 255, 0], [0, 63.8, 255], [255, 0, 127.5]])
+
+
+def plain(colour, shape=(4, 5)):
+    return np.broadcast_to(colour, (*shape, 3))
+
+
+def draw(path, frames, rate=16.0, titles=("left", "right")):
+    draw_animation(path, titles, frames, count=len(frames), rate=rate, metadata=METADATA)
+    with Image.open(path) as picture:
+        shown = [
+            (frame.info["duration"], np.asarray(frame.convert("RGB")).astype(int))
+            for frame in ImageSequence.Iterator(picture)
+        ]
+        return [pixels for _, pixels in shown], [duration for duration, _ in shown], picture
+
+
+def covers(pixels, code):
+    return np.abs(pixels - code).max(axis=2) <= 1
+
+
+def box(covered):
+    """First and last row and column of a filled rectangle."""
+    rows, columns = np.nonzero(covered)
+    found = (rows.min(), rows.max(), columns.min(), columns.max())
+    assert covered.sum() == (found[1] - found[0] + 1) * (found[3] - found[2] + 1)
+    return found
+
+
+@pytest.fixture
+def moments():
+    """Three moments of two panels of different shapes, their colours in turn."""
+    return [[plain(COLOURS[k]), plain(COLOURS[(k + 1) % 3], (12, 12))] for k in range(3)]
+
+
+def test_each_frame_shows_its_panels_side_by_side_in_srgb(moments, tmp_path):
+    shown, _, _ = draw(tmp_path / "a.png", moments)
+    assert len(shown) == 3
+    for k, pixels in enumerate(shown):
+        top, bottom, left, right = box(covers(pixels, CODES[k]))
+        assert (bottom - top + 1, right - left + 1) == (240, 300)
+        others = box(covers(pixels, CODES[(k + 1) % 3]))
+        assert (others[1] - others[0] + 1, others[3] - others[2] + 1) == (240, 240)
+        assert right < others[2] and (pixels[bottom + 1 :] == 255).all()
+        assert (pixels[:top].min(axis=2) < 100).any()  # the titles
+
+
+def test_patches_stay_square_upright_and_sharp(tmp_path):
+    image = np.zeros((2, 3, 3))
+    image[0, 0], image[1, 2] = COLOURS[:2]
+    shown, _, _ = draw(tmp_path / "a.png", [[image]], titles=[""])
+    first, last = box(covers(shown[0], CODES[0])), box(covers(shown[0], CODES[1]))
+    for top, bottom, left, right in (first, last):
+        assert bottom - top == right - left > 50
+    assert first[1] < last[0] and first[3] < last[2]
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ((126, 126), (252, 252)),
+        ((1008, 504), (240, 120)),
+        ((1, 400), (1, 400)),
+        ((1, 1), (240, 240)),
+    ],
+)
+def test_panel_of_any_shape_is_legible(shape, size, tmp_path):
+    shown, _, _ = draw(tmp_path / "a.png", [[plain(COLOURS[0], shape)]], titles=["t"])
+    top, bottom, left, right = box(covers(shown[0], CODES[0]))
+    assert (bottom - top + 1, right - left + 1) == size
+
+
+def test_large_image_is_averaged_down(tmp_path):
+    checker = np.indices((960, 960)).sum(axis=0)[..., None] % 2 * np.ones(3)
+    shown, _, _ = draw(tmp_path / "a.png", [[checker]], titles=[""])
+    grey = 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)  # half the light
+    assert covers(shown[0], grey).sum() == 240 * 240
+
+
+def test_long_title_has_room(tmp_path):
+    titles = ["a title far longer than this picture is wide, by all means", "b"]
+    pictures = [plain(COLOURS[0], (24, 2)), plain(COLOURS[1], (24, 2))]
+    shown, _, _ = draw(tmp_path / "a.png", [pictures], titles=titles)
+    dark = np.nonzero((shown[0][:34] < 128).all(axis=2).any(axis=0))[0]
+    assert dark.min() >= 5 and dark.max() < shown[0].shape[1] - 5
+    assert np.diff(dark).max() > 15  # between the two titles
+    assert dark.max() - dark.min() > 500
+
+
+@pytest.mark.parametrize("rate", [0.1, 16, 24, 29.97, 1000])
+def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_path):
+    _, durations, picture = draw(tmp_path / "a.png", moments, rate)
+    assert durations == pytest.approx([1000 / rate] * 3, rel=1e-4)
+    assert picture.info["loop"] == 0
+
+
+def test_metadata_is_in_the_picture(moments, tmp_path):
+    _, _, picture = draw(tmp_path / "a.png", moments)
+    assert METADATA.items() <= picture.info.items()
+
+
+def test_file_keeps_the_rules_of_animated_png(tmp_path):
+    noise = np.random.default_rng(0).random((3, 230, 460, 3))  # much data in each frame
+    draw(tmp_path / "a.png", [[image] for image in noise], titles=["t"])
+    content = (tmp_path / "a.png").read_bytes()
+    assert content[:8] == b"\x89PNG\r\n\x1a\n"
+    kinds, numbers, start = [], [], 8
+    while start < len(content):
+        (length,) = struct.unpack_from(">I", content, start)
+        kind, data = content[start + 4 : start + 8], content[start + 8 : start + 8 + length]
+        (checksum,) = struct.unpack_from(">I", content, start + 8 + length)
+        assert checksum == zlib.crc32(kind + data)
+        kinds.append(kind.decode())
+        if kind in (b"fcTL", b"fdAT"):
+            numbers.append(struct.unpack_from(">I", data)[0])
+        start += length + 12
+    assert kinds[0] == "IHDR" and kinds[-1] == "IEND" and kinds.count("IHDR") == 1
+    assert numbers == list(range(5))
+    order = [kind for kind, following in pairwise(kinds) if kind != following]
+    assert order[order.index("acTL") :] == ["acTL", *["fcTL", "IDAT"], *["fcTL", "fdAT"] * 2]
+
+
+def test_one_frame_is_a_picture(moments, tmp_path):
+    shown, _, picture = draw(tmp_path / "a.png", moments[:1])
+    assert len(shown) == 1 and picture.size == shown[0].shape[1::-1]
+
+
+@pytest.mark.parametrize("count", [0, 2, 4])
+def test_wrong_number_of_frames_leaves_nothing(count, moments, tmp_path):
+    with pytest.raises(ValueError, match=r"count is 0|got 3 frames"):
+        draw_animation(tmp_path / "a.png", "ab", moments, count=count, rate=16)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_are_drawn_as_they_come(moments, tmp_path):
+    sizes = []
+
+    def coming():
+        for moment in moments:
+            sizes.append(sum(file.stat().st_size for file in tmp_path.iterdir()))
+            yield moment
+
+    noise = np.random.default_rng(0).random((200, 200, 3))
+    moments = [[noise, noise]] * 3
+    draw_animation(tmp_path / "a.png", "ab", coming(), count=3, rate=16)
+    assert sizes[0] < 1000 < sizes[1] < sizes[2]
+
+
+def test_same_frames_give_the_same_bytes(moments, tmp_path):
+    for name in ("a.png", "b.png"):
+        draw(tmp_path / name, moments)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+# -- the contact sheet ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("count", "most"), [(1, 8), (2, 2), (7, 8), (8, 8), (9, 8), (1000, 8)])
+def test_chosen_numbers_are_evenly_spread_from_first_to_last(count, most):
+    chosen = evenly_chosen(count, most)
+    assert len(chosen) == min(count, most) and chosen[0] == 0 and chosen[-1] == count - 1
+    gaps = np.diff(chosen)
+    assert gaps.size == 0 or (gaps.min() >= 1 and np.ptp(gaps) <= 1)
+
+
+def test_sheet_shows_rows_beneath_each_other_and_frames_in_order(tmp_path):
+    rows = [
+        ("wide", [plain(0.8 * COLOURS[k]) for k in range(3)]),
+        ("square", [plain(COLOURS[k], (6, 6)) for k in range(3)]),
+    ]
+    path = tmp_path / "sheet.png"
+    labels = ["frame 0", "frame 1", "frame 2"], ["MSE 1", "MSE 2", "MSE 3"]
+    draw_contact_sheet(path, rows, titles=labels[0], notes=labels[1], metadata=METADATA)
+    with Image.open(path) as picture:
+        text, pixels = dict(picture.text), np.asarray(picture.convert("RGB")).astype(int)
+    assert METADATA.items() <= text.items()
+    boxes = []
+    for scale in (0.8, 1):
+        linear = scale * COLOURS
+        codes = 255 * np.where(
+            linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
+        )
+        boxes.append([box(covers(pixels, code)) for code in codes])
+    for line in boxes:
+        assert all(left[3] < right[2] for left, right in pairwise(line))
+        assert len({(top, bottom) for top, bottom, _, _ in line}) == 1
+    assert boxes[0][0][1] < boxes[1][0][0]
+    heights = [line[0][1] - line[0][0] + 1 for line in boxes]
+    widths = [line[0][3] - line[0][2] + 1 for line in boxes]
+    assert widths[0] / heights[0] == pytest.approx(5 / 4, rel=0.02)
+    assert widths[1] / heights[1] == pytest.approx(1, rel=0.02)
+    written = (pixels < 100).all(axis=2)
+    top, bottom, left = boxes[0][0][0], boxes[1][0][1], boxes[0][0][2]
+    for column in range(3):  # titles above, notes beneath
+        inside = slice(boxes[1][column][2], boxes[1][column][3])
+        assert written[:top, inside].any() and written[bottom + 1 :, inside].any()
+    assert written[:, :left].any()
+
+
+def test_import_brings_in_no_drawing_library():
+    script = (
+        "import sys, periscopy_sim.figures.animation, periscopy_sim.figures.contact_sheet\n"
+        "print(*{'mitsuba', 'scipy', 'matplotlib', 'PIL'} & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == ""

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.numerics.products import (
+    filter_rows,
+    subtract_combinations,
+    times_rows,
+)
+
+PRECISION = {np.float32: 1e-6, np.float64: 1e-14}
+
+
+def draw(*shapes, dtype=np.float32):
+    rng = np.random.default_rng(0)
+    return [rng.standard_normal(shape).astype(dtype) for shape in shapes]
+
+
+def assert_product(product, x, matrix):
+    exact = x.astype(np.float64) @ matrix.astype(np.float64).T
+    magnitude = np.abs(x).astype(np.float64) @ np.abs(matrix).astype(np.float64).T
+    assert product.dtype == x.dtype and product.shape == exact.shape
+    assert (np.abs(product - exact) <= PRECISION[x.dtype.type] * magnitude).all()
+
+
+@pytest.mark.parametrize("dtype", PRECISION)
+@pytest.mark.parametrize("vectors", [1, 3, 4, 24])
+@pytest.mark.parametrize("rows", [1, 3, 4, 5, 7, 8, 41])
+@pytest.mark.parametrize("columns", [1, 17, 1024, 2500])
+def test_products_with_rows_are_exact_to_rounding(dtype, vectors, rows, columns):
+    x, matrix = draw((vectors, columns), (rows, columns), dtype=dtype)
+    assert_product(times_rows(x, matrix), x, matrix)
+
+
+@pytest.mark.parametrize("vectors", [3, 6])
+@pytest.mark.parametrize("size", [2, 4, 5, 7, 8, 61, 1030, 2051])
+def test_what_is_left_of_an_upper_triangles_diagonal_does_not_count(vectors, size):
+    x, matrix = draw((vectors, size), (size, size), dtype=np.float64)
+    matrix = np.triu(matrix)
+    assert_product(times_rows(x, matrix, upper=True), x, matrix)
+
+
+def test_sums_are_of_the_vectors_precision_where_the_matrix_has_less():
+    x, matrix = draw((3, 700), (61, 700), dtype=np.float64)
+    matrix = matrix.astype(np.float32)
+    assert_product(times_rows(x, matrix), x, matrix)
+
+
+@pytest.mark.parametrize("vectors", [3, 24])
+def test_large_products_on_threads_are_the_same_every_time(vectors):
+    x, matrix = draw((vectors, 5000), (403, 5000))
+    first = times_rows(x, matrix)
+    assert_product(first, x, matrix)
+    for _ in range(20):
+        np.testing.assert_array_equal(times_rows(x, matrix), first)
+
+
+@pytest.mark.parametrize("vectors", [3, 6, 24])
+@pytest.mark.parametrize("rows", [0, 1, 3, 4, 9, 44])
+@pytest.mark.parametrize("columns", [1, 17, 1024, 2500])
+def test_combinations_of_rows_are_subtracted(vectors, rows, columns):
+    x, coefficients, matrix = draw(
+        (vectors, columns), (vectors, rows), (rows, columns), dtype=np.float64
+    )
+    expected = x - coefficients @ matrix
+    subtract_combinations(x, coefficients, matrix)
+    np.testing.assert_allclose(x, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("upper", [False, True])
+def test_products_of_three_vectors_are_the_same_bytes_among_many(upper):
+    x, matrix = draw((24, 3100), (3100, 3100), dtype=np.float32)
+    matrix = np.triu(matrix) if upper else matrix[:41].copy()
+    among_many = times_rows(x, matrix, upper=upper)
+    for k in range(0, 24, 3):
+        alone = times_rows(x[k : k + 3].copy(), matrix, upper=upper)
+        np.testing.assert_array_equal(alone, among_many[k : k + 3])
+
+
+@pytest.mark.parametrize("dtype", PRECISION)
+@pytest.mark.parametrize("vectors", [1, 3])
+@pytest.mark.parametrize("rows", [0, 1, 3, 4, 9, 44])
+@pytest.mark.parametrize("columns", [1, 17, 1044])
+def test_rows_are_combined_by_filtered_products(dtype, vectors, rows, columns):
+    x, matrix, gain, offset = draw(
+        (vectors, columns), (rows, columns), (vectors, rows), (vectors, rows), dtype=dtype
+    )
+    found = filter_rows(x, matrix, gain, offset)
+    x, matrix, gain, offset = (array.astype(np.float64) for array in (x, matrix, gain, offset))
+    exact = (gain * (x @ matrix.T) + offset) @ matrix
+    size = (np.abs(gain) * (np.abs(x) @ np.abs(matrix).T) + np.abs(offset)) @ np.abs(matrix)
+    assert found.dtype == dtype
+    assert (np.abs(found - exact) <= PRECISION[dtype] * size).all()

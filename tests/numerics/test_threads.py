@@ -1,0 +1,180 @@
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from periscopy_sim.numerics import threads
+from periscopy_sim.numerics.threads import core_count, in_parallel, ranges
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def four_cores(monkeypatch):
+    monkeypatch.setattr(threads, "core_count", lambda: 4)
+    threads._started_executor.cache_clear()
+    yield
+    threads._executor().shutdown()
+    threads._started_executor.cache_clear()
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_results_come_in_the_order_of_the_items():
+    assert in_parallel(lambda x: x * x, range(100)) == [x * x for x in range(100)]
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_calls_overlap():
+    # Passed only when four calls wait at once.
+    barrier = threading.Barrier(4, timeout=20)
+    assert sorted(in_parallel(lambda _: barrier.wait(), range(4))) == [0, 1, 2, 3]
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_threads_are_kept():
+    names = set()
+    for _ in range(5):
+        names.update(in_parallel(lambda _: threading.current_thread().name, range(20)))
+    assert len(names) <= 4
+    assert threading.current_thread().name not in names
+
+
+@pytest.mark.usefixtures("four_cores")
+@pytest.mark.parametrize("items", [[], [3]])
+def test_a_single_item_stays_on_the_calling_thread(items):
+    here = threading.current_thread()
+    assert in_parallel(lambda _: threading.current_thread(), items) == [here] * len(items)
+
+
+def test_one_core_stays_on_the_calling_thread(monkeypatch):
+    monkeypatch.setattr(threads, "core_count", lambda: 1)
+    here = threading.current_thread()
+    assert in_parallel(lambda _: threading.current_thread(), range(5)) == [here] * 5
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_a_call_from_within_a_thread_does_not_wait_for_itself():
+    def outer(x):
+        return sum(in_parallel(lambda y: x * y, range(5)))
+
+    assert in_parallel(outer, range(50)) == [10 * x for x in range(50)]
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_the_first_failure_propagates_and_the_threads_survive():
+    def fail(x):
+        if x >= 3:
+            raise ArithmeticError(f"item {x}")
+        return x
+
+    with pytest.raises(ArithmeticError, match="item 3"):
+        in_parallel(fail, range(8))
+    assert in_parallel(fail, range(3)) == [0, 1, 2]
+
+
+def test_cores_are_those_that_the_process_may_use():
+    if not hasattr(os, "sched_getaffinity"):
+        pytest.skip("this system has no processor affinity")
+    script = (
+        "import os; from periscopy_sim.numerics.threads import core_count; "
+        "os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); print(core_count())"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert result.stdout == "1\n"
+    assert core_count() == len(os.sched_getaffinity(0))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_forked_process_starts_threads_of_its_own():
+    # Also from one of the threads, which in the child is the only one.
+    script = """
+import os, signal, sys, warnings
+from periscopy_sim.numerics import threads
+warnings.simplefilter("ignore")  # newer Pythons discourage forking with threads
+threads.core_count = lambda: 2
+square = lambda x: x * x
+assert threads.in_parallel(square, range(9)) == [x * x for x in range(9)]
+def forked(_):
+    child = os.fork()
+    if child == 0:
+        signal.alarm(20)
+        here = threads.threading.current_thread()
+        works = threads.in_parallel(square, range(9)) == [x * x for x in range(9)]
+        workers = threads.in_parallel(lambda _: threads.threading.current_thread(), range(9))
+        os._exit(0 if works and here not in workers else 3)
+    return os.waitpid(child, 0)[1]
+statuses = [forked(0), *threads.in_parallel(forked, range(2))]
+print(statuses)
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        timeout=90,
+    )
+    assert result.stdout == "[0, 0, 0]\n"
+
+
+@pytest.mark.usefixtures("four_cores")
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 100, 1001])
+def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count):
+    parts = ranges(count)
+    assert [n for start, stop in parts for n in range(start, stop)] == list(range(count))
+    sizes = [stop - start for start, stop in parts]
+    assert all(size > 0 for size in sizes)
+    assert max(sizes, default=0) - min(sizes, default=0) <= 1
+    assert len(parts) <= 16
+
+
+def test_callers_at_once_share_one_set_of_threads(monkeypatch):
+    started = []
+
+    def slow_pool(*arguments, **settings):
+        time.sleep(0.05)  # long enough for the others to come
+        started.append(ThreadPoolExecutor(*arguments, **settings))
+        return started[-1]
+
+    monkeypatch.setattr(threads, "ThreadPoolExecutor", slow_pool)
+    monkeypatch.setattr(threads, "core_count", lambda: 2)
+    threads._started_executor.cache_clear()
+    callers = [threading.Thread(target=threads.in_parallel, args=(abs, [1, -2])) for _ in range(4)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    threads._started_executor.cache_clear()
+    assert len(started) == 1
+    started[0].shutdown()
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 50])
+def test_results_computed_ahead_come_in_order(count):
+    assert list(threads.ahead(lambda k: k * k, range(count))) == [k * k for k in range(count)]
+
+
+@pytest.mark.usefixtures("four_cores")
+def test_only_a_few_are_computed_ahead_of_who_takes_them():
+    called = []
+    results = threads.ahead(called.append, range(100))
+    next(results)
+    time.sleep(0.05)
+    assert len(called) <= 6  # four threads' worth, one more, and the one that followed
+    results.close()
+    time.sleep(0.05)
+    assert len(called) <= 6
+
+
+def test_error_comes_in_the_place_of_its_result():
+    results = threads.ahead(lambda k: 1 // (k - 2), range(5))
+    assert [next(results), next(results)] == [-1, -1]
+    with pytest.raises(ZeroDivisionError):
+        next(results)

@@ -1,0 +1,259 @@
+"""Defective pixels planted in photographs are found, and what is sound is left alone."""
+
+from math import erfc, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from periscopy_sim.measurement import Sensor
+from periscopy_sim.photographs.defects import defective_pixels
+from periscopy_sim.storage.formats.srgb import srgb_decode
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
+ROWS, COLUMNS = 90, 110
+DOWN, ACROSS = np.meshgrid(np.linspace(-1, 1, ROWS), np.linspace(-1, 1, COLUMNS), indexing="ij")
+WALLS = {
+    "lamp": 1 / ((ACROSS - 0.3) ** 2 + (DOWN - 1.5) ** 2 + 1) ** 1.5,
+    "ridge": 1 - 0.5 * ACROSS**2,
+    "hill": 1 - 0.3 * (ACROSS**2 + DOWN**2),
+    "spot": np.exp(-5 * (ACROSS**2 + DOWN**2)),
+    "slope": 1 + 0.4 * ACROSS + 0.1 * DOWN,
+    "steps": np.where(ACROSS > 0, 0.5, 1) * np.where(DOWN > 0.3, 0.2, 1) * (1 + 0.05 * DOWN),
+    "flat": np.ones((ROWS, COLUMNS)),
+}
+COLOUR = np.array([1.0, 0.8, 0.6])
+
+
+def photograph(wall="lamp", noise=0.01, seed=0):
+    light = WALLS[wall] / WALLS[wall].max()
+    return light[..., None] * COLOUR + np.random.default_rng(seed).normal(
+        0, noise, (ROWS, COLUMNS, 3)
+    )
+
+
+def counts(values, *rest):
+    found = defective_pixels(values, *rest)
+    return [int(kind.sum()) for kind in (found.saturated, found.dead, found.hot)]
+
+
+# -- what is sound -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wall", WALLS)
+@pytest.mark.parametrize("noise", [0, 1e-5, 1e-3, 0.01, 0.05])
+def test_walls_in_light_have_no_defects(wall, noise):
+    for seed in range(3):
+        assert counts(photograph(wall, noise, seed)) == [0, 0, 0]
+
+
+@pytest.mark.parametrize("wall", WALLS)
+@pytest.mark.parametrize("top", [30, 200, 255, 3000, 4095, 50_000])
+def test_quantized_walls_have_no_defects(wall, top):
+    for noise in (0, 0.1 / top, 0.5 / top, 1 / top, 5 / top):
+        y = np.round(0.93 * top * photograph(wall, noise, seed=1))
+        assert counts(y) == [0, 0, 0], noise
+    encoded = np.round(220 * np.clip(photograph(wall, 0.003), 0, 1)) / 255
+    assert counts(srgb_decode(encoded)) == [0, 0, 0]
+
+
+@pytest.mark.parametrize("black_level", [0.3, 0.6, 1.0, 1.3])
+def test_subtracted_black_levels_are_no_dead_pixels(black_level):
+    for wall in ("lamp", "slope", "flat"):
+        for noise in (0, 1e-3, 0.02):
+            y = photograph(wall, noise) - black_level
+            assert counts(y) == counts(np.maximum(y, 0)) == [0, 0, 0]
+
+
+@pytest.mark.parametrize("electrons", [3, 30, 1000, 5000])
+def test_a_sensors_photographs_have_no_defects(electrons):
+    sensor = Sensor(electrons, read_noise=2.5, full_well=100_000, bit_depth=12)
+    assert counts(sensor.expose(photograph(noise=0), seed=1).values) == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((5, 6, 3)),
+        np.ones((5, 6, 3)),
+        np.full((4, 4), np.nan),
+        np.ones((1, 1, 3)),
+        np.arange(7.0)[None, :, None],
+        np.indices((8, 8)).sum(axis=0) % 2 * 255,
+        np.where(np.indices((30, 30)).sum(axis=0) > 30, 1.0, 0.0),
+        np.random.default_rng(0).integers(0, 256, (90, 90, 3)).astype(np.uint8),
+    ],
+)
+def test_flat_small_and_black_and_white_images_have_no_defects(values):
+    assert counts(values) == [0, 0, 0]
+
+
+def test_gaussian_noise_is_called_hot_no_more_often_than_stated():
+    """At 3 standard deviations 365 of 270,000 are expected, give or take 19: five of them below."""
+    noise = np.random.default_rng(1).normal(0, 1, (300, 300, 3))
+    tail = erfc(3 / sqrt(2)) / 2
+    single = [
+        defective_pixels(channel, threshold=3).hot.sum() for channel in np.moveaxis(noise, 2, 0)
+    ]
+    assert 0.4 * noise.size * tail < sum(single) < noise.size * tail + 5 * sqrt(noise.size * tail)
+    assert counts(noise) == counts(100 + 0.1 * noise) == [0, 0, 0]
+
+
+@pytest.mark.skipif(not SHARED.is_file(), reason="the real photograph is not at hand")
+def test_real_photograph_is_sound_whatever_black_level_is_subtracted():
+    y = np.load(SHARED)["photograph"]
+    for part in (0, 1, 10, 30, 50, 63, 77, 90):
+        assert counts(y - part * y.max() / 100) == counts(y - np.percentile(y, part)) == [0, 0, 0]
+    for top in (63, 255, 4095, 65_535):
+        assert counts(np.round(top / y.max() * y)) == [0, 0, 0]
+
+
+# -- what is defective ---------------------------------------------------------------------------
+
+PLACES = [(0, 0), (0, 40), (17, 109), (50, 3), (50, 60), (89, 109)]
+
+
+def planted(value, wall="slope", noise=0.01, channel=1):
+    y = photograph(wall, noise)
+    for row, column in PLACES:
+        y[row, column, channel] = value
+    return y
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+@pytest.mark.parametrize("value", [0.0, -0.02])
+def test_dead_pixels_of_one_channel_are_found(channel, value):
+    found = defective_pixels(planted(value, channel=channel))
+    assert [tuple(place) for place in np.argwhere(found.dead)] == PLACES
+    assert not found.saturated.any() and not found.hot.any()
+
+
+@pytest.mark.parametrize("noise", [0, 1e-3, 0.01, 0.03])
+def test_hot_pixels_are_found_and_where(noise):
+    y = photograph("slope", noise)
+    for k, (row, column) in enumerate(PLACES):
+        y[row, column, k % 3] *= 3 + 0.1 * k
+    found = defective_pixels(y)
+    assert [tuple(place) for place in np.argwhere(found.hot)] == PLACES
+    assert not found.saturated.any() and not found.dead.any()
+
+
+def test_hot_pixels_of_a_constant_image_are_found():
+    y = np.ones((20, 30))
+    y[4, 5], y[10, 20] = 50, 100
+    found = defective_pixels(y)
+    assert np.argwhere(found.hot).tolist() == [[4, 5], [10, 20]]
+
+
+def test_a_dead_line_is_found_and_a_black_area_is_not():
+    y = photograph("slope")
+    y[:, 30] = 0
+    y[40:50, 60:70] = 0
+    found = defective_pixels(y)
+    assert found.dead[:, 30].all() and found.dead.sum() == ROWS
+    assert not found.hot.any()
+
+
+def test_bright_lines_and_corners_are_no_hot_pixels():
+    y = photograph()
+    y[20:40, 20:40] *= 5
+    y[60, 10:80] *= 5
+    found = defective_pixels(y)
+    assert found.hot.sum() <= 2  # the ends of the line alone
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16, None])
+@pytest.mark.parametrize("part", [0.01, 0.05, 0.3])
+def test_clipped_light_is_saturated(bits, part):
+    y = photograph(noise=0.01)
+    full = np.quantile(y[..., 0], 1 - part)
+    y = y / full if bits is None else np.round((2**bits - 1) / full * y)
+    top = 1.0 if bits is None else 2**bits - 1
+    found = defective_pixels(np.minimum(y, top))
+    np.testing.assert_array_equal(found.saturated, (y >= top).any(axis=2))
+    assert found.saturated.mean() > 0.5 * part
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.37, 1e-6, 1e9])
+def test_unit_and_black_level_of_the_photograph_do_not_matter(gain):
+    y = np.minimum(planted(0.0), 0.7)
+    y[30, 30] = [0.1, 3, 0.1]
+    y[:, :, 1] = np.minimum(y[:, :, 1], 0.4)
+    assert counts(gain * y) == counts(y)
+    assert counts(y)[0] > 100 and counts(y)[1] == len(PLACES)
+
+
+def test_a_saturated_socket_amid_a_dim_wall_is_found():
+    y = np.round(180 * photograph(noise=0))
+    y[3:7, 4:8] = 255
+    found = defective_pixels(y)
+    assert found.saturated[3:7, 4:8].all() and found.saturated.sum() == 16
+
+
+def test_a_saturated_pixel_is_not_counted_as_hot_too():
+    y = planted(9.0)
+    assert counts(y) == [len(PLACES), 0, 0]
+    y[PLACES[2]] = 9.001
+    assert counts(y) == [0, 0, len(PLACES)]
+
+
+@pytest.mark.parametrize("read_noise", [0.5, 2.5, 20.0])
+def test_a_sensors_full_well_is_found(read_noise):
+    light = photograph(noise=0)
+    sensor = Sensor(5000, read_noise=read_noise, full_well=10_000, bit_depth=12)
+    exposure = sensor.expose(light, seed=3, reference=light.mean() / 1.5)
+    found = defective_pixels(exposure.values)
+    assert exposure.saturated.max() > 300
+    assert found.saturated.sum() > 0.4 * exposure.saturated.max()
+    assert not found.dead.any() and not found.hot.any()
+
+
+# -- masks and forms -----------------------------------------------------------------------------
+
+
+def test_what_is_masked_or_not_finite_is_left_aside():
+    y, mask = planted(0.0), np.ones((ROWS, COLUMNS), bool)
+    y[60:70, 60:80] = 1e6
+    y[5, 5:9] = np.nan
+    mask[60:70, 60:80] = False
+    mask[tuple(np.transpose(PLACES))] = False
+    assert counts(y, mask) == [0, 0, 0]
+    mask[PLACES[3]] = True
+    assert counts(y, mask) == [0, 1, 0]
+    y[~mask] = np.inf
+    assert counts(y, mask) == [0, 1, 0]
+
+
+def test_one_row_is_enough_to_tell():
+    y, mask = planted(0.0), np.zeros((ROWS, COLUMNS), bool)
+    mask[50] = True
+    found = defective_pixels(y, mask)
+    assert np.argwhere(found.dead).tolist() == [[50, 3], [50, 60]]
+
+
+@pytest.mark.parametrize("dtype", [">f4", ">f8", "<f4"])
+def test_form_of_the_array_does_not_matter(dtype):
+    y = np.minimum(planted(0.0), 0.7).astype(dtype)
+    assert counts(np.asfortranarray(y)) == counts(y.astype(np.float64))
+    assert counts(y[..., 1]) == counts(y[..., 1:2])
+    assert counts(y)[0] > 100 and counts(y)[1] == len(PLACES)
+
+
+def test_text_tells_how_many_and_where_the_first_is():
+    y = planted(0.0)
+    y[0, 0], y[0, 40] = y[1, 1], y[1, 41]
+    y[70, 70] = 5
+    text = "0 saturated, 4 dead and 1 hot pixels, the first in row 17, column 109"
+    assert str(defective_pixels(y)) == text
+    assert str(defective_pixels(np.ones((4, 4)))) == "0 saturated, 0 dead and 0 hot pixels"
+    assert defective_pixels(y).any_kind.sum() == 5
+
+
+def test_what_is_no_photograph_is_refused():
+    with pytest.raises(ValueError, match="shape"):
+        defective_pixels(np.ones(5))
+    with pytest.raises(ValueError, match=r"mask has shape \(4, 5\)"):
+        defective_pixels(np.ones((5, 4, 3)), np.ones((4, 5), bool))
+    for threshold in (0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="threshold"):
+            defective_pixels(np.ones((5, 4, 3)), threshold=threshold)

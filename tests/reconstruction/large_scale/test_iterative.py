@@ -1,0 +1,159 @@
+"""The hidden image by iterations, against the exact preconditioner and the dense problem."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+
+PHOTOGRAPH, HIDDEN = (20, 21), (5, 6)
+M, N = 420, 30
+GAIN = np.array([1.2, 1.0, 0.8])
+
+
+def transport(seed=0):
+    """A positive matrix, whose singular values fall by a hundred beside the uniform one."""
+    rng = np.random.default_rng(seed)
+    U, _ = np.linalg.qr(rng.normal(size=(M, N)))
+    V, _ = np.linalg.qr(rng.normal(size=(N, N)))
+    return ((U * np.geomspace(1, 1e-2, N)) @ V.T + 0.5).astype(np.float32)
+
+
+A = transport()
+B = np.random.default_rng(1).random((M, 3))
+EDGE = np.where(np.arange(6) < 3, 0.9, 0.1)[None, :, None] * np.array([1.0, 0.6, 0.3])
+TRUTH = np.broadcast_to(EDGE, (*HIDDEN, 3))
+
+
+def photograph(noise=1e-3, seed=2):
+    rng = np.random.default_rng(seed)
+    y = A @ TRUTH.reshape(N, 3) + B @ rng.random((3, 3)) + noise * rng.normal(size=(M, 3))
+    return y.reshape(*PHOTOGRAPH, 3)
+
+
+class Blocks:
+    shape = A.shape
+
+    def row_blocks(self):
+        yield slice(0, 100), A[:100]
+        yield slice(100, M), A[100:]
+
+
+def test_without_total_variation_it_is_the_exact_preconditioner():
+    y = photograph()
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tv_weight=0, tolerance=1e-12)
+    exact = form_preconditioner(A, B).apply(y.reshape(M, 3)).reshape(*HIDDEN, 3)
+    solved = periscope.solve(y)
+    assert np.linalg.norm(solved.image - exact) < 1e-7 * np.linalg.norm(exact)
+    assert solved.converged and solved.iterations[1] == 0 and not solved.weight.any()
+    np.testing.assert_array_equal(solved.image, solved.least_squares)
+
+
+def test_noise_weight_and_residual_are_those_of_the_dense_problem():
+    y = photograph().reshape(M, 3)
+    solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, tv_weight=0.02).solve(y)
+    Q = background_basis(B)
+    dense = A - Q @ (Q.T @ A)
+    # About 390 degrees of freedom: 4 standard errors are 14 %, and early stopping leaves signal.
+    np.testing.assert_allclose(solved.noise, 1e-3, rtol=0.2)
+    expected = 0.02 * solved.noise * np.linalg.norm(dense)
+    np.testing.assert_allclose(solved.weight, expected, rtol=1e-6)
+    left = y - Q @ (Q.T @ y) - dense @ solved.image.reshape(N, 3)
+    residual = np.linalg.norm(left, axis=0) / np.sqrt(M - 3)
+    np.testing.assert_allclose(solved.residual, residual, rtol=1e-6)
+
+
+def test_total_variation_recovers_an_edge_that_noise_hides_from_least_squares():
+    solved = IterativePeriscope(A, B, hidden_shape=HIDDEN).solve(photograph())
+    exact = form_preconditioner(A, B).apply(photograph().reshape(M, 3)).reshape(*HIDDEN, 3)
+    error = np.linalg.norm(solved.image - TRUTH)
+    assert error < 0.25 * np.linalg.norm(exact - TRUTH)
+    assert error < 0.1 * np.linalg.norm(TRUTH)
+    assert solved.converged and solved.change <= 1e-4
+
+
+def test_any_amount_of_background_light_gives_the_same_image():
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tolerance=1e-8)
+    y = photograph()
+    light = (B @ np.random.default_rng(3).random((3, 3))).reshape(y.shape)
+    difference = periscope.reconstruct(y + 100 * light) - periscope.reconstruct(y)
+    assert np.abs(difference).max() < 1e-3
+
+
+def test_image_follows_the_unit_of_the_photograph():
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN)
+    image = periscope.reconstruct(photograph())
+    np.testing.assert_allclose(periscope.reconstruct(1e3 * photograph()), 1e3 * image, atol=1e-2)
+
+
+def test_a_coloured_wall_gives_the_image_of_a_grey_one():
+    settings = {"hidden_shape": HIDDEN, "tolerance": 1e-8}
+    grey = IterativePeriscope(A, B, **settings).reconstruct(photograph())
+    coloured = IterativePeriscope(A, B, channel_gain=GAIN, **settings)
+    np.testing.assert_allclose(coloured.reconstruct(GAIN * photograph()), grey, atol=1e-3)
+
+
+def test_without_backgrounds_it_is_least_squares_with_total_variation_for_a():
+    y = (A @ TRUTH.reshape(N, 3)).reshape(*PHOTOGRAPH, 3)
+    noise = 1e-4 * np.random.default_rng(4).normal(size=y.shape)
+    image = IterativePeriscope(A, hidden_shape=HIDDEN).reconstruct(y + noise)
+    assert np.linalg.norm(image - TRUTH) < 0.1 * np.linalg.norm(TRUTH)
+
+
+def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
+    np.save(tmp_path / "A.npy", A)
+    mapped = np.load(tmp_path / "A.npy", mmap_mode="r")
+    from_array, from_map, from_blocks = (
+        IterativePeriscope(kind, B, hidden_shape=HIDDEN).reconstruct(photograph())
+        for kind in (A, mapped, Blocks())
+    )
+    np.testing.assert_array_equal(from_map, from_array)
+    np.testing.assert_allclose(from_blocks, from_array, atol=1e-3)
+
+
+def test_a_scene_gives_sizes_and_colour():
+    scene = SimpleNamespace(photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, channel_gain=GAIN)
+    periscope = IterativePeriscope.for_scene(scene, A, B, tv_weight=0.03)
+    assert periscope.tv_weight == 0.03
+    by_hand = IterativePeriscope(A, B, hidden_shape=HIDDEN, channel_gain=GAIN, tv_weight=0.03)
+    y = photograph()
+    np.testing.assert_array_equal(periscope.reconstruct(y), by_hand.reconstruct(y))
+    with pytest.raises(ValueError, match="21x20 pixels"):
+        periscope.reconstruct(y.swapaxes(0, 1))
+
+
+@pytest.mark.parametrize("tv_weight", [0, 0.015])
+def test_iterations_that_do_not_suffice_are_said_to(tv_weight):
+    periscope = IterativePeriscope(
+        A, B, hidden_shape=HIDDEN, tv_weight=tv_weight, tolerance=1e-9, max_iterations=3
+    )
+    with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
+        solved = periscope.solve(photograph())
+    assert not solved.converged and solved.change > 1e-9
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"tv_weight": -1}, "tv_weight is -1"),
+        ({"tv_weight": np.inf}, "tv_weight is inf"),
+        ({"tolerance": 0}, "tolerance is 0"),
+        ({"max_iterations": 0}, "max_iterations is 0"),
+        ({"hidden_shape": (5, 7)}, "5x7 patches does not fit A's 30 columns"),
+        ({"channel_gain": np.zeros(3)}, "channel gains"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        IterativePeriscope(A, B, **{"hidden_shape": HIDDEN, **settings})
+
+
+def test_a_photograph_that_does_not_fit_is_refused():
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN)
+    with pytest.raises(ValueError, match="A has 420 rows"):
+        periscope.reconstruct(np.ones((19, 21, 3)))
+    with pytest.raises(ValueError, match="finite"):
+        periscope.reconstruct(np.full((*PHOTOGRAPH, 3), np.nan))

@@ -1,0 +1,204 @@
+"""The noise-aware method against brute-force minimization of its objective."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.preconditioned.still import Periscope
+
+HIDDEN = (4, 5)
+PHOTOGRAPH = (12, 15)
+RNG = np.random.default_rng(0)
+A = RNG.random((180, 20)) + 0.1
+B = RNG.random((180, 4))
+TRUTH = np.zeros((*HIDDEN, 3))
+TRUTH[1:3, 1:4] = (0.9, 0.5, 0.2)
+SIGNAL = (A @ TRUTH.reshape(-1, 3) + 2 * B @ RNG.random((4, 3))).reshape(*PHOTOGRAPH, 3)
+NOISE = np.array([0.05, 0.1, 0.2])
+
+
+def photograph(seed=0):
+    return SIGNAL + NOISE * np.random.default_rng(seed).standard_normal(SIGNAL.shape)
+
+
+def projected():
+    Q = np.linalg.qr(B)[0]
+    return A - Q @ (Q.T @ A), Q
+
+
+def gradient(f):
+    image = f.reshape(*HIDDEN, 3)
+    down = np.diff(image, axis=0, append=image[-1:])
+    across = np.diff(image, axis=1, append=image[:, -1:])
+    return down, across
+
+
+def objective(f, y, noise, weight, smoothing=0.0):
+    rejected, Q = projected()
+    left = rejected @ f.reshape(-1, 3) - (y - Q @ (Q.T @ y))
+    squares = sum((part**2).sum(axis=2) for part in gradient(f))
+    variation = np.sqrt(squares + smoothing**2) - smoothing
+    return np.sum(left**2 / noise**2) + weight * variation.sum()
+
+
+def brute_force(y, noise, weight, positive):
+    """Quasi-Newton steps on a total variation rounded off a little, in ever sharper stages."""
+    f = np.full(60, 0.1)
+    bounds = [(0, None)] * 60 if positive else None
+    for smoothing in (1e-1, 1e-2, 1e-3, 1e-4):
+        f = minimize(
+            objective, f, (y, noise, weight, smoothing), "L-BFGS-B", bounds=bounds,
+            options={"maxiter": 20_000, "maxfun": 10**6, "ftol": 1e-15, "gtol": 1e-9},
+        ).x  # fmt: skip
+    return f.reshape(*HIDDEN, 3)
+
+
+@pytest.mark.parametrize("positive", [True, False])
+@pytest.mark.parametrize("tv_weight", [0.01, 0.1])
+def test_image_minimizes_the_penalized_likelihood(positive, tv_weight):
+    y = photograph()
+    method = NoiseAware(
+        A, B, hidden_shape=HIDDEN, tv_weight=tv_weight, positive=positive, tolerance=1e-6,
+        max_iterations=20_000,
+    )  # fmt: skip
+    found = method.solve(y)
+    expected = brute_force(y.reshape(-1, 3), found.noise, found.weight, positive)
+    arguments = (y.reshape(-1, 3), found.noise, found.weight)
+    least = objective(expected.ravel(), *arguments)
+    assert objective(found.image.ravel(), *arguments) < least * (1 + 1e-4)
+    assert np.abs(found.image - expected).max() < 0.01 * np.abs(expected).max()
+    assert (found.image >= 0).all() == positive
+
+
+def test_default_tolerance_is_near_the_minimum():
+    y = photograph()
+    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    found = method.solve(y)
+    exact = NoiseAware(A, B, hidden_shape=HIDDEN, tolerance=1e-6, max_iterations=20_000).solve(y)
+    assert found.converged and found.iterations < exact.iterations
+    assert np.linalg.norm(found.image - exact.image) < 0.02 * np.linalg.norm(exact.image)
+
+
+def test_weight_follows_the_noise():
+    found = NoiseAware(A, B, hidden_shape=HIDDEN, tv_weight=0.03).solve(photograph())
+    rejected, _ = projected()
+    expected = 0.03 * np.linalg.norm(rejected) / found.noise.mean()
+    assert found.weight == pytest.approx(expected, rel=1e-6)
+
+
+def test_noise_of_each_channel_is_estimated():
+    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    estimates = np.array([method.solve(photograph(seed)).noise for seed in range(30)]) / NOISE
+    # 156 degrees of freedom: each estimate's spread is 1/√312; 90 of them, 5 standard errors.
+    assert abs((estimates**2).mean() - 1) < 5 * np.sqrt(2 / 156 / 90)
+
+
+def test_it_errs_less_than_the_papers_method():
+    ours, theirs = [], []
+    for seed in range(20):
+        y = photograph(seed)
+        for errors, method in ((ours, NoiseAware), (theirs, Periscope)):
+            image = method(A, B, hidden_shape=HIDDEN).reconstruct(y)
+            errors.append(np.mean((image - TRUTH) ** 2))
+    assert np.mean(ours) < 0.5 * np.mean(theirs)
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e12])
+def test_units_of_photograph_and_matrix_scale_the_image_alone(scale):
+    y = photograph()
+    image = NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(y)
+    brighter = NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(scale * y)
+    np.testing.assert_allclose(brighter, scale * image, rtol=1e-3, atol=1e-4 * scale)
+    weaker = NoiseAware(scale * A, B, hidden_shape=HIDDEN).reconstruct(scale * y)
+    np.testing.assert_allclose(weaker, image, rtol=1e-3, atol=1e-4)
+
+
+def test_background_is_rejected_and_the_walls_colour_divided_out():
+    y = photograph()
+    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    lit = y + (100 * B @ RNG.random((4, 3))).reshape(y.shape)
+    np.testing.assert_allclose(method.reconstruct(lit), method.reconstruct(y), atol=1e-3)
+    gain = np.array([1.2, 0.8, 1.0])
+    coloured = NoiseAware(A, B, hidden_shape=HIDDEN, channel_gain=gain)
+    np.testing.assert_allclose(coloured.reconstruct(y * gain), method.reconstruct(y), atol=1e-5)
+
+
+def test_channels_share_their_edges():
+    # A grey scene of which one channel is nearly all noise: the others show it where edges are.
+    grey = np.repeat(TRUTH[..., :1], 3, axis=2)
+    noise = np.array([0.05, 0.05, 0.5])
+    method = NoiseAware(A, hidden_shape=HIDDEN)
+    together, apart = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        y = A @ grey.reshape(-1, 3) + noise * rng.standard_normal((180, 3))
+        third = y[:, 2:] + np.zeros(3)  # the same channel thrice: nothing to learn from
+        together.append(np.mean((method.reconstruct(y) - grey)[..., 2] ** 2))
+        apart.append(np.mean((method.reconstruct(third) - grey)[..., 2] ** 2))
+    gains = np.array(apart) - together
+    assert gains.mean() > 4 * gains.std(ddof=1) / np.sqrt(len(gains))
+
+
+def test_pixels_under_the_mask_do_not_matter():
+    mask = np.ones(PHOTOGRAPH, bool)
+    mask[2:5, 3:9] = False
+    y = photograph()
+    method = NoiseAware(A, B, hidden_shape=HIDDEN, mask=mask, photograph_shape=PHOTOGRAPH)
+    image = method.reconstruct(y)
+    spoilt = y.copy()
+    spoilt[~mask] = np.nan
+    np.testing.assert_array_equal(method.reconstruct(spoilt), image)
+    by_hand = NoiseAware(A[mask.ravel()], B[mask.ravel()], hidden_shape=HIDDEN)
+    np.testing.assert_allclose(by_hand.reconstruct(y[mask]), image, rtol=1e-4, atol=1e-5)
+
+
+def test_patches_that_the_wall_does_not_show_take_their_neighbours_light():
+    dark = A.copy()
+    dark[:, 7] = 0
+    image = NoiseAware(dark, B, hidden_shape=HIDDEN).reconstruct(
+        photograph() - (A[:, 7:8] @ TRUTH.reshape(-1, 3)[7:8]).reshape(SIGNAL.shape)
+    )
+    assert np.isfinite(image).all()
+    assert image[1, 2, 0] == pytest.approx(image[1, 1, 0], abs=0.3)
+
+
+def test_dark_photograph_gives_a_dark_image():
+    assert not NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(np.zeros((180, 3))).any()
+
+
+@pytest.mark.parametrize("hidden", [(1, 20), (20, 1), (2, 10)])
+def test_thin_images_are_recovered_too(hidden):
+    image = NoiseAware(A, B, hidden_shape=hidden).reconstruct(photograph())
+    assert image.shape == (*hidden, 3) and np.isfinite(image).all()
+
+
+def test_iterations_that_do_not_suffice_are_told():
+    method = NoiseAware(A, B, hidden_shape=HIDDEN, max_iterations=3)
+    with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
+        found = method.solve(photograph())
+    assert not found.converged and found.iterations == 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"tv_weight": 0}, "tv_weight"),
+        ({"tv_weight": np.inf}, "tv_weight"),
+        ({"tolerance": 1}, "tolerance"),
+        ({"max_iterations": 0}, "max_iterations"),
+        ({"hidden_shape": (3, 5)}, "columns"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        NoiseAware(A, B, **{"hidden_shape": HIDDEN, **settings})
+
+
+def test_matrices_that_cannot_be_used_are_refused():
+    with pytest.raises(ValueError, match="B explains all of it"):
+        NoiseAware(np.ones((10, 2)), np.ones((10, 1)), hidden_shape=(1, 2))
+    broken = A.copy()
+    broken[3, 4] = np.nan
+    with pytest.raises(ValueError, match="must be finite"):
+        NoiseAware(broken, B, hidden_shape=HIDDEN)

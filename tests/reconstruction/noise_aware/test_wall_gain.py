@@ -1,0 +1,234 @@
+"""The gain over the wall against joint least squares with everything that may explain the light."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
+
+HIDDEN = (4, 5)
+WALL = (20, 24)
+PIXELS = WALL[0] * WALL[1]
+RNG = np.random.default_rng(0)
+A = RNG.random((PIXELS, 20)).astype(np.float32).astype(np.float64)
+B = RNG.random((PIXELS, 3))
+TRUTH = RNG.uniform(0.2, 1, (20, 3))
+Y, X = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-1, 1, n) for n in WALL), indexing="ij"))
+# Of mean 1 over the square: a factor on all of it cannot be told from a brighter hidden image.
+TERMS = np.stack([X, Y, X * Y, X**2 - 1 / 3, Y**2 - 1 / 3], axis=1)
+GAIN = 1 + TERMS @ [0.2, -0.1, 0.15, -0.2, 0.05]
+AMBIENT = B @ RNG.random((3, 3))
+NOISE = np.array([0.02, 0.04, 0.08])
+
+
+def photograph(gain=1.0, seed=0):
+    noise = NOISE * np.random.default_rng(seed).standard_normal((PIXELS, 3))
+    signal = np.broadcast_to(gain, PIXELS)[:, None] * (A @ TRUTH)
+    return (signal + AMBIENT + noise).reshape(*WALL, 3)
+
+
+def monomials(highest, lowest=0):
+    """All products of powers, which span what Legendre polynomials do."""
+    return np.stack(
+        [Y**i * X ** (n - i) for n in range(lowest, highest + 1) for i in range(n + 1)], axis=1
+    )
+
+
+def fitted_to(A, B, mask=None):
+    Q = np.linalg.qr(B)[0]
+    gram = A.T @ A - A.T @ Q @ Q.T @ A
+    patterns = SpectralBasis(gram, HIDDEN)
+    transport = np.ascontiguousarray(A.T, np.float32)
+    return WallGain(transport, Q.T, patterns.rows, patterns.curvatures, WALL, mask), Q
+
+
+def left_over(columns, y):
+    """What least squares leaves of y, and the coefficients."""
+    coefficients = np.linalg.lstsq(columns, y)[0]
+    return y - columns @ coefficients, coefficients
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_coefficients_and_probability_are_those_of_nested_least_squares(masked):
+    mask = np.ones(PIXELS, bool)
+    if masked:
+        mask[50:130] = False
+    y = photograph().reshape(-1, 3)
+    errors = np.random.default_rng(1).standard_normal(A.shape) * np.exp(X + Y)[:, None]
+    y += 0.1 * errors @ TRUTH  # of A, beside the noise
+    wall_gain, Q = fitted_to(A[mask], B[mask], mask if masked else None)
+    image = 0.9 * TRUTH + 0.05
+    rejected = y[mask] - Q @ (Q.T @ y[mask])
+    found = wall_gain.estimate(np.ascontiguousarray(rejected.T), NOISE, image.T)
+
+    # All channels in one regression, each with its own hidden image and ambient light.
+    explaining = np.hstack([A, B, monomials(5)])[mask]
+    terms = (TERMS[:, :, None] * (A @ image)[:, None])[mask] / NOISE
+    unexplained = (
+        np.vstack([left_over(explaining, terms[..., c])[0] for c in range(3)]),
+        np.hstack([left_over(explaining, y[mask, c])[0] / NOISE[c] for c in range(3)]),
+    )
+    left, c = left_over(*unexplained)
+    np.testing.assert_allclose(found.field.ravel(), 1 + TERMS @ c, atol=1e-4)
+    gained = np.sum(unexplained[1] ** 2) - np.sum(left**2)
+    richer = np.hstack([explaining, monomials(7, 6)[mask]])
+    smooth = [
+        np.sum(left_over(explaining, channel)[0] ** 2) - np.sum(left_over(richer, channel)[0] ** 2)
+        for channel in (y[mask] / NOISE).T
+    ]
+    # If A's errors make what is left, of which parts t are tried in small steps:
+    r = np.stack([left_over(explaining, channel)[0] for channel in (y[mask] / NOISE).T])
+    bias = np.zeros((5, 2))
+    for k in range(5):
+        for channel in range(3):
+            g = left_over(np.hstack([A, B])[mask], terms[:, k, channel])[1][:20]
+            f = image[:, channel] / NOISE[channel]
+            bias[k, 0] += np.sum(TERMS[mask, k] * r[channel] ** 2)
+            bias[k, 1] -= np.sum(r[channel] ** 2) * (g @ f) / (f @ f)
+    H = unexplained[0].T @ unexplained[0]
+    q = unexplained[0].T @ unexplained[1]
+    assert q @ np.linalg.solve(H, q) == pytest.approx(gained)
+    steps = np.linspace(0, 1, 201)
+    tried = (q[:, None, None] + np.tensordot(bias, np.meshgrid(steps, steps), 1)).reshape(5, -1)
+    least = np.min(np.sum(tried * np.linalg.solve(H, tried), axis=0))
+    assert least < 0.9 * gained
+    ratio = (least / 5) / (np.sum(smooth) / 45)
+    assert found.probability == pytest.approx(stats.f.sf(ratio, 5, 45), rel=0.05)
+
+
+def test_known_gain_is_recovered_and_the_image_is_better_for_it():
+    for seed in range(5):
+        y = photograph(GAIN, seed)
+        found = method().solve(y)
+        assert found.has_gain
+        assert np.abs(found.gain.ravel() - GAIN).max() < 0.04
+        without = method(wall_gain=False).solve(y)
+        truth = TRUTH.reshape(*HIDDEN, 3)
+        assert np.sum((found.image - truth) ** 2) < 0.3 * np.sum((without.image - truth) ** 2)
+        assert (found.noise < without.noise).all()
+
+
+def method(**settings):
+    known = {"hidden_shape": HIDDEN, "photograph_shape": WALL, "tv_weight": 0.003}
+    return NoiseAware(A, B, **(known | settings))
+
+
+def test_probabilities_are_no_smaller_than_stated_where_the_model_holds():
+    wall_gain, Q = fitted_to(A, B)
+    probabilities = []
+    for seed in range(400):
+        y = photograph(seed=seed).reshape(-1, 3)
+        rejected = np.ascontiguousarray((y - Q @ (Q.T @ y)).T)
+        probabilities.append(wall_gain.estimate(rejected, NOISE, TRUTH.T).probability)
+    # Kolmogorov and Smirnov's test, itself at an error rate of 0.1 %.
+    assert stats.kstest(probabilities, "uniform", alternative="greater").pvalue > 1e-3
+    assert np.mean(probabilities) < 0.6  # nor much larger
+
+
+def test_gain_is_one_and_the_image_as_before_where_the_model_holds():
+    # 40 photographs at an error rate of 0.1 %: one or more of them by chance in 4 % of all seeds.
+    plain, ours = method(wall_gain=False), method()
+    for seed in range(40):
+        y = photograph(seed=seed)
+        found, expected = ours.solve(y), plain.solve(y)
+        assert (found.gain == 1).all() and not found.has_gain
+        assert found.gain.shape == WALL
+        np.testing.assert_allclose(found.image, expected.image, rtol=1e-2, atol=1e-2)
+
+
+def test_smooth_light_that_no_background_explains_is_no_gain():
+    for seed in range(20):
+        lit = 20 * NOISE.mean() * np.random.default_rng(seed).normal(size=(36, 3))
+        y = photograph(seed=seed) + (monomials(7) @ lit).reshape(*WALL, 3)
+        assert not method().solve(y).has_gain
+
+
+def test_errors_of_the_transport_matrix_are_no_gain():
+    # Bumps of light, unlike penumbrae in that each patch has its own, and errors beside them.
+    down, across = (
+        axis.ravel() for axis in np.mgrid[-1 : 1 : HIDDEN[0] * 1j, -1 : 1 : HIDDEN[1] * 1j]
+    )
+    bumps = np.exp(-6 * ((Y[:, None] - down) ** 2 + (X[:, None] - across) ** 2))
+    hidden = TRUTH * np.linspace(0, 2, 20)[:, None]
+    probabilities = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        rendered = bumps + 0.004 * (1 + 0.9 * X[:, None]) * rng.standard_normal(bumps.shape)
+        wall_gain, Q = fitted_to(rendered, np.ones((PIXELS, 1)))
+        y = bumps @ hidden + 1e-3 * rng.standard_normal((PIXELS, 3))
+        left = left_over(np.hstack([rendered, Q, monomials(5)]), y)[0]
+        noise = np.sqrt(np.sum(left**2, axis=0) / (PIXELS - 41))
+        rejected = np.ascontiguousarray((y - Q @ (Q.T @ y)).T)
+        probabilities.append(wall_gain.estimate(rejected, noise, hidden.T).probability)
+    # By chance, more than 7 of 40 are below 5 % in 0.07 % of all seeds.
+    assert np.sum(np.array(probabilities) < 0.05) <= 7
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_unit_of_the_photograph_does_not_change_the_gain(scale):
+    y = photograph(GAIN)
+    one, other = method().solve(y), method().solve(scale * y)
+    np.testing.assert_allclose(other.gain, one.gain, rtol=1e-4)
+    np.testing.assert_allclose(other.image, scale * one.image, rtol=1e-2, atol=1e-3 * scale)
+    np.testing.assert_allclose(other.noise, scale * one.noise, rtol=1e-4)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_pixels_under_the_mask_do_not_matter(flat):
+    mask = np.ones(WALL, bool)
+    mask[3:9, 5:12] = False
+    y = photograph(GAIN)
+    spoilt = y.copy()
+    spoilt[~mask] = np.nan
+    # Its rows and columns are known from the mask, or else told.
+    given = {"mask": mask.ravel()} if flat else {"mask": mask, "photograph_shape": None}
+    found = method(**given).solve(spoilt)
+    assert found.gain.shape == WALL and np.abs(found.gain.ravel() - GAIN).max() < 0.05
+    np.testing.assert_array_equal(method(**given).solve(np.nan_to_num(spoilt)).gain, found.gain)
+
+
+def test_colour_of_the_wall_is_no_gain():
+    colour = np.array([1.3, 0.7, 1.0])
+    found = method(channel_gain=colour).solve(photograph(GAIN) * colour)
+    np.testing.assert_allclose(found.gain, method().solve(photograph(GAIN)).gain, rtol=1e-4)
+
+
+def test_gain_needs_rows_and_columns():
+    with pytest.raises(ValueError, match="give photograph_shape"):
+        method(photograph_shape=None, wall_gain=True)
+    found = method(photograph_shape=None).solve(photograph(GAIN).reshape(-1, 3))
+    assert found.gain.shape == (PIXELS,) and (found.gain == 1).all()
+
+
+@pytest.mark.parametrize("wall", [(1, PIXELS), (PIXELS, 1), (2, PIXELS // 2)])
+def test_wall_too_narrow_to_tell_has_no_gain(wall):
+    found = method(photograph_shape=wall).solve(photograph(GAIN).reshape(*wall, 3))
+    assert (found.gain == 1).all() and np.isfinite(found.image).all()
+
+
+def test_dark_and_noiseless_photographs_have_no_gain():
+    for y in (np.zeros((*WALL, 3)), (A @ TRUTH + AMBIENT).reshape(*WALL, 3)):
+        assert np.abs(method().solve(y).gain - 1).max() < 1e-4  # single precision
+
+
+def test_no_ambient_light_at_all_is_a_case_too():
+    y = photograph(GAIN) - AMBIENT.reshape(*WALL, 3)
+    found = NoiseAware(A, hidden_shape=HIDDEN, photograph_shape=WALL).solve(y)
+    assert np.abs(found.gain.ravel() - GAIN).max() < 0.05
+
+
+def test_gain_that_cannot_be_is_not_believed():
+    # It is negative on the left.
+    wall_gain, Q = fitted_to(A, B)
+    y = photograph(1 + 2 * X).reshape(-1, 3)
+    rejected = np.ascontiguousarray((y - Q @ (Q.T @ y)).T)
+    found = wall_gain.estimate(rejected, NOISE, TRUTH.T)
+    assert found.probability < 1e-6 and found.field.min() < 0 and not found.accepted
+
+
+def test_few_iterations_are_kept_to():
+    with pytest.warns(RuntimeWarning, match="stopped after"):
+        found = method(max_iterations=3, tolerance=1e-6).solve(photograph(GAIN))
+    assert found.iterations == 3

@@ -1,0 +1,348 @@
+import numpy as np
+import pytest
+from scipy import linalg
+
+from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+
+PHOTOGRAPH = (20, 20)
+HIDDEN = (5, 6)
+M, N = 400, 30
+OPACITIES = [1.0, 0.1, 0.02]  # of the occluder: condition numbers of about 30, 400 and 2000
+TOLERANCES = [1e-2, 1e-4, 1e-8, 1e-10, 1e-12]
+
+
+def grid(rows, columns, center, size):
+    """Positions (x, y, z) over an upright rectangle, row by row from the top."""
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    across, up = (column + 0.5) / columns - 0.5, 0.5 - (row + 0.5) / rows
+    return np.array(center) + np.stack([size[0] * across, 0 * up, size[1] * up], axis=1)
+
+
+WALL = grid(*PHOTOGRAPH, (0.6, 1.0, 0.25), (0.4, 0.4))
+PATCHES = grid(*HIDDEN, (0.2, 0.0, 0.3), (0.4, 0.3))
+
+
+def transport(opacity=1.0):
+    """Unoccluded light times the shadows of three discs halfway."""
+    towards = WALL[:, None] - PATCHES
+    kernel = towards[..., 1] ** 2 / np.sum(towards**2, axis=2) ** 2
+    crossing = (WALL[:, None] + PATCHES) / 2
+    shadow = np.zeros((M, N), bool)
+    for x, z, radius in [(0.36, 0.29, 0.05), (0.44, 0.23, 0.04), (0.42, 0.33, 0.03)]:
+        shadow |= np.hypot(crossing[..., 0] - x, crossing[..., 2] - z) < radius
+    return kernel * (1 - opacity * shadow)
+
+
+def backgrounds(count=64):
+    """Distant point lights: smooth fields, numerically of low rank."""
+    lights = np.random.default_rng(1).uniform([-3, -6, -3], [3, 0, 3], (count, 3))
+    away = lights - WALL[:, None]
+    return -away[..., 1] / np.sum(away**2, axis=2) ** 1.5
+
+
+def kept_basis(B, tolerance):
+    """The rank rule by NumPy's SVD."""
+    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
+    return U[:, σ > tolerance * σ[0]]
+
+
+def pseudoinverse_top(A, Q):
+    """[I 0] [A, s Q]^+, with s to balance the two."""
+    s = np.linalg.norm(A) / max(Q.shape[1], 1) ** 0.5
+    return np.linalg.pinv(np.hstack([A, s * Q]), rcond=1e-14)[: A.shape[1]]
+
+
+def measurements(A, B, channels=3):
+    """Hidden images and photographs of them drowned in background light."""
+    rng = np.random.default_rng(2)
+    f, e = rng.random((A.shape[1], channels)), rng.random((B.shape[1], channels))
+    return f, A @ f + B @ e * (np.linalg.norm(A) / np.linalg.norm(B))
+
+
+def relative_error(value, truth):
+    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
+
+
+@pytest.mark.parametrize("opacity", OPACITIES)
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_p_is_the_top_of_the_pseudoinverse_of_a_beside_a_background_basis(opacity, tolerance):
+    A, B = transport(opacity), backgrounds()
+    P = form_preconditioner(A, B, tolerance=tolerance)
+    oracle = pseudoinverse_top(A, kept_basis(B, tolerance))
+    photographs = np.hstack([measurements(A, B)[1], np.random.default_rng(3).normal(size=(M, 3))])
+    for y in photographs.T:
+        assert relative_error(P.apply(y), oracle @ y) < 1e-6
+    assert relative_error(P.matrix(), oracle) < 1e-6
+
+
+@pytest.mark.parametrize("opacity", OPACITIES)
+def test_p_and_the_plain_pseudoinverse_both_recover_the_hidden_image(opacity):
+    A, B = transport(opacity), backgrounds()
+    f, y = measurements(A, B)
+    plain = np.linalg.pinv(np.hstack([A, B]), rcond=1e-13)[:N]
+    P = form_preconditioner(A, B, tolerance=1e-12)
+    assert relative_error(plain @ y, f) < 1e-6
+    assert relative_error(P.apply(y), f) < 1e-6
+    assert relative_error(P.matrix() @ y, f) < 1e-6
+
+
+@pytest.mark.parametrize("opacity", OPACITIES)
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_p_inverts_a_at_every_tolerance(opacity, tolerance):
+    A = transport(opacity)
+    P = form_preconditioner(A, backgrounds(), tolerance=tolerance)
+    np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
+    np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
+
+
+def test_p_inverts_an_a_whose_gram_matrix_has_lost_its_smallest_values():
+    A = transport(1e-4)
+    assert np.linalg.cond(A) > 1e5
+    P = form_preconditioner(A)
+    np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
+    np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
+
+
+@pytest.mark.parametrize("opacity", OPACITIES)
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_p_leaves_of_each_background_no_more_than_the_tolerance(opacity, tolerance):
+    A, B = transport(opacity), backgrounds()
+    P = form_preconditioner(A, B, tolerance=tolerance)
+    unit = B / np.linalg.norm(B, axis=0)
+    # What lies outside the range kept is at most the first singular value dropped.
+    bound = tolerance * np.linalg.norm(unit, 2) + 1e-11
+    norm = np.linalg.norm(P.matrix(), 2)
+    assert np.linalg.norm(P.apply(unit), axis=0).max() / norm < bound
+    assert np.linalg.norm(P.matrix() @ unit, axis=0).max() / norm < bound
+
+
+def test_default_tolerance_annihilates_every_background_to_1e_10():
+    A, B = transport(), backgrounds(24)
+    P = form_preconditioner(A, B)
+    left = np.linalg.norm(P.apply(B), axis=0) / np.linalg.norm(B, axis=0)
+    assert left.max() < 1e-10 * np.linalg.norm(P.matrix(), 2)
+
+
+def weighted_minimizer(A, B, ω):
+    """Least-norm minimizer of Eq. 7, ‖P B‖² + ω ‖P A − I‖², by brute-force least squares."""
+    stacked = np.vstack([B.T, ω**0.5 * A.T])
+    target = np.vstack([np.zeros((B.shape[1], A.shape[1])), ω**0.5 * np.eye(A.shape[1])])
+    return np.linalg.lstsq(stacked, target, rcond=1e-13)[0].T
+
+
+def well_separated():
+    rng = np.random.default_rng(4)
+    return rng.random((M, N)), rng.random((M, 6))
+
+
+@pytest.mark.parametrize("ω", [1e-3, 1.0, 1e3])
+def test_the_weight_of_eq_7_is_inert_while_the_ranges_meet_only_in_0(ω):
+    A, B = well_separated()
+    assert relative_error(form_preconditioner(A, B).matrix(), weighted_minimizer(A, B, ω)) < 1e-9
+
+
+def test_the_weight_of_eq_7_matters_where_the_ranges_meet_and_p_is_refused():
+    A, B = well_separated()
+    A[:, 3] = B @ np.arange(1.0, 7.0)
+    light, heavy = (weighted_minimizer(A, B, ω) for ω in (1e-3, 1e3))
+    assert relative_error(light[3], heavy[3]) > 0.9
+    others = np.arange(N) != 3
+    assert relative_error(light[others], heavy[others]) < 1e-9
+    with pytest.raises(ValueError, match="not full column rank"):
+        form_preconditioner(A, B)
+
+
+def test_patch_nearly_like_background_is_resolved_at_the_price_of_its_noise():
+    A, B = well_separated()
+    alone = form_preconditioner(A, B).noise_gain[3]
+    A[:, 3] = B @ np.arange(1.0, 7.0) + 0.1 * A[:, 3]
+    P = form_preconditioner(A, B)
+    np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
+    assert P.noise_gain[3] == pytest.approx(100 * alone, rel=1e-6)
+
+
+def test_uniform_background_leaves_the_regression_on_centred_columns():
+    A = transport()
+    centred = A - A.mean(axis=0)
+    P = form_preconditioner(A, np.full((M, 1), 7.0))
+    expected = np.linalg.solve(centred.T @ centred, centred.T)
+    np.testing.assert_allclose(P.matrix(), expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("opacity", OPACITIES)
+def test_matrix_and_factored_form_agree(opacity):
+    P = form_preconditioner(transport(opacity), backgrounds())
+    assert P.matrix().shape == (N, M)
+    assert relative_error(P.apply(np.eye(M)), P.matrix()) < 1e-7
+
+
+def test_one_photograph_and_many_agree():
+    A, B = transport(), backgrounds()
+    P = form_preconditioner(A, B)
+    y = measurements(A, B)[1]
+    assert P.apply(y[:, 0]).shape == (N,) and P.reject_background(y[:, 0]).shape == (M,)
+    np.testing.assert_allclose(P.apply(y[:, 1]), P.apply(y)[:, 1], rtol=1e-9)
+    np.testing.assert_allclose(
+        P.reject_background(y[:, 1]), P.reject_background(y)[:, 1], atol=1e-12 * np.abs(y).max()
+    )
+
+
+@pytest.mark.parametrize("opacity", OPACITIES)
+@pytest.mark.parametrize("with_background", [True, False])
+def test_noise_gain_is_the_diagonal_of_p_times_its_transpose(opacity, with_background):
+    A, B = transport(opacity), backgrounds() if with_background else None
+    Q = kept_basis(B, TOLERANCE) if with_background else np.zeros((M, 0))
+    oracle = pseudoinverse_top(A, Q)
+    P = form_preconditioner(A, B)
+    np.testing.assert_allclose(P.noise_gain, np.sum(oracle**2, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(P.noise_gain, np.diag(P.matrix() @ P.matrix().T), rtol=1e-6)
+
+
+@pytest.mark.parametrize("B", [None, np.zeros((M, 0)), np.zeros((M, 4))])
+def test_no_background_gives_the_pseudoinverse_of_a(B):
+    A = transport(0.1)
+    P = form_preconditioner(A, B)
+    assert P.Q.shape == (M, 0)
+    assert relative_error(P.matrix(), np.linalg.pinv(A)) < 1e-9
+    y = np.random.default_rng(0).random(M)
+    np.testing.assert_array_equal(P.reject_background(y), y)
+
+
+def test_square_a_gives_its_inverse():
+    A = np.eye(6) + 0.1 * np.random.default_rng(0).random((6, 6))
+    np.testing.assert_allclose(form_preconditioner(A).matrix(), np.linalg.inv(A), atol=1e-13)
+
+
+def scattered(seed, rows=M, columns=N):
+    return np.random.default_rng(seed).random((rows, columns))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_patch_that_is_a_sum_of_others_is_refused(seed):
+    A = scattered(seed)
+    A[:, 3] = A[:, 5] + 0.5 * A[:, 7]
+    for B in (None, scattered(seed + 100, columns=6)):
+        with pytest.raises(ValueError, match=r"not full column rank \(30 patches, 0 of them"):
+            form_preconditioner(A, B)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("brightness", [1e-3, 1.0, 1e3])
+def test_patch_that_looks_like_background_is_refused(seed, brightness):
+    A, B = scattered(seed), scattered(seed + 100, columns=6)
+    A[:, 12] = brightness * B @ np.arange(1.0, 7.0)
+    with pytest.raises(ValueError, match=r"not full column rank \(30 patches, 0 of them"):
+        form_preconditioner(A, B)
+
+
+def test_repeated_patch_of_single_precision_is_refused():
+    A = transport()
+    A[:, 3] = A[:, 9].astype(np.float32)
+    with pytest.raises(ValueError, match="not full column rank"):
+        form_preconditioner(A, backgrounds())
+
+
+@pytest.mark.parametrize("dark", [1, 3, N])
+def test_patches_that_the_wall_does_not_see_are_refused_and_counted(dark):
+    A = transport()
+    A[:, :dark] = 0
+    message = rf"\(30 patches, {dark} of them invisible from the wall\): use fewer patches"
+    for B in (None, backgrounds()):
+        with pytest.raises(ValueError, match=message):
+            form_preconditioner(A, B)
+
+
+def test_a_of_any_unit_is_accepted():
+    A, B = transport(), backgrounds()
+    expected = form_preconditioner(A, B).matrix()
+    for scale in (1e-30, 1e30):
+        np.testing.assert_allclose(
+            form_preconditioner(scale * A, B).matrix() * scale,
+            expected,
+            atol=1e-9 * np.abs(expected).max(),
+        )
+
+
+def test_a_wider_than_high_is_refused():
+    with pytest.raises(ValueError, match=r"at least as many rows as columns, not shape \(29, 30\)"):
+        form_preconditioner(transport()[: N - 1])
+
+
+def test_arrays_of_other_dimensions_are_refused():
+    with pytest.raises(ValueError, match="A must have"):
+        form_preconditioner(np.ones(M))
+    for B in (np.ones(M), np.ones((M - 1, 2)), np.ones((2, M))):
+        with pytest.raises(ValueError, match="rows must match the 400 of A"):
+            form_preconditioner(transport(), B)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_entries_that_are_not_finite_are_refused(value):
+    for which in range(2):
+        arrays = [transport(), backgrounds()]
+        arrays[which][7, 2] = value
+        with pytest.raises(ValueError, match=f"{'AB'[which]} must be finite"):
+            form_preconditioner(*arrays)
+    with pytest.raises(ValueError, match="B must be finite"):
+        background_basis(arrays[1])
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, 2.0, np.nan])
+def test_tolerance_out_of_range_is_refused(tolerance):
+    for attempt in (
+        lambda: background_basis(backgrounds(), tolerance),
+        lambda: form_preconditioner(transport(), backgrounds(), tolerance=tolerance),
+    ):
+        with pytest.raises(ValueError, match="between 0 and 1"):
+            attempt()
+
+
+def test_single_precision_is_computed_in_double():
+    A, B = (part.astype(np.float32) for part in (transport(0.1), backgrounds()))
+    single = form_preconditioner(A, B)
+    double = form_preconditioner(A.astype(np.float64), B.astype(np.float64))
+    assert single.A.dtype == single.Q.dtype == np.float64
+    assert single.matrix().dtype == single.apply(A).dtype == np.float64
+    np.testing.assert_array_equal(single.matrix(), double.matrix())
+    np.testing.assert_allclose(single.apply(A), np.eye(N), atol=1e-8)
+
+
+def layouts(array):
+    yield np.asfortranarray(array)
+    yield np.repeat(array, 2, axis=1)[:, ::2]
+    yield array[::-1].copy()[::-1]
+
+
+def test_memory_layout_does_not_matter():
+    A, B = transport(0.1), backgrounds()
+    expected = form_preconditioner(A, B, tolerance=1e-4)
+    y = measurements(A, B)[1]
+    for other_A, other_B, other_y in zip(layouts(A), layouts(B), layouts(y), strict=True):
+        P = form_preconditioner(other_A, other_B, tolerance=1e-4)
+        assert relative_error(P.matrix(), expected.matrix()) < 1e-9
+        assert relative_error(P.apply(other_y), expected.apply(y)) < 1e-9
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_inputs_stay_unchanged_and_may_be_read_only(order):
+    A, B = transport(), backgrounds()
+    inputs = [np.array(part, order=order) for part in (A, B, measurements(A, B)[1])]
+    kept = [part.copy() for part in inputs]
+    for writeable in (True, False):
+        for part in inputs:
+            part.setflags(write=writeable)
+        P = form_preconditioner(*inputs[:2])
+        P.apply(inputs[2])
+        P.matrix()
+        for part, before in zip(inputs, kept, strict=True):
+            np.testing.assert_array_equal(part, before)
+
+
+def test_cholesky_factor_is_that_of_a_with_the_background_projected_out():
+    A, B = transport(), backgrounds()
+    P = form_preconditioner(A, B)
+    orthogonal = linalg.null_space(kept_basis(B, TOLERANCE).T)
+    gram = (orthogonal.T @ A).T @ (orthogonal.T @ A)
+    np.testing.assert_allclose(P.cholesky.T @ P.cholesky, gram, atol=1e-12 * gram.max())
+    np.testing.assert_array_equal(P.cholesky, np.triu(P.cholesky))

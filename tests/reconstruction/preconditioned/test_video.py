@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.reconstruction.preconditioned.repair import repair
+from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.preconditioned.video import Video
+from periscopy_sim.reconstruction.total_variation.prox import (
+    prox_total_variation,
+    prox_total_variation_l1,
+)
+
+HIDDEN = (5, 6)
+RNG = np.random.default_rng(0)
+A = RNG.random((400, 30))
+B = RNG.random((400, 5))
+TRUTH = np.zeros((6, *HIDDEN, 3))
+for k in range(6):
+    TRUTH[k, 1:4, k % 5 : k % 5 + 2] = (0.9, 0.4, 0.1)
+SIGNAL = np.stack([A @ f.reshape(-1, 3) + B @ np.ones((5, 3)) for f in TRUTH])
+NOISE = 2e-2
+PHOTOGRAPHS = SIGNAL + NOISE * RNG.standard_normal(SIGNAL.shape)
+
+
+@pytest.fixture(params=[True, False], ids=["explicit", "factored"])
+def periscope(request):
+    return Periscope(A, B, hidden_shape=HIDDEN, explicit=request.param)
+
+
+COUPLINGS = ["total-variation", "l1", "none"]
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_first_frame_is_the_still_and_so_is_the_first_after_a_restart(periscope, coupling):
+    video = Video(periscope, coupling=coupling)
+    for photograph in (PHOTOGRAPHS[0], PHOTOGRAPHS[3]):
+        video.restart()
+        assert video.previous is None
+        still = periscope.reconstruct(photograph)
+        np.testing.assert_array_equal(video.next_frame(photograph), still)
+        np.testing.assert_array_equal(video.previous, still)
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(periscope, coupling):
+    live, batch = (Video(periscope, coupling=coupling) for _ in range(2))
+    one_at_a_time = np.stack([live.next_frame(y) for y in PHOTOGRAPHS])
+    at_once = np.concatenate([batch.frames(PHOTOGRAPHS[:4]), batch.frames(PHOTOGRAPHS[4:])])
+    np.testing.assert_allclose(at_once, one_at_a_time, atol=2e-3 * one_at_a_time.max())
+
+
+def test_no_photographs_give_no_frames_in_the_methods_precision(periscope):
+    video = Video(periscope)
+    frames = video.frames(PHOTOGRAPHS[:0])
+    assert frames.shape == (0, *HIDDEN, 3)
+    assert frames.dtype == video.next_frame(PHOTOGRAPHS[0]).dtype
+
+
+def test_what_was_begun_for_many_is_finished_one_after_the_other(periscope):
+    expected = Video(periscope).frames(PHOTOGRAPHS)
+    video = Video(periscope)
+    remaining = list(video.begun(PHOTOGRAPHS))
+    assert video.previous is None
+    np.testing.assert_array_equal([finish().image for finish in remaining], expected)
+
+
+def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previous(periscope):
+    video = Video(periscope, coupling="total-variation")
+    previous = video.next_frame(PHOTOGRAPHS[0])
+    found = video.solve_next(PHOTOGRAPHS[1])
+    still = periscope.solve(PHOTOGRAPHS[1])
+    np.testing.assert_allclose(found.preconditioned, still.preconditioned, rtol=1e-6)
+    np.testing.assert_allclose(found.weight, still.weight, rtol=1e-6)
+    pair = np.stack([previous, found.preconditioned])
+    denoised = prox_total_variation(pair, found.weight, temporal_weight=1.0)[1]
+    np.testing.assert_array_equal(found.denoised, denoised)
+    percentile = np.percentile(np.linalg.norm(denoised, axis=2), 99)
+    assert found.threshold == pytest.approx(0.1 * percentile, rel=1e-6)
+    expected = repair(denoised, found.threshold, previous)
+    np.testing.assert_array_equal(found.image, expected)
+    assert not np.array_equal(found.image, still.image)
+
+
+@pytest.mark.parametrize("coupling", ["total-variation", "l1"])
+def test_every_frame_is_its_problems_minimizer_wherever_it_starts_from(periscope, coupling):
+    video = Video(periscope, coupling=coupling, l1_weight=3.0, temporal_weight=2.0)
+    video.next_frame(PHOTOGRAPHS[0])
+    for photograph in PHOTOGRAPHS[1:]:
+        previous = video.previous
+        found = video.solve_next(photograph)
+        g, weight = found.preconditioned.astype(np.float64), found.weight
+        if coupling == "l1":
+            exact = prox_total_variation_l1(g, previous, weight, 3 * weight, tolerance=1e-9)
+        else:
+            pair = np.stack([previous, g])
+            exact = prox_total_variation(pair, weight, temporal_weight=2.0, tolerance=1e-9)[1]
+        still = prox_total_variation(g, weight, tolerance=1e-9)
+        assert np.linalg.norm(found.denoised - exact) < 0.1 * np.linalg.norm(still - exact)
+
+
+def test_without_coupling_every_frame_is_a_still(periscope):
+    video = Video(periscope, coupling="none")
+    for photograph in PHOTOGRAPHS:
+        np.testing.assert_array_equal(
+            video.next_frame(photograph), periscope.reconstruct(photograph)
+        )
+
+
+@pytest.mark.parametrize("coupling", ["total-variation", "l1"])
+def test_scene_at_rest_is_recovered_better_than_by_stills(coupling):
+    # Repair would take the corners off so small an image.
+    periscope = Periscope(A, B, hidden_shape=HIDDEN, repair_threshold=np.inf)
+    rng = np.random.default_rng(1)
+    gains = []
+    for _ in range(30):
+        at_rest = SIGNAL[2] + NOISE * rng.standard_normal((4, 400, 3))
+        last, still = (
+            np.mean((Video(periscope, coupling=name).frames(at_rest)[-1] - TRUTH[2]) ** 2)
+            for name in (coupling, "none")
+        )
+        gains.append(still - last)
+    assert np.mean(gains) > 4 * np.std(gains, ddof=1) / np.sqrt(len(gains))
+
+
+def test_no_weight_in_time_leaves_stills_repaired_with_the_previous_frame(periscope):
+    video = Video(periscope, coupling="total-variation", temporal_weight=0.0)
+    video.next_frame(PHOTOGRAPHS[0])
+    found = video.solve_next(PHOTOGRAPHS[1])
+    still = periscope.solve(PHOTOGRAPHS[1])
+    np.testing.assert_allclose(found.denoised, still.denoised, atol=1e-3)
+
+
+def test_flat_frames_cannot_be_coupled():
+    flat = Periscope(A, B, hidden_shape=HIDDEN, tv_weight=np.inf)
+    for coupling in ("total-variation", "l1"):
+        with pytest.raises(ValueError, match="infinite tv_weight"):
+            Video(flat, coupling=coupling)
+    assert np.ptp(Video(flat, coupling="none").frames(PHOTOGRAPHS)[1], axis=(0, 1)).max() < 1e-6
+
+
+def test_unknown_coupling_and_negative_weights_are_refused(periscope):
+    with pytest.raises(ValueError, match="coupling 'optical-flow' is not known"):
+        Video(periscope, coupling="optical-flow")
+    wrong = {"temporal_weight": [-1, np.inf], "l1_weight": [-1, np.nan, np.inf]}
+    for weights in ({name: value} for name, values in wrong.items() for value in values):
+        with pytest.raises(ValueError, match="finite numbers, not negative"):
+            Video(periscope, **weights)
+
+
+def test_changing_a_frame_does_not_change_the_next(periscope):
+    careful, careless = Video(periscope), Video(periscope)
+    careless.next_frame(PHOTOGRAPHS[0])[:] = 7
+    careful.next_frame(PHOTOGRAPHS[0])
+    np.testing.assert_array_equal(
+        careless.next_frame(PHOTOGRAPHS[1]), careful.next_frame(PHOTOGRAPHS[1])
+    )
+
+
+def test_refused_photograph_leaves_the_video_as_it_was(periscope):
+    video = Video(periscope)
+    before = video.next_frame(PHOTOGRAPHS[0])
+    with pytest.raises(ValueError, match="must be finite"):
+        video.next_frame(np.full((400, 3), np.nan))
+    np.testing.assert_array_equal(video.previous, before)

@@ -1,0 +1,180 @@
+"""What holds of every denoised image and video: with an ℓ1 term, with time, and in repair."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from periscopy_sim.reconstruction.preconditioned.repair import repair
+from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
+
+few = settings(deadline=None, max_examples=40)
+weights = st.just(0.0) | st.floats(1e-6, 30)
+ties = st.just(0.0) | st.floats(1e-6, 3)
+seeds = st.integers(0, 1000)
+values = st.integers(-50, 50).map(lambda n: n / 10)
+images = arrays(np.float64, st.tuples(*[st.integers(1, 5)] * 2), elements=values)
+videos = arrays(np.float64, st.tuples(*[st.integers(1, 4)] * 3), elements=values)
+pictures = arrays(
+    np.float64,
+    st.tuples(st.integers(1, 6), st.integers(1, 6), st.just(2)),
+    elements=st.integers(-20, 20).map(float),
+)
+
+
+def noise(shape, seed):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+def variation(video, w):
+    """Isotropic total variation of (frames, rows, columns), differences in time w-fold."""
+    steps = [np.zeros(video.shape) for _ in range(3)]
+    for axis, step in enumerate(steps):
+        inner = tuple(slice(-1) if k == axis else slice(None) for k in range(3))
+        step[inner] = np.diff(video, axis=axis)
+    return np.sqrt((w * steps[0]) ** 2 + steps[1] ** 2 + steps[2] ** 2).sum()
+
+
+def l1(g, p, weight, l1_weight):
+    """Minimizer, and how far it may be from the exact one."""
+    found = solve_total_variation(g, weight, previous=p, l1_weight=l1_weight, max_iterations=3000)
+    f = found.image
+    objective = ((f - g) ** 2).sum() + weight * variation(f[None], 0)
+    return f, np.sqrt(found.gap * (objective + l1_weight * np.abs(f - p).sum())) + 1e-9
+
+
+def temporal(g, weight, w):
+    found = solve_total_variation(g, weight, temporal_weight=w, max_iterations=3000)
+    f = found.image
+    return f, np.sqrt(found.gap * (((f - g) ** 2).sum() + weight * variation(f, w))) + 1e-9
+
+
+# -- total variation with an l1 term -------------------------------------------------------------
+
+
+@few
+@given(g=images, weight=weights, l1_weight=weights, seed=seeds)
+def test_l1_prox_is_non_expansive(g, weight, l1_weight, seed):
+    p, h = noise(g.shape, seed), g + noise(g.shape, seed + 1)
+    (f, error), (u, other) = (l1(image, p, weight, l1_weight) for image in (g, h))
+    assert np.linalg.norm(f - u) <= np.linalg.norm(g - h) + error + other
+
+
+@few
+@given(g=images, weight=weights, l1_weight=weights, seed=seeds)
+def test_l1_prox_stays_between_the_least_and_the_greatest_of_both_images(
+    g, weight, l1_weight, seed
+):
+    p = noise(g.shape, seed)
+    f, error = l1(g, p, weight, l1_weight)
+    both = np.stack([g, p])
+    assert both.min() - error <= f.min() and f.max() <= both.max() + error
+
+
+@few
+@given(g=images, weight=weights, l1_weight=weights, seed=seeds, shift=values)
+def test_l1_prox_moves_with_both_images(g, weight, l1_weight, seed, shift):
+    p = noise(g.shape, seed)
+    (f, error), (u, other) = (l1(g + k, p + k, weight, l1_weight) for k in (0, shift))
+    assert np.linalg.norm(u - shift - f) <= error + other
+
+
+@few
+@given(g=images, weight=weights, l1_weight=weights, seed=seeds)
+def test_l1_prox_is_no_worse_than_any_other_image(g, weight, l1_weight, seed):
+    p = noise(g.shape, seed)
+
+    def objective(u):
+        smooth = ((u - g) ** 2).sum() + weight * variation(u[None], 0)
+        return smooth + l1_weight * np.abs(u - p).sum()
+
+    f, error = l1(g, p, weight, l1_weight)
+    others = [g, p, (g + p) / 2, np.full_like(g, g.mean()), f + 0.1 * noise(g.shape, seed + 2)]
+    assert objective(f) <= (1 + 1e-9) * min(map(objective, others)) + error**2
+
+
+# -- total variation over time -------------------------------------------------------------------
+
+
+@few
+@given(g=videos, weight=weights, w=ties, seed=seeds)
+def test_temporal_prox_is_non_expansive(g, weight, w, seed):
+    h = g + noise(g.shape, seed)
+    (f, error), (u, other) = (temporal(video, weight, w) for video in (g, h))
+    assert np.linalg.norm(f - u) <= np.linalg.norm(g - h) + error + other
+
+
+@few
+@given(g=videos, weight=weights, w=ties)
+def test_temporal_prox_keeps_the_mean_and_the_range(g, weight, w):
+    f, error = temporal(g, weight, w)
+    assert f.mean() == pytest.approx(g.mean(), abs=1e-9)
+    assert g.min() - error <= f.min() and f.max() <= g.max() + error
+
+
+@few
+@given(g=videos, weight=weights, w=ties, shift=values)
+def test_temporal_prox_moves_with_the_video(g, weight, w, shift):
+    (f, error), (u, other) = (temporal(g + k, weight, w) for k in (0, shift))
+    assert np.linalg.norm(u - shift - f) <= error + other
+
+
+@few
+@given(g=videos, weight=weights, w=ties, seed=seeds)
+def test_temporal_prox_is_no_worse_than_any_other_video(g, weight, w, seed):
+    def objective(u):
+        return ((u - g) ** 2).sum() + weight * variation(u, w)
+
+    f, error = temporal(g, weight, w)
+    others = [g, np.full_like(g, g.mean()), f + 0.1 * noise(g.shape, seed)]
+    assert objective(f) <= (1 + 1e-9) * min(map(objective, others)) + error**2
+
+
+# -- repair --------------------------------------------------------------------------------------
+
+
+@few
+@given(image=pictures, threshold=st.integers(0, 20))
+def test_repair_turns_and_mirrors_with_the_image(image, threshold):
+    threshold += 1 / np.pi  # no deviation of these images meets it exactly
+    repaired = repair(image, threshold)
+    for turned in (lambda x: x[::-1], lambda x: x[:, ::-1], lambda x: x.transpose(1, 0, 2)):
+        np.testing.assert_array_equal(repair(turned(image), threshold), turned(repaired))
+    np.testing.assert_array_equal(repair(image[..., ::-1], threshold), repaired[..., ::-1])
+
+
+@few
+@given(image=pictures, threshold=st.integers(0, 20), with_previous=st.booleans(), seed=seeds)
+def test_repaired_values_lie_within_their_neighbourhoods(image, threshold, with_previous, seed):
+    previous = 9 * noise(image.shape, seed) if with_previous else None
+    repaired = repair(image, threshold, previous)
+    known = [image] if previous is None else [image, previous]
+    rows, columns, _ = image.shape
+    for i in range(rows):
+        for j in range(columns):
+            window = np.concatenate(
+                [x[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].reshape(-1, 2) for x in known]
+            )
+            value = repaired[i, j]
+            assert (window.min(axis=0) <= value).all() and (value <= window.max(axis=0)).all()
+
+
+@few
+@given(level=st.integers(1, 20), row=st.integers(0, 6), column=st.integers(0, 6), hot=values)
+def test_repair_of_one_patch_in_an_even_image_is_final(level, row, column, hot):
+    even = np.full((7, 7, 2), float(level))
+    image = even.copy()
+    image[row, column] += hot
+    repaired = repair(image, 1.5)
+    np.testing.assert_array_equal(repair(repaired, 1.5), repaired)
+    # Its magnitude differs from its neighbours' by √2 times |level + hot| − level.
+    sticks_out = np.sqrt(2) * abs(abs(level + hot) - level) > 1.5
+    np.testing.assert_array_equal(repaired, even if sticks_out else image)
+
+
+@few
+@given(image=pictures)
+def test_repair_at_a_threshold_that_nothing_exceeds_changes_nothing(image):
+    threshold = 2 * np.linalg.norm(image, axis=2).max() + 1
+    np.testing.assert_array_equal(repair(image, threshold), image)

@@ -1,0 +1,308 @@
+import re
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.ambient.background import relative_errors, render_background
+from periscopy_sim.rendering.photograph import path_trace
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.shipped import find_scene
+
+COARSE = {"target": 1.0}
+LIGHT = (
+    '<emitter type="point"><point name="position" value="0.2, -0.5, 0.9"/>'
+    '<rgb name="intensity" value="1, 2, 3"/></emitter>'
+)
+
+
+def point_light(points):
+    """I cos θ / r² of `LIGHT` on a wall that faces -y."""
+    away = np.array([0.2, -0.5, 0.9]) - points
+    squared = np.sum(away**2, axis=-1)
+    return (-away[..., 1] / squared**1.5)[..., None] * [1, 2, 3]
+
+
+@pytest.fixture
+def office(room, monkeypatch):
+    """Wall, coloured floor and bookshelf, lit by a panel; few paths are traced."""
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.PATHS", 64)
+
+    def plane(name, x, y, z, turn, color, inside=""):
+        return (
+            f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale value="0.8"/>'
+            f'{turn}<translate x="{x}" y="{y}" z="{z}"/></transform><bsdf type="diffuse">'
+            f'<rgb name="reflectance" value="{color}"/></bsdf>{inside}</shape>'
+        )
+
+    left = '<rotate y="1" angle="90"/>'
+    down = '<rotate x="1" angle="180"/>'
+    return room.write(
+        plane("floor", 0.7, 0.2, -0.2, "", "0.7, 0.5, 0.2"),
+        plane("shelf", 0.0, 0.2, 0.3, left, "0.4, 0.5, 0.8"),
+        plane("panel", 0.9, 0.1, 1.5, down, "0", room.area),
+        monitor="",
+        camera=room.camera((12, 12)),
+    )
+
+
+@pytest.fixture
+def scenario(room):
+    """The room, seen as in the office."""
+    return room.load(camera=room.camera((12, 12)))
+
+
+def scene_of(path):
+    nodes = SceneNodes(path, required={"wall": "Shape", "camera": "Sensor"})
+    nodes.average_pixels()
+    return nodes.instantiate()
+
+
+def chair(folder, *, moved=""):
+    """The chair scene at 12 x 12 pixels, everything in it moved by further transforms."""
+    file = find_scene("chair")
+    text = file.read_text().replace('"meshes/', f'"{file.parent}/meshes/')
+    (folder / "moved.xml").write_text(text.replace("</transform>", f"{moved}</transform>"))
+    return load_scenario(folder / "moved.xml", (2, 3), {"resolution": 12})
+
+
+@pytest.mark.usefixtures("jit")
+def test_background_is_what_path_tracing_the_ambient_scene_gives(office, scenario, same_mean):
+    found = [render_background(office, scenario, seed=seed, target=2e-3) for seed in range(8)]
+    pictures = np.stack([background.photograph for background in found])
+    scene = scene_of(office)
+    whole = np.stack([path_trace(scene, -1, samples=900, seed=100 + seed) for seed in range(8)])
+    # Smoothing spreads noise over the picture, so that pixels are not independent.
+    same_mean(*(np.mean(x, axis=(1, 2), keepdims=True) for x in (pictures, whole)))
+    mean, brute = pictures.mean(axis=0), whole.mean(axis=0)
+    noise = whole.std(axis=0, ddof=1) / np.sqrt(8)
+    told = found[0].relative_error * brute / np.sqrt(8)
+    deviation = np.sqrt(np.mean((mean / mean.mean() - brute / brute.mean()) ** 2)) * brute.mean()
+    assert deviation < 1.3 * np.sqrt(np.mean(noise**2 + told**2))
+    assert deviation < 0.004 * brute.mean()
+    assert np.ptp(brute[..., 0]) > 0.1 * brute.mean()
+
+
+@pytest.mark.usefixtures("jit")
+def test_light_that_does_not_bounce_is_the_direct_light_alone(room):
+    scenario = room.load()
+    found = render_background(room.write(LIGHT, monitor=""), scenario)
+    x = 0.7 + 0.4 / 6 * (np.arange(6) - 2.5)
+    z = 0.3 - 0.4 / 6 * (np.arange(5)[:, None] - 2)
+    grid = np.stack(np.broadcast_arrays(x, 1.0, z), axis=-1)
+    np.testing.assert_allclose(found.photograph, 0.5 / np.pi * point_light(grid), rtol=3e-3)
+    assert found.relative_error <= 3e-4
+
+
+@pytest.mark.usefixtures("jit")
+def test_perspective_camera_sees_its_own_points_lit(room):
+    """A camera that looks from the side photographs what lies about the ambient camera's centre."""
+    camera = (
+        '<sensor type="perspective" id="camera"><float name="fov" value="20"/>'
+        '<transform name="to_world"><lookat origin="1.3, 0.2, 0.5" target="0.8, 1, 0.35" '
+        'up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="height" value="7"/>'
+        '<integer name="width" value="9"/></film></sensor>'
+    )
+    scenario = room.load(camera=camera)
+    points = scenario.wall_points.reshape(7, 9, 3)
+    # The place lies as it is turned: across as far as the wall's plane allows.
+    across = (points[:, -1] - points[:, 0]).mean(axis=0)
+    across /= np.linalg.norm(across)
+    up = np.cross(across, [0, 1, 0])
+    offset = points - points.mean(axis=(0, 1))
+    placed = np.stack([offset @ across + 0.7, np.full((7, 9), 1.0), offset @ up + 0.3], axis=-1)
+    found = render_background(room.write(LIGHT, monitor=""), scenario, **COARSE)
+    np.testing.assert_allclose(found.photograph, 0.5 / np.pi * point_light(placed), rtol=5e-3)
+    assert np.ptp(placed[:, 0, 2]) != pytest.approx(np.ptp(placed[:, -1, 2]), rel=0.1)
+
+
+@pytest.mark.usefixtures("jit")
+def test_wall_elsewhere_and_turned_gets_the_same_background(tmp_path):
+    turned = '<rotate z="1" angle="37"/><rotate x="1" angle="-20"/><translate x="5" y="-3" z="2"/>'
+    here, there = (chair(tmp_path, moved=moved) for moved in ("", turned))
+    assert np.linalg.norm(here.wall_points - there.wall_points, axis=1).min() > 3
+    pictures = [
+        render_background("ambient/ceiling_panels", scenario, **COARSE).photograph
+        for scenario in (here, there)
+    ]
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=5e-3)
+    assert np.ptp(pictures[0]) > 0.1 * pictures[0].mean()
+
+
+@pytest.mark.usefixtures("jit")
+def test_coloured_wall_scales_the_light_by_its_reflectance(office, room, scenario):
+    paint = '<bsdf type="diffuse"><rgb name="reflectance" value="0.9, 0.4, 0.1"/></bsdf>'
+    coloured = room.load(wall=room.wall(paint), camera=room.camera((12, 12)))
+    grey, painted = (render_background(office, s, **COARSE) for s in (scenario, coloured))
+    ratio = painted.photograph / grey.photograph
+    np.testing.assert_allclose(ratio, np.broadcast_to([1.8, 0.8, 0.2], ratio.shape), rtol=1e-5)
+
+
+@pytest.mark.usefixtures("jit")
+def test_ambient_parameters_reach_the_ambient_scene(room):
+    lamp = LIGHT.replace('"1, 2, 3"', '"$power"')
+    path = room.write('<default name="power" value="1"/>', lamp, monitor="")
+    scenario = room.load()
+    once, thrice = (
+        render_background(path, scenario, given, **COARSE).photograph
+        for given in (None, {"power": "3"})
+    )
+    np.testing.assert_allclose(thrice, 3 * once, rtol=1e-5)
+
+
+@pytest.mark.usefixtures("jit")
+def test_told_error_is_the_scatter_over_seeds(office, scenario):
+    count = 12
+    found = [render_background(office, scenario, seed=seed, **COARSE) for seed in range(count)]
+    pictures = np.stack([background.photograph for background in found])
+    brightness = pictures.mean(axis=(1, 2, 3))
+    scaled = pictures / brightness[:, None, None, None]
+    scatter = np.mean(scaled.var(axis=0, ddof=1) / scaled.mean(axis=(0, 3))[..., None] ** 2)
+    told = np.mean([background.relative_error**2 for background in found])
+    # At worst all pixels vary as one; what is told has errors too, of 7 degrees for each seed.
+    low, high = (stats.f.ppf(p, count - 1, 7 * count) for p in (1e-4, 1 - 1e-4))
+    assert low < scatter / told < high
+    scatter = brightness.var(ddof=1) / brightness.mean() ** 2
+    told = np.mean([background.brightness_error**2 for background in found])
+    assert low < scatter / told < high
+
+
+@pytest.mark.usefixtures("jit")
+def test_rounds_go_on_until_the_target_is_reached(office, scenario):
+    fractions = []
+    rough = render_background(office, scenario, **COARSE)
+    fine = render_background(
+        office, scenario, target=rough.relative_error / 2, progress=fractions.append
+    )
+    assert fine.relative_error <= rough.relative_error / 2
+    assert len(fractions) > 0
+    assert all(0 < fraction <= 1 for fraction in fractions)
+
+
+@pytest.mark.usefixtures("jit")
+def test_samples_go_to_the_noisier_part(office, scenario, monkeypatch):
+    rng, calls = np.random.default_rng(0), Counter()
+
+    def estimate(name, sigma):
+        def light(*arguments):
+            calls[name] += 1
+            points = next(a for a in arguments if isinstance(a, np.ndarray))
+            return 1 + sigma * rng.normal(size=points.shape)
+
+        return light
+
+    ambient = "periscopy_sim.rendering.ambient.background"
+    monkeypatch.setattr(f"{ambient}.direct_irradiance", estimate("direct", 0.001))
+    monkeypatch.setattr(f"{ambient}.bounced_irradiance", estimate("bounced", 0.2))
+    found = render_background(office, scenario, target=0.002)
+    assert found.relative_error <= 0.002
+    # Eight replicas in a round.
+    assert calls["direct"] == 8
+    assert calls["bounced"] >= 16
+    np.testing.assert_allclose(found.photograph, 2 * 0.5 / np.pi, rtol=0.05)
+
+
+@pytest.mark.usefixtures("jit")
+def test_missed_target_warns(office, scenario):
+    with pytest.warns(RuntimeWarning, match=r"stopped at a relative error of .*; raise max_rounds"):
+        found = render_background(office, scenario, target=1e-7, max_rounds=2)
+    assert found.relative_error > 1e-7
+
+
+@pytest.mark.usefixtures("jit")
+def test_same_seed_gives_the_same_bytes_and_another_seed_others(office, scenario):
+    first, again, other = (
+        render_background(office, scenario, seed=seed, **COARSE).photograph for seed in (2, 2, 3)
+    )
+    assert first.shape == (12, 12, 3)
+    assert first.tobytes() == again.tobytes()
+    assert np.all(first != other)
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1), (2, 3)])
+def test_small_photographs_are_rendered(room, office, size):
+    scenario = room.load(camera=room.camera(size), hidden=(1, 1))
+    found = render_background(office, scenario, **COARSE).photograph
+    whole = render_background(
+        office, room.load(camera=room.camera((12, 12)), hidden=(1, 1)), **COARSE
+    ).photograph
+    assert found.shape == (*size, 3)
+    # Square pixels reach beyond the square field of view, or not to its ends.
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), whole.mean(axis=(0, 1)), rtol=0.15)
+
+
+def test_relative_errors_are_those_of_the_mean_after_one_factor():
+    rng = np.random.default_rng(0)
+    picture = rng.uniform(1, 3, size=(2000, 3))
+    gains = 1 + 0.05 * rng.normal(size=8)
+    relative, brightness = relative_errors(gains[:, None, None] * picture, np.zeros(3))
+    assert relative < 1e-12
+    assert brightness == pytest.approx(gains.std(ddof=1) / gains.mean() / np.sqrt(8))
+    grey = picture.mean(axis=1)[:, None]
+    noisy = picture + 0.02 * grey * rng.normal(size=(8, 2000, 3))
+    relative, brightness = relative_errors(gains[:, None, None] * noisy, np.zeros(3))
+    assert relative == pytest.approx(0.02 / np.sqrt(8), rel=0.02)
+    # A bias counts as an error of every pixel.
+    biased, _ = relative_errors(np.stack([picture] * 8), np.full(3, 0.01))
+    assert biased == pytest.approx(0.1 * np.sqrt(np.mean(grey**-2.0)), rel=1e-6)
+
+
+def test_dark_pixels_have_no_error():
+    rng = np.random.default_rng(0)
+    lit = 1 + 0.1 * rng.normal(size=(8, 500, 3))
+    half = np.concatenate([lit, np.zeros_like(lit)], axis=1)
+    alone, _ = relative_errors(lit, np.zeros(3))
+    assert relative_errors(half, np.zeros(3))[0] == pytest.approx(alone / np.sqrt(2), rel=1e-9)
+    assert relative_errors(np.zeros((8, 5, 3)), np.zeros(3)) == (0, 0)
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+def refusal(path, scenario, parameters=None):
+    with pytest.raises(SceneError) as error:
+        render_background(path, scenario, parameters, **COARSE)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(("missing", "kind"), [("wall", "shape"), ("camera", "sensor")])
+def test_scene_without_wall_or_camera_is_refused(room, missing, kind):
+    path = room.write(LIGHT, monitor="", **{missing: ""})
+    assert re.search(f"has no {kind} with id '{missing}'", refusal(path, room.load()))
+
+
+def test_undeclared_parameter_is_refused(office, scenario):
+    assert "declares no parameter 'color'" in refusal(office, scenario, {"color": "1"})
+
+
+def test_scene_without_light_is_refused(room):
+    assert "has no emitter; give it light" in refusal(room.write(monitor=""), room.load())
+
+
+def test_scene_whose_light_does_not_reach_the_wall_is_refused(room):
+    behind = LIGHT.replace("-0.5", "2.5")
+    assert "no light reaches its wall" in refusal(room.write(behind, monitor=""), room.load())
+
+
+def test_camera_that_does_not_see_its_wall_is_refused(room):
+    ball = room.blocker("0.7, 0.95, 0.3", 0.04)
+    aside = room.wall(x=5)
+    for path in (
+        room.write(LIGHT, ball, monitor="", camera=room.camera().replace("0.7, 0.9", "0.7, 0.8")),
+        room.write(LIGHT, monitor="", wall=aside),
+    ):
+        assert "its camera does not see its wall" in refusal(path, room.load())
+
+
+def test_wall_that_is_not_diffuse_is_refused(office, room):
+    glossy = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
+    scenario = room.load(wall=room.wall(glossy))
+    assert "ambient light needs a diffuse wall" in refusal(office, scenario)
+
+
+def test_unknown_scene_is_refused(scenario):
+    assert "ambient/overcast" in refusal("ambient/midnight", scenario)

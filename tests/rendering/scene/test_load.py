@@ -1,0 +1,323 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import build_scene, camera_of, load_scenario, shape_of
+from periscopy_sim.scenario import EmissionProfile
+from periscopy_sim.shipped import find_scene
+
+CHAIR = find_scene("chair")
+MIRROR = '<bsdf type="conductor"/>'
+GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
+TEXTURED = (
+    '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><transform '
+    'name="to_uv"><scale value="40"/></transform></texture></bsdf>'
+)
+VARNISHED = (
+    '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.8, 0.2, 0.1"/></bsdf>'
+)
+
+
+def refusal(room, *extra, hidden=(2, 3), **parts):
+    with pytest.raises(SceneError) as caught:
+        room.load(*extra, hidden=hidden, **parts)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def on_grid(points, shape):
+    return points.reshape(*shape, 3)
+
+
+# -- refusals ------------------------------------------------------------------------------------
+
+
+def test_pixels_past_the_walls_edge_are_counted_and_the_first_is_named(room):
+    # The wall ends at x = 0.75: of six columns from 0.5 to 0.9 the last two lie beyond, 5 rows.
+    message = refusal(room, wall=room.wall(x=-0.25))
+    assert "10 of 30 camera pixels miss the wall, the first at row 0, column 4;" in message
+
+
+def test_pixels_that_an_object_hides_are_counted_and_the_first_is_named(room):
+    # Pixels are 67 mm wide; the ball of 20 mm covers the centre of row 3, column 1.
+    message = refusal(room, room.blocker("0.6, 0.95, 0.22", 0.02))
+    assert "1 of 30 camera pixels miss the wall, the first at row 3, column 1;" in message
+
+
+@pytest.mark.parametrize("hidden", [(0, 3), (2, 0), (-1, -1)])
+def test_hidden_image_without_patches_is_refused(room, hidden):
+    assert "give at least 1x1" in refusal(room, hidden=hidden)
+
+
+def test_more_patches_than_pixels_are_refused(room):
+    assert room.load(hidden=(5, 6)).transport_shape == (30, 30)
+    message = refusal(room, hidden=(1, 31))
+    assert message.startswith("1x31 hidden patches are more than the 5x6 pixels")
+
+
+@pytest.mark.parametrize(
+    ("bsdf", "reason"),
+    [
+        (TEXTURED, "the wall is textured (diffuse)"),
+        (VARNISHED, "the colour of the wall's reflection (roughplastic) changes with direction"),
+        (MIRROR, "the wall (conductor) reflects nothing to the camera"),
+    ],
+)
+def test_wall_without_one_uniform_reflection_is_refused(room, bsdf, reason):
+    assert reason in refusal(room, wall=room.wall(bsdf))
+
+
+def test_one_sided_wall_seen_from_behind_is_refused(room):
+    message = refusal(room, wall=room.wall(angle=-90))
+    assert "the wall (diffuse) reflects nothing to the camera; turn its front" in message
+    two_sided = room.wall(f'<bsdf type="twosided">{room.diffuse}</bsdf>', angle=-90)
+    seen = room.load(wall=two_sided)
+    np.testing.assert_allclose(seen.wall_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.wall_reflectance, 0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("turn", "flip"), [(0, False), (180, True)])
+def test_monitor_that_faces_away_is_refused(room, turn, flip):
+    assert "faces away from the wall" in refusal(room, monitor=room.monitor(turn=turn, flip=flip))
+
+
+def test_monitor_behind_the_wall_is_refused(room):
+    assert "the monitor is behind the wall" in refusal(room, monitor=room.monitor(turn=0, y=2))
+
+
+def test_monitor_without_emitter_is_refused(room):
+    assert "'monitor' has no emitter" in refusal(room, monitor=room.monitor(""))
+
+
+def test_film_of_another_type_is_refused(room):
+    assert "no film of type hdrfilm" in refusal(room, camera=room.camera(film="specfilm"))
+
+
+SCREEN_PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+{properties}element face 2
+property list uchar int vertex_indices
+end_header
+{vertices}
+3 0 1 2
+3 0 2 3
+"""
+CORNERS = [(0.4, 0.15), (0.0, 0.15), (0.0, 0.45), (0.4, 0.45)]  # a viewer's lower left, and on
+UNIT = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+def mesh_monitor(room, uv, flip=False):
+    """The room's monitor as two triangles with the given UV coordinates of its corners."""
+    rows = [f"{x} 0 {z}" for x, z in CORNERS]
+    if uv:
+        rows = [f"{row} {u} {v}" for row, (u, v) in zip(rows, uv, strict=True)]
+    text = SCREEN_PLY.format(
+        properties="property float u\nproperty float v\n" if uv else "", vertices="\n".join(rows)
+    )
+    if flip:
+        text = text.replace("3 0 1 2", "3 2 1 0").replace("3 0 2 3", "3 3 2 0")
+    (room.folder / "screen.ply").write_text(text)
+    return (
+        '<shape type="ply" id="monitor"><string name="filename" value="screen.ply"/><boolean '
+        f'name="flip_normals" value="{str(flip).lower()}"/>{room.lcd()}{room.black}</shape>'
+    )
+
+
+def test_mesh_without_uv_coordinates_is_refused(room):
+    assert "give its mesh UV coordinates" in refusal(room, monitor=mesh_monitor(room, None))
+
+
+def test_mesh_whose_uv_coordinates_leave_a_gap_is_refused_with_the_first_patch(room):
+    half = [(u, v / 2) for u, v in UNIT]
+    message = refusal(room, monitor=mesh_monitor(room, half), hidden=(4, 5))
+    assert "no point at patch row 0, column 0; its UV" in message
+    left = [(u / 2, v) for u, v in UNIT]
+    message = refusal(room, monitor=mesh_monitor(room, left), hidden=(4, 5))
+    assert "no point at patch row 0, column 3; its UV" in message
+
+
+# -- the wall as the camera sees it ----------------------------------------------------------------
+
+
+def test_orthographic_pixels_see_a_regular_grid_with_row_0_on_top(room):
+    seen = room.load()
+    assert seen.photograph_shape == (5, 6)
+    x = 0.5 + 0.4 * (np.arange(6) + 0.5) / 6
+    z = 0.3 - 0.4 * (np.arange(5) - 2) / 6
+    grid = on_grid(seen.wall_points, (5, 6))
+    np.testing.assert_allclose(grid[..., 0], np.tile(x, (5, 1)), atol=1e-6)
+    np.testing.assert_allclose(grid[..., 1], 1, atol=1e-6)
+    np.testing.assert_allclose(grid[..., 2], np.tile(z[:, None], (1, 6)), atol=1e-6)
+    np.testing.assert_allclose(seen.wall_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.view_directions, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
+
+
+def test_perspective_pixels_see_what_a_pinhole_sees(room):
+    origin, target, fov = np.array([1.3, -0.2, 0.6]), np.array([0.6, 1.0, 0.25]), 17.0
+    camera = (
+        f'<sensor type="perspective" id="camera"><float name="fov" value="{fov}"/>'
+        '<string name="fov_axis" value="x"/><transform name="to_world">'
+        '<lookat origin="1.3, -0.2, 0.6" target="0.6, 1, 0.25" up="0, 0, 1"/></transform>'
+        '<film type="hdrfilm"><integer name="width" value="7"/>'
+        '<integer name="height" value="4"/></film></sensor>'
+    )
+    seen = room.load(camera=camera)
+    forward = (target - origin) / np.linalg.norm(target - origin)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    pixel = 2 * np.tan(np.radians(fov / 2)) / 7
+    for row in range(4):
+        for column in range(7):
+            ray = forward + pixel * ((column - 3) * right + (1.5 - row) * up)
+            hit = origin + ray * (1 - origin[1]) / ray[1]
+            index = 7 * row + column
+            np.testing.assert_allclose(seen.wall_points[index], hit, atol=3e-6)
+            np.testing.assert_allclose(
+                seen.view_directions[index], -ray / np.linalg.norm(ray), atol=1e-5
+            )
+
+
+def test_cropped_film_sees_its_part_of_the_wall(room):
+    crop = {"crop_offset_x": 2, "crop_offset_y": 1, "crop_width": 3, "crop_height": 2}
+    inside = "".join(f'<integer name="{key}" value="{value}"/>' for key, value in crop.items())
+    seen = room.load(camera=room.camera(inside_film=inside))
+    assert seen.photograph_shape == (2, 3)
+    full = on_grid(room.load().wall_points, (5, 6))
+    np.testing.assert_allclose(on_grid(seen.wall_points, (2, 3)), full[1:3, 2:5], rtol=0, atol=1e-6)
+
+
+def test_color_of_the_wall_is_split_into_albedo_and_gain(room):
+    paint = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.3, 0.15"/></bsdf>'
+    seen = room.load(wall=room.wall(paint))
+    np.testing.assert_allclose(seen.wall_reflectance, [0.6, 0.3, 0.15], rtol=1e-5)
+    np.testing.assert_allclose(seen.channel_gain, np.array([0.6, 0.3, 0.15]) / 0.35, rtol=1e-5)
+
+
+def test_wall_that_is_not_diffuse_has_no_albedo(room):
+    seen = room.load(wall=room.wall(GLOSSY))
+    assert seen.wall_reflectance is None
+    np.testing.assert_allclose(seen.channel_gain.mean(), 1, rtol=1e-6)
+
+
+# -- the hidden patches ----------------------------------------------------------------------------
+
+
+def test_patches_run_from_a_viewers_upper_left(room):
+    seen = room.load(hidden=(2, 3))
+    x = 0.4 - 0.4 * (np.arange(3) + 0.5) / 3
+    z = [0.375, 0.225]
+    expected = [[x[c], 0, z[r]] for r in range(2) for c in range(3)]
+    np.testing.assert_allclose(seen.patch_centers, expected, atol=1e-6)
+    np.testing.assert_allclose(seen.patch_across, np.tile([-0.4 / 3, 0, 0], (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.patch_up, np.tile([0, 0, 0.15], (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.patch_normals, np.tile([0, 1, 0], (6, 1)), atol=1e-6)
+    assert not seen.mirrored
+    assert seen.emission == EmissionProfile(18, 1)
+
+
+def test_tilted_and_scaled_monitor_carries_its_patches_along(room):
+    seen = room.load(monitor=room.monitor(scale=(0.3, 0.05), turn=165, tilt=-25), hidden=(3, 2))
+    turn = Rotation.from_euler("x", -25, degrees=True) * Rotation.from_euler("z", -15, degrees=True)
+    right, up, normal = turn.apply([[-1, 0, 0], [0, 0, 1], [0, 1, 0]])
+    np.testing.assert_allclose(seen.patch_across, np.tile(0.3 * right, (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.patch_up, np.tile(0.1 / 3 * up, (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.patch_normals, np.tile(normal, (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(
+        seen.patch_centers[0], [0.2, 0, 0.3] - 0.15 * right + 0.1 / 3 * up, atol=1e-6
+    )
+    np.testing.assert_allclose(seen.patch_areas, 0.01, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("flip", "turn", "width"), [(True, 0, 0.2), (False, 180, -0.2)])
+def test_flipped_or_mirrored_rectangle_has_the_patches_of_a_plain_one(room, flip, turn, width):
+    plain = room.load()
+    other = room.load(monitor=room.monitor(flip=flip, turn=turn, scale=(width, 0.15)))
+    for name in ("patch_centers", "patch_normals", "patch_across", "patch_up"):
+        np.testing.assert_allclose(getattr(other, name), getattr(plain, name), atol=1e-6)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_mesh_monitor_has_the_same_patches_whichever_way_its_u_runs(room, flip, mirrored):
+    plain = room.load(hidden=(2, 3))
+    uv = [(1 - u, v) for u, v in UNIT] if mirrored else UNIT
+    mesh = room.load(monitor=mesh_monitor(room, uv, flip), hidden=(2, 3))
+    assert mesh.mirrored == mirrored
+    for name in ("patch_centers", "patch_normals", "patch_across", "patch_up"):
+        np.testing.assert_allclose(getattr(mesh, name), getattr(plain, name), atol=1e-6)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_curved_mesh_is_cut_into_patches_along_its_curve(room, flip, mirrored):
+    monitor = room.curved_monitor(room.area, mirrored=mirrored, flip=flip)
+    seen = room.load(monitor=monitor, hidden=(2, 8))
+    assert seen.mirrored == mirrored
+    # Patches of two facets each; their middles lie on the seams, 0.4 rad to either side at most.
+    angle = 0.8 * ((np.arange(8) + 0.5) / 8 - 0.5)
+    x, y = 0.2 - 0.5 * np.sin(angle), 0.5 - 0.5 * np.cos(angle)
+    expected = [[x[c], y[c], z] for z in (0.375, 0.225) for c in range(8)]
+    np.testing.assert_allclose(seen.patch_centers, expected, atol=1e-6)
+    facet = 2 * 0.5 * np.sin(0.025)
+    np.testing.assert_allclose(seen.patch_areas, 2 * facet * 0.15, rtol=1e-5)
+    towards_axis = np.array([0.2, 0.5]) - seen.patch_centers[:, :2]
+    assert np.all(np.sum(seen.patch_normals[:, :2] * towards_axis, axis=1) > 0.499 * np.cos(0.026))
+    assert np.all(seen.patch_across[:, 0] < 0)
+
+
+# -- occluders -------------------------------------------------------------------------------------
+
+
+def test_shapes_that_are_not_meshes_occlude_without_triangles(room):
+    box = (
+        '<shape type="cube" id="box"><transform name="to_world"><scale value="0.02"/>'
+        '<translate y="0.4"/></transform></shape>'
+    )
+    ball, box = room.load(room.blocker(), box).occluders
+    assert (ball.name, ball.vertices, ball.faces) == ("ball", None, None)
+    assert box.name == "box"
+    np.testing.assert_allclose(box.vertices.min(axis=0), [-0.02, 0.38, -0.02], atol=1e-7)
+    np.testing.assert_allclose(box.vertices.max(axis=0), [0.02, 0.42, 0.02], atol=1e-7)
+
+
+def test_meshes_of_one_material_stay_apart(room):
+    paint = room.diffuse.replace("<bsdf", '<bsdf id="paint"')
+    boxes = [
+        f'<shape type="cube" id="{name}"><transform name="to_world"><scale value="0.01"/>'
+        f'<translate y="{y}"/></transform><ref id="paint"/></shape>'
+        for name, y in (("stool", 0.3), ("sofa", 0.5))
+    ]
+    stool, sofa = room.load(paint, *boxes).occluders
+    assert (stool.name, sofa.name) == ("stool", "sofa")
+    assert sofa.vertices[:, 1].min() - stool.vertices[:, 1].max() == pytest.approx(0.18, abs=1e-6)
+
+
+# -- built scenes ----------------------------------------------------------------------------------
+
+
+def test_built_scene_keeps_parameters_and_ids():
+    seen = load_scenario(CHAIR, (2, 2), {"resolution": 3, "occluder_dx": 0.1})
+    scene = build_scene(seen)
+    assert tuple(camera_of(scene).film().crop_size()) == (3, 3)
+    assert shape_of(scene, "chair").bbox().min.x == pytest.approx(0.606, abs=1e-6)
+    assert {shape.id() for shape in scene.shapes()} == {"wall", "monitor", "chair"}
+
+
+def test_built_scene_can_lose_its_other_lights_and_its_falloff(room):
+    lamp = (
+        '<emitter type="point"><point name="position" value="1, 0.2, 0.4"/>'
+        '<rgb name="intensity" value="3"/></emitter>'
+    )
+    seen = room.load(lamp)
+    assert len(build_scene(seen).emitters()) == 2
+    (alone,) = build_scene(seen, only_monitor=True).emitters()
+    assert "Lcd" in str(alone)
+    plain = build_scene(seen, plain_emitter=True)
+    assert "Lcd" not in str(shape_of(plain, "monitor").emitter())

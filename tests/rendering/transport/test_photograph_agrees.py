@@ -1,0 +1,113 @@
+"""The matrix A against path-traced photographs."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.rendering.photograph import render_photograph
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+SEEDS = 12
+GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
+
+
+def painted(color):
+    return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
+
+
+def predictions(seen, image, seeds=SEEDS):
+    """A f of several seeds, in color."""
+    for seed in range(seeds):
+        A = render_transport(seen, samples=16, pixel_samples=16, seed=seed)
+        yield (A.astype(np.float64) @ image.reshape(-1, 3)) * seen.channel_gain
+
+
+def photographs(seen, image, seeds=SEEDS, samples=256):
+    for seed in range(seeds):
+        yield render_photograph(seen, image, samples=samples, bounces=1, seed=1000 + seed)
+
+
+def hidden_image(shape, seed=0):
+    return np.random.default_rng(seed).random((*shape, 3))
+
+
+@pytest.mark.parametrize("name", ["chair", "plate", "plant"])
+def test_matrix_times_image_is_the_path_traced_photograph(shipped, same_mean, name):
+    seen = shipped(name)
+    image = hidden_image(seen.hidden_shape)
+    same_mean(list(photographs(seen, image)), list(predictions(seen, image)))
+
+
+@pytest.mark.parametrize("kind", ["glossy", "colored", "tilted", "flipped", "mirrored", "sphere"])
+def test_matrix_times_image_is_the_photograph_in_any_room(room, same_mean, kind):
+    parts = {
+        "glossy": {"wall": room.wall(GLOSSY)},
+        "colored": {"wall": room.wall(painted("0.9, 0.3, 0.15"))},
+        "tilted": {"monitor": room.monitor(scale=(0.1, 0.3), turn=170, tilt=10)},
+        "flipped": {"monitor": room.monitor(flip=True, turn=0)},
+        "mirrored": {"monitor": room.monitor(scale=(-0.2, 0.15))},
+        "sphere": {},
+    }[kind]
+    extra = [room.blocker()] if kind == "sphere" else []
+    seen = room.load(*extra, hidden=(2, 3), **parts)
+    image = hidden_image((2, 3))
+    same_mean(list(photographs(seen, image)), list(predictions(seen, image)))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("emitter", ["area", "lcd"])
+def test_matrix_times_image_is_the_photograph_with_a_curved_monitor(
+    room, same_mean, emitter, mirrored
+):
+    light = room.area if emitter == "area" else room.lcd(6, 2)
+    monitor = room.curved_monitor(light, mirrored=mirrored)
+    seen = room.load(room.blocker(), monitor=monitor, hidden=(2, 5))
+    assert seen.mirrored == mirrored
+    image = hidden_image((2, 5))
+    same_mean(list(photographs(seen, image)), list(predictions(seen, image)))
+
+
+def test_columns_are_photographs_of_single_patches(shipped, same_mean):
+    seen = shipped("chair", resolution=16)
+    columns = np.random.default_rng(0).choice(48, 5, replace=False)
+    matrices = [
+        render_transport(seen, samples=16, pixel_samples=16, seed=seed)[:, columns]
+        for seed in range(SEEDS)
+    ]
+    for number, column in enumerate(columns):
+        image = np.zeros((48, 3))
+        image[column] = 1
+        pictures = photographs(seen, image.reshape(6, 8, 3))
+        same_mean(
+            [picture.mean(axis=2).ravel() for picture in pictures],
+            [matrix[:, number] for matrix in matrices],
+        )
+
+
+@pytest.mark.parametrize("monitor", ["plain", "flipped", "mesh", "mirrored mesh"])
+def test_leftmost_column_of_the_hidden_image_lies_at_the_largest_x(room, monitor):
+    """In A and in the photograph, whichever way the monitor's u runs."""
+    shape = {
+        "plain": lambda: room.monitor(room.area),
+        "flipped": lambda: room.monitor(room.area, flip=True, turn=0),
+        "mesh": lambda: room.curved_monitor(room.area),
+        "mirrored mesh": lambda: room.curved_monitor(room.area, mirrored=True),
+    }[monitor]()
+    bare = room.load(monitor=shape, hidden=(1, 2))
+    left = np.zeros((1, 2, 3))
+    left[0, 0] = 1
+    # From x = 0.3 on the screen's left half past x = 0.45 halfway to the wall: x = 0.6. From its
+    # right half, at x = 0.1, the shadow would fall at x = 0.8.
+    pictures = []
+    for render in (
+        lambda seen: render_transport(seen, strata="midpoint", samples=256)[:, 0],
+        lambda seen: render_photograph(seen, left, samples=1024, bounces=1).mean(axis=2).ravel(),
+    ):
+        lit = render(bare)
+        shadow = 1 - render(room.load(room.blocker(), monitor=shape, hidden=(1, 2))) / lit
+        shadow[shadow < 0.05] = 0
+        middle = shadow @ bare.wall_points / shadow.sum()
+        np.testing.assert_allclose(middle, [0.6, 1, 0.3], atol=0.03)
+        pictures.append(lit)
+    np.testing.assert_allclose(pictures[0], pictures[1], rtol=0.02)

@@ -1,0 +1,86 @@
+"""Rows rendered on demand against the stored matrix."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
+from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("lanes", [1, 1000, 1 << 22])
+def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes):
+    scene = shipped("chair", (4, 5), 12)
+    settings = {"samples": 6, "pixel_samples": 2, "seed": 3}
+    A = render_transport(scene, **settings)
+    rendered = RenderedTransport(scene, **settings, lanes=lanes)
+    assert rendered.shape == A.shape
+    for _ in range(2):
+        covered = 0
+        for rows, block in rendered.row_blocks():
+            assert rows.start == covered
+            covered = rows.stop
+            np.testing.assert_array_equal(block, A[rows])
+        assert covered == len(A)
+
+
+@pytest.mark.usefixtures("jit")
+def test_midpoint_strata_are_passed_on(shipped):
+    scene = shipped("chair", (4, 5), 12)
+    A = render_transport(scene, strata="midpoint", samples=4)
+    ((_, block),) = RenderedTransport(scene, strata="midpoint", samples=4).row_blocks()
+    np.testing.assert_array_equal(block, A)
+
+
+@pytest.mark.usefixtures("jit")
+def test_reconstruction_without_a_stored_matrix_is_that_with_it(shipped):
+    scene = shipped("chair", (4, 5), 16)
+    A = render_transport(scene, seed=1)
+    rng = np.random.default_rng(0)
+    f = rng.random((20, 3))
+    y = (A @ f).reshape(16, 16, 3)
+    y += 1e-3 * y.mean() * rng.normal(size=y.shape)
+    rendered = RenderedTransport(scene, seed=1, lanes=1500)
+    stored = IterativePeriscope.for_scene(scene, A, tolerance=1e-6).reconstruct(y)
+    found = IterativePeriscope.for_scene(scene, rendered, tolerance=1e-6).reconstruct(y)
+    assert np.linalg.norm(found - stored) < 1e-3 * np.linalg.norm(stored)
+
+
+@pytest.mark.usefixtures("jit")
+def test_it_makes_a_linear_operator_that_passes_the_dot_test(shipped):
+    scene = shipped("chair", (4, 5), 12)
+    operator = TransportOperator(RenderedTransport(scene, lanes=500))
+    rng = np.random.default_rng(1)
+    f, y = rng.normal(size=20), rng.normal(size=144)
+    assert (operator @ f) @ y == pytest.approx(f @ (operator.H @ y), rel=1e-12)
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"samples": 0}, "all must be positive"),
+        ({"pixel_samples": 0}, "all must be positive"),
+        ({"lanes": 0}, "all must be positive"),
+        ({"strata": "random"}, "strata 'random' are not known"),
+    ],
+)
+def test_settings_out_of_range_are_refused(shipped, settings, message):
+    with pytest.raises(ValueError, match=message):
+        RenderedTransport(shipped("chair", (2, 2), 4), **settings)
+
+
+def test_scalar_variants_are_refused_with_what_to_do(scalar):
+    code = (
+        "import periscopy_sim as ps\n"
+        "from periscopy_sim.rendering.transport.row_blocks import RenderedTransport\n"
+        "scene = ps.load_scenario(ps.find_scene('chair'), (2, 2), {'resolution': 4})\n"
+        "try:\n"
+        "    next(RenderedTransport(scene).row_blocks())\n"
+        "except ps.PeriscopyError as error:\n"
+        "    print(type(error).__name__, error)\n"
+    )
+    printed = scalar(code)
+    assert printed.startswith("VariantError") and "memory_map" in printed

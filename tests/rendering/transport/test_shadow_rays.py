@@ -1,0 +1,310 @@
+"""The matrix A against quadrature and brute force."""
+
+import numpy as np
+import pytest
+from scipy import integrate
+from scipy.spatial.transform import Rotation
+
+from periscopy_sim.rendering.transport import shadow_rays as transport
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+
+def painted(color):
+    return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
+
+
+def closed_form(point, corner, across, up, exponents=(18, 1), albedo=0.5):
+    """Radiance of a diffuse wall at y = 1 for a parallelogram of unit normal radiance."""
+    normal = np.cross(across, up)
+    area = np.linalg.norm(normal)
+    axes = np.stack([across, up, normal])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+
+    def integrand(t, s):
+        ray = point - (corner + s * across + t * up)
+        x, z, n = axes @ ray
+        profile = (
+            np.cos(np.arctan2(z, n)) ** exponents[0] * np.cos(np.arctan2(x, n)) ** exponents[1]
+        )
+        return profile * n * ray[1] / (ray @ ray) ** 2
+
+    value, _ = integrate.dblquad(integrand, 0, 1, 0, 1, epsabs=0, epsrel=1e-7)
+    return albedo / np.pi * area * value
+
+
+def pixel_center(row, column):
+    """Of the room's 5 x 6 pixels."""
+    return np.array([0.5 + 0.4 * (column + 0.5) / 6, 1.0, 0.3 - 0.4 * (row - 2) / 6])
+
+
+def block_sum(array, down, across):
+    """Sum blocks of the last two axes."""
+    *batch, rows, columns = array.shape
+    blocks = array.reshape(*batch, rows // down, down, columns // across, across)
+    return blocks.sum(axis=(-3, -1))
+
+
+# -- values ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exponents", [(18, 1), (0, 0)])
+def test_entry_is_the_closed_form_integral_in_absolute_scale(room, exponents):
+    seen = room.load(monitor=room.monitor(room.lcd(*exponents)), hidden=(2, 3))
+    A = render_transport(seen, strata="midpoint", samples=1024)
+    for row, column, patch_row, patch_column in [(0, 0, 0, 0), (2, 5, 1, 2), (4, 1, 0, 1)]:
+        # A viewer's left is the largest x.
+        corner = np.array([0.4 - 0.4 / 3 * patch_column, 0, 0.3 - 0.15 * patch_row])
+        across, up = np.array([-0.4 / 3, 0, 0]), np.array([0, 0, 0.15])
+        expected = closed_form(pixel_center(row, column), corner, across, up, exponents)
+        assert A[6 * row + column, 3 * patch_row + patch_column] == pytest.approx(expected, 1e-4)
+
+
+def test_falloff_is_about_the_axes_of_a_tilted_and_stretched_monitor(room):
+    monitor = room.monitor(scale=(0.3, 0.05), turn=165, tilt=-25)
+    A = render_transport(room.load(monitor=monitor, hidden=(1, 2)), strata="midpoint", samples=1024)
+    turn = Rotation.from_euler("x", -25, degrees=True) * Rotation.from_euler("z", -15, degrees=True)
+    right, above, _ = turn.apply([[-1, 0, 0], [0, 0, 1], [0, 1, 0]])
+    corner = [0.2, 0, 0.3] - 0.3 * right - 0.05 * above
+    for pixel, patch in [(0, 0), (17, 1), (29, 0)]:
+        expected = closed_form(
+            pixel_center(*divmod(pixel, 6)), corner + 0.3 * patch * right, 0.3 * right, 0.1 * above
+        )
+        assert A[pixel, patch] == pytest.approx(expected, rel=2e-4)
+
+
+def test_entry_is_proportional_to_the_mean_albedo(room):
+    grey = render_transport(room.load(), strata="midpoint")
+    for color, mean in {"0.9, 0.9, 0.9": 0.9, "0.9, 0.3, 0.15": 0.45}.items():
+        seen = room.load(wall=room.wall(painted(color)))
+        A = render_transport(seen, strata="midpoint")
+        np.testing.assert_allclose(A, grey * (mean / 0.5), rtol=1e-5)
+
+
+def test_file_radiance_does_not_matter(room):
+    dim = room.lcd().replace('name="radiance" value="1"', 'name="radiance" value="0.01, 2, 7"')
+    np.testing.assert_array_equal(
+        render_transport(room.load(monitor=room.monitor(dim))), render_transport(room.load())
+    )
+
+
+def brute_force(points, lights, triangles):
+    """Whether each segment from a point to a light crosses a triangle (Möller and Trumbore)."""
+    ray = (lights[None] - points[:, None]).reshape(-1, 3)
+    start = np.repeat(points, len(lights), axis=0)
+    blocked = np.zeros(len(ray), bool)
+    for a, b, c in triangles:
+        p = np.cross(ray, c - a)
+        determinant = p @ (b - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.sum(p * (start - a), axis=1) / determinant
+            q = np.cross(start - a, b - a)
+            v = np.sum(q * ray, axis=1) / determinant
+            t = q @ (c - a) / determinant
+        blocked |= (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1)
+    return blocked.reshape(len(points), len(lights))
+
+
+@pytest.mark.parametrize("name", ["chair", "plate"])
+def test_shadows_are_those_of_the_occluders_triangles(shipped, name):
+    seen = shipped(name)
+    A = render_transport(seen, strata="midpoint", samples=1)
+    (occluder,) = seen.occluders
+    blocked = brute_force(seen.wall_points, seen.patch_centers, occluder.vertices[occluder.faces])
+    assert 0.03 < blocked.mean() < 0.5
+    # A segment that grazes an edge may fall either way in single precision.
+    assert np.mean((A == 0) != blocked) < 2e-4
+    ray = seen.wall_points[:, None] - seen.patch_centers
+    distance = np.linalg.norm(ray, axis=2)
+    profile = seen.emission(*np.moveaxis(ray @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], 2, 0))
+    unblocked = 0.8 / np.pi * profile * ray[..., 1] ** 2 / distance**4 * seen.patch_areas
+    np.testing.assert_allclose(A[A > 0], unblocked[A > 0], rtol=2e-5)
+
+
+def test_object_half_a_millimetre_before_the_monitor_hides_its_patch_alone(room):
+    cover = (
+        '<shape type="rectangle" id="cover"><transform name="to_world"><scale x="0.06" y="0.07"/>'
+        '<rotate x="1" angle="90"/><translate x="0.3333" y="0.0005" z="0.375"/></transform></shape>'
+    )
+    bare = render_transport(room.load(hidden=(2, 3)), strata="midpoint", samples=1)
+    A = render_transport(room.load(cover, hidden=(2, 3)), strata="midpoint", samples=1)
+    assert not A[:, 0].any()
+    np.testing.assert_array_equal(A[:, 1:], bare[:, 1:])
+
+
+# -- samples ---------------------------------------------------------------------------------------
+
+
+def test_samples_of_a_patch_are_the_middles_of_its_strata(shipped):
+    """Four samples of each patch are one of each quarter; six lie in 2 rows of 3."""
+    for samples, down, across in [(4, 2, 2), (6, 2, 3)]:
+        A = render_transport(shipped("chair", (3, 4)), strata="midpoint", samples=samples)
+        fine = render_transport(
+            shipped("chair", (3 * down, 4 * across)), strata="midpoint", samples=1
+        )
+        summed = block_sum(fine.reshape(-1, 3 * down, 4 * across), down, across)
+        np.testing.assert_allclose(A, summed.reshape(A.shape), rtol=1e-4)
+
+
+def test_wall_points_of_a_pixel_are_the_middles_of_its_strata(shipped):
+    A = render_transport(shipped("chair", (3, 4), 12), strata="midpoint", pixel_samples=4)
+    fine = render_transport(shipped("chair", (3, 4), 24), strata="midpoint")
+    averaged = block_sum(fine.T.reshape(12, 24, 24), 2, 2).reshape(12, -1).T / 4
+    # A shadow's edge that passes through a sample falls either way in single precision.
+    same = np.isclose(A, averaged, rtol=1e-4)
+    assert same.mean() > 0.999
+    np.testing.assert_allclose(A, averaged, atol=A.max() / 32)
+
+
+def test_midpoints_do_not_depend_on_the_seed(shipped):
+    seen = shipped("chair")
+    options = {"strata": "midpoint", "samples": 4, "pixel_samples": 4}
+    np.testing.assert_array_equal(
+        render_transport(seen, seed=0, **options), render_transport(seen, seed=1, **options)
+    )
+
+
+@pytest.mark.parametrize("pixel_samples", [1, 4])
+def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_samples):
+    seen = shipped("chair")
+    first, again, other = (
+        render_transport(seen, seed=seed, pixel_samples=pixel_samples) for seed in (3, 3, 4)
+    )
+    assert first.dtype == np.float32
+    assert first.tobytes() == again.tobytes()
+    lit = (first > 0) & (other > 0)
+    assert np.mean(first[lit] != other[lit]) > 0.99
+
+
+@pytest.mark.parametrize("lanes", [1, 48 * 100, 48 * 575 + 1])
+def test_size_of_the_blocks_does_not_matter(shipped, monkeypatch, lanes):
+    seen = shipped("chair", resolution=24)
+    whole = render_transport(seen, samples=4, pixel_samples=2, seed=5)
+    monkeypatch.setattr(transport, "LANES", lanes)
+    blocks = []
+    parts = render_transport(seen, samples=4, pixel_samples=2, seed=5, progress=blocks.append)
+    assert parts.tobytes() == whole.tobytes()
+    assert len(blocks) == {1: 576, 48 * 100: 6, 48 * 575 + 1: 2}[lanes]
+
+
+def test_progress_rises_to_one(shipped, monkeypatch):
+    monkeypatch.setattr(transport, "LANES", 48 * 100)
+    fractions = []
+    render_transport(shipped("chair"), samples=1, progress=fractions.append)
+    np.testing.assert_allclose(fractions, [100 / 576 * k for k in range(1, 6)] + [1])
+    assert fractions[-1] == 1
+
+
+def test_matrix_can_be_rendered_into_a_memory_map(shipped, tmp_path):
+    seen = shipped("chair")
+    out = np.memmap(tmp_path / "A.bin", np.float32, "w+", shape=seen.transport_shape)
+    assert render_transport(seen, out=out) is out
+    out.flush()
+    stored = np.fromfile(tmp_path / "A.bin", np.float32).reshape(seen.transport_shape)
+    np.testing.assert_array_equal(stored, render_transport(seen))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"samples": 0}, {"pixel_samples": 0}, {"samples": -4}, {"strata": "random"}],
+)
+def test_impossible_samples_are_refused(room, wrong):
+    with pytest.raises(ValueError, match=str(next(iter(wrong.values())))):
+        render_transport(room.load(), **wrong)
+
+
+def test_array_of_another_shape_is_refused(room):
+    with pytest.raises(ValueError, match=r"\(6, 30\), the transport matrix \(30, 6\)"):
+        render_transport(room.load(), out=np.empty((6, 30), np.float32))
+
+
+def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):
+    seen = room.load(room.blocker(), hidden=(2, 3))
+    jittered = [render_transport(seen, samples=6, seed=seed) for seed in range(64)]
+    # 128 x 128 samples: an error far below that of 384 jittered ones.
+    exact = render_transport(seen, strata="midpoint", samples=128**2)
+    bare = render_transport(room.load(hidden=(2, 3)), strata="midpoint", samples=128**2)
+    partly = (exact > 0.05 * bare) & (exact < 0.95 * bare)
+    clear = exact == bare
+    assert partly.mean() > 0.1
+    assert clear.mean() > 0.1
+    same_mean([A[partly | clear] for A in jittered], [exact[partly | clear]] * 64)
+
+
+@pytest.mark.parametrize(("samples", "pixel_samples"), [(1, 1), (2, 2)])
+def test_noise_of_entries_and_of_seeds_is_independent(room, samples, pixel_samples):
+    """The variance of a sum is the sum of variances, at 5 standard deviations."""
+    seen, count = room.load(), 200
+    renders = np.array(
+        [
+            render_transport(seen, samples=samples, pixel_samples=pixel_samples, seed=seed)
+            for seed in range(count)
+        ],
+        dtype=np.float64,
+    )
+    noise = (renders - renders.mean(axis=0)) / renders.std(axis=0, ddof=1)
+    for axes in [(1,), (2,), (1, 2)]:
+        number = np.prod([noise.shape[axis] for axis in axes])
+        ratio = noise.sum(axis=axes).var(axis=0, ddof=1) / number
+        assert abs(np.mean(ratio) - 1) < 5 * np.sqrt(2 / (count - 1) / ratio.size)
+    neighbours = np.mean(noise[1:] * noise[:-1])
+    assert abs(neighbours) < 5 / np.sqrt(noise[1:].size)
+
+
+def uncorrelated(first, second):
+    """Two draws of two uniform numbers each, (2, n): at 5 standard errors."""
+    assert abs(first.mean() - 0.5) < 5 / np.sqrt(12 * first.size)
+    assert first.min() > 0 and first.max() < 1
+    for x, y in [
+        (first[0], first[1]),
+        (first[0], second[0]),
+        (first[1], second[1]),
+        (first[0, 1:], first[0, :-1]),
+        (first[1, 1:], first[1, :-1]),
+    ]:
+        assert abs(np.corrcoef(x, y)[0, 1]) < 5 / np.sqrt(x.size)
+
+
+def test_random_numbers_of_neighbouring_integers_are_uncorrelated():
+    import mitsuba as mi
+
+    a = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
+    keys = [transport._hash(mi, a, mi.UInt32(b)) for b in (6, 8)]
+    uncorrelated(*(np.array([(np.array(k) + 0.5) / 2**32 for k in pair]) for pair in keys))
+
+
+def test_jitter_of_neighbouring_samples_and_of_other_keys_is_uncorrelated():
+    import mitsuba as mi
+
+    def jitter(key, index):
+        return np.array(transport._two_units(mi, transport._scrambled(mi, key, index)))
+
+    many = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
+    keys, _ = transport._hash(mi, many, mi.UInt32(3))
+    for first, second in [(0, 1), (0, 2), (5, 7), (34, 35)]:
+        uncorrelated(jitter(keys, mi.UInt32(first)), jitter(keys, mi.UInt32(second)))
+    key = mi.UInt32(123456789)
+    uncorrelated(jitter(key, many), jitter(key, many + 1))
+
+
+def test_strata_beat_independent_samples(room):
+    """Of a smooth integrand n strata leave a variance of n^-2, not n^-1."""
+    spread = [
+        np.std([render_transport(room.load(), samples=n, seed=s) for s in range(20)], axis=0).mean()
+        for n in (1, 16)
+    ]
+    assert spread[1] < spread[0] / 12
+
+
+def test_wall_points_of_a_pixel_see_independent_samples_of_a_patch(room):
+    """Of the noise of one sample a sixteenth is left, besides that of the wall points."""
+
+    def variance(**options):
+        renders = [render_transport(room.load(), seed=seed, **options) for seed in range(30)]
+        return np.var(renders, axis=0, ddof=1, dtype=np.float64).mean()
+
+    of_patch = variance(samples=1, pixel_samples=1)
+    of_wall = variance(samples=64, pixel_samples=16)
+    of_both = variance(samples=1, pixel_samples=16)
+    assert of_both - of_wall == pytest.approx(of_patch / 16, rel=0.2)

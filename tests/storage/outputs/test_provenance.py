@@ -1,0 +1,120 @@
+import json
+import platform
+import shutil
+import subprocess
+import sys
+
+import mitsuba
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
+
+SCENE = """<scene version="3.0.0">
+  <default name="texture" value="hidden.png"/>
+  <include filename="parts/room.xml"/>
+  <shape type="ply"><string name="filename" value="meshes/chair.ply"/></shape>
+  <texture type="bitmap"><string name="filename" value="$texture"/></texture>
+  <string name="note" value="notes.txt"/>
+  <shape type="ply"><string name="filename" value="missing.ply"/></shape>
+</scene>"""
+ROOM = """<scene version="3.0.0">
+  <shape type="obj"><string name="filename" value="wall.obj"/></shape>
+  <shape type="ply"><string name="filename" value="meshes/table.ply"/></shape>
+  <shape type="ply"><string name="filename" value="meshes/chair.ply"/></shape>
+  <include filename="../chair.xml"/>
+</scene>"""
+REFERRED = [
+    "parts/room.xml",
+    "parts/wall.obj",
+    "meshes/table.ply",
+    "meshes/chair.ply",
+    "hidden.png",
+]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    folder = tmp_path / "scenes"
+    files = dict.fromkeys([*REFERRED, "notes.txt"], "contents")
+    files |= {"chair.xml": SCENE, "parts/room.xml": ROOM}
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content)
+    return folder / "chair.xml"
+
+
+def test_record_is_complete_and_ready_for_json(scene):
+    record = provenance(scene, "llvm_ad_rgb", 7, ["periscopy", "demo", "--out", "a folder"])
+    assert json.loads(json.dumps(record)) == record
+    assert record["numpy"] == np.__version__ and record["mitsuba"] == mitsuba.__version__
+    assert record["python"] == platform.python_version()
+    assert set(record) >= {"periscopy-sim", "scipy", "drjit"}
+    assert record["scene"] == str(scene) and record["scene_sha256"] == scene_sha256(scene)
+    assert (record["variant"], record["seed"]) == ("llvm_ad_rgb", 7)
+    assert record["command"] == "periscopy demo --out 'a folder'"
+
+
+def test_what_does_not_apply_is_none_and_no_text():
+    record = provenance(None, None, None, [])
+    assert [record[k] for k in ("scene", "scene_sha256", "variant", "seed")] == [None] * 4
+    text = as_text(record | {"seed": 0})
+    assert text["seed"] == "0" and "variant" not in text
+    assert all(isinstance(value, str) for value in text.values())
+
+
+@pytest.mark.parametrize("name", ["chair.xml", *REFERRED])
+def test_digest_changes_with_every_file_of_the_scene(scene, name):
+    before = scene_sha256(scene)
+    path = scene.parent / name
+    path.write_text(path.read_text() + "\n")
+    assert scene_sha256(scene) != before
+
+
+def test_digest_does_not_change_with_other_files_or_the_place(scene, tmp_path):
+    before = scene_sha256(scene)
+    (scene.parent / "notes.txt").write_text("changed")
+    copy = shutil.copytree(scene.parent, tmp_path / "copy")
+    assert scene_sha256(copy / "chair.xml") == before
+
+
+def test_digest_follows_a_working_folder(scene, monkeypatch):
+    before = scene_sha256(scene)
+    monkeypatch.chdir(scene.parent)
+    assert scene_sha256(scene.relative_to(scene.parent)) == before
+
+
+def test_scene_that_cannot_be_read_is_reported(tmp_path):
+    (tmp_path / "broken.xml").write_text("<scene>")
+    for name in ("missing.xml", "broken.xml"):
+        with pytest.raises(SceneError, match=name):
+            scene_sha256(tmp_path / name)
+
+
+def test_undecodable_command_can_be_stored_anywhere():
+    command = provenance(None, None, None, [b"\xff.exr".decode("utf-8", "surrogateescape")])[
+        "command"
+    ]
+    assert command.encode("utf-8")
+
+
+def test_versions_are_found_without_importing_the_packages():
+    script = (
+        "import sys; from periscopy_sim.storage.outputs.provenance import provenance\n"
+        "provenance(None, None, None, [])\n"
+        "print(*{'mitsuba', 'drjit', 'scipy', 'numpy'} & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == ""
+
+
+def test_files_named_by_a_parameter_are_those_digested(scene):
+    other = scene.with_name("other.png")
+    other.write_text("other contents")
+    chosen = {"texture": "other.png"}
+    digest = scene_sha256(scene, chosen)
+    assert digest != scene_sha256(scene)
+    other.write_text("changed contents")
+    assert scene_sha256(scene, chosen) != digest
+    assert provenance(scene, None, None, [], chosen)["scene_sha256"] == scene_sha256(scene, chosen)

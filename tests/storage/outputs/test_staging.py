@@ -1,0 +1,174 @@
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
+
+
+def entries(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*")}
+
+
+def test_file_appears_only_after_the_block(tmp_path):
+    target = tmp_path / "A.npy"
+    with staged_file(target) as staged:
+        assert staged.parent == tmp_path and staged.suffix == ".npy"
+        staged.write_bytes(b"matrix")
+        assert not target.exists()
+    assert target.read_bytes() == b"matrix"
+    assert entries(tmp_path) == {"A.npy"}
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt, SystemExit, GeneratorExit])
+def test_failed_file_leaves_the_old_one_and_nothing_else(tmp_path, failure):
+    target = tmp_path / "y.exr"
+    target.write_bytes(b"old")
+    with pytest.raises(failure), staged_file(target) as staged:
+        staged.write_bytes(b"half of the n")
+        raise failure
+    assert target.read_bytes() == b"old"
+    assert entries(tmp_path) == {"y.exr"}
+
+
+def test_failed_file_takes_the_folders_made_for_it_along(tmp_path):
+    (tmp_path / "kept").mkdir()
+    with (
+        pytest.raises(KeyboardInterrupt),
+        staged_file(tmp_path / "kept" / "made" / "too" / "y.npy") as staged,
+    ):
+        staged.write_bytes(b"half")
+        raise KeyboardInterrupt
+    assert entries(tmp_path) == {"kept"}
+
+
+def test_missing_parents_are_made(tmp_path):
+    with staged_file(tmp_path / "a" / "b" / "y.npy") as staged:
+        staged.write_bytes(b"")
+    assert (tmp_path / "a" / "b" / "y.npy").is_file()
+
+
+def test_new_file_has_the_permissions_of_any_new_file(tmp_path):
+    with staged_file(tmp_path / "staged") as staged:
+        staged.write_bytes(b"")
+    (tmp_path / "plain").write_bytes(b"")
+    assert (tmp_path / "staged").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_symbolic_link_is_followed(tmp_path):
+    (tmp_path / "disk").mkdir()
+    link = tmp_path / "y.npy"
+    link.symlink_to(tmp_path / "disk" / "y.npy")
+    with staged_file(link) as staged:
+        staged.write_bytes(b"new")
+    assert link.is_symlink() and (tmp_path / "disk" / "y.npy").read_bytes() == b"new"
+
+
+def test_block_may_change_the_working_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    with staged_file(Path("y.npy")) as staged:
+        staged.write_bytes(b"")
+        monkeypatch.chdir(tmp_path / "elsewhere")
+    assert (tmp_path / "y.npy").is_file()
+
+
+UNWRITABLE = [
+    "/proc/periscopy/y",
+    "/dev/null/y",
+    "{file}/y",
+    "{file}/deep/y",
+    "{root}/" + "y" * 300,
+    "{root}/\0",
+]
+
+
+@pytest.mark.parametrize("place", UNWRITABLE)
+@pytest.mark.parametrize("staged_output", [staged_file, staged_folder])
+def test_unwritable_place_is_refused_before_the_block(tmp_path, place, staged_output):
+    file = tmp_path / "file"
+    file.write_bytes(b"precious")
+    path = Path(place.format(file=file, root=tmp_path))
+    entered = False
+    with pytest.raises(OutputError) as caught, staged_output(path):
+        entered = True
+    assert not entered
+    assert str(path).replace("\0", "\\x00") in str(caught.value) and "\n" not in str(caught.value)
+    assert file.read_bytes() == b"precious" and entries(tmp_path) == {"file"}
+
+
+def test_folder_is_no_place_for_a_file_nor_a_device(tmp_path):
+    for path in (tmp_path, Path("/dev/null")):
+        with pytest.raises(OutputError), staged_file(path):
+            pytest.fail("entered")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_file_is_no_place_for_a_folder(tmp_path):
+    (tmp_path / "out").write_bytes(b"")
+    with pytest.raises(OutputError, match="it is a file"), staged_folder(tmp_path / "out"):
+        pytest.fail("entered")
+
+
+def test_full_disk_is_the_users_to_mend(tmp_path):
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    for staged_output in (staged_file, staged_folder):
+        with pytest.raises(OutputError, match="No space left"), staged_output(tmp_path / "x"):
+            raise full
+    with pytest.raises(PermissionError), staged_file(tmp_path / "x"):
+        raise PermissionError(errno.EACCES, "of something else the block opened")
+
+
+def test_folder_appears_complete(tmp_path):
+    target = tmp_path / "results" / "run"
+    with staged_folder(target) as staged:
+        assert staged.parent == target.parent
+        (staged / "maps").mkdir()
+        (staged / "maps" / "bound.npy").write_bytes(b"m")
+        (staged / "summary.json").write_bytes(b"s")
+        assert not target.exists()
+    assert entries(target) == {"maps", "maps/bound.npy", "summary.json"}
+    assert entries(tmp_path / "results") == {f"run/{e}" for e in entries(target)} | {"run"}
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
+def test_failed_folder_leaves_nothing(tmp_path, failure):
+    with pytest.raises(failure), staged_folder(tmp_path / "a" / "out") as staged:
+        (staged / "half").write_bytes(b"")
+        raise failure
+    assert entries(tmp_path) == set()
+
+
+def test_existing_folder_keeps_its_other_files(tmp_path):
+    target = tmp_path / "out"
+    (target / "maps").mkdir(parents=True)
+    (target / "maps" / "mine.txt").write_text("kept")
+    (target / "summary.json").write_text("old")
+    with staged_folder(target) as staged:
+        (staged / "maps").mkdir()
+        (staged / "maps" / "new.npy").write_text("new")
+        (staged / "summary.json").write_text("new")
+        assert (target / "summary.json").read_text() == "old"
+    assert entries(target) == {"maps", "maps/mine.txt", "maps/new.npy", "summary.json"}
+    assert (target / "summary.json").read_text() == "new"
+    assert entries(tmp_path) == {f"out/{e}" for e in entries(target)} | {"out"}
+
+
+def test_failed_refill_leaves_the_existing_folder_as_it_was(tmp_path):
+    (tmp_path / "summary.json").write_text("old")
+    with pytest.raises(KeyboardInterrupt), staged_folder(tmp_path) as staged:
+        (staged / "summary.json").write_text("new")
+        raise KeyboardInterrupt
+    assert entries(tmp_path) == {"summary.json"}
+    assert (tmp_path / "summary.json").read_text() == "old"
+
+
+def test_file_and_folder_of_one_name_are_not_exchanged(tmp_path):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "a").write_text("old")
+    with pytest.raises(OutputError, match="a folder of that name"), staged_folder(tmp_path) as s:
+        (s / "a").write_text("new")
+        (s / "b").write_text("new")
+    assert (tmp_path / "a").read_text() == "old" and entries(tmp_path) == {"a", "b"}
