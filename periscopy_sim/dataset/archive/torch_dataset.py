@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +13,12 @@ import numpy as np
 from periscopy_sim.dataset.archive.reading import open_dataset
 from periscopy_sim.errors import DatasetError, PeriscopyError
 
-try:
-    import torch
-    from torch.utils.data import Dataset
-except ImportError as error:
-    raise PeriscopyError(
-        "PyTorch is not installed; install it by: pip install 'periscopy-sim[torch]'"
-    ) from error
 
-
-class TorchDataset(Dataset):  # type: ignore[misc]
-    """Samples of a data set as tensors, channels first.
+class TorchDataset:
+    """Samples of a data set as tensors, channels first: a map-style data set for PyTorch.
 
     Safe to hand to a `DataLoader` with any number of workers: each opens the archive for itself.
-    Batches are read at once.
+    Batches are read at once. The name can be looked up without PyTorch; making one needs it.
 
     Parameters
     ----------
@@ -40,6 +33,8 @@ class TorchDataset(Dataset):  # type: ignore[misc]
 
     Raises
     ------
+    PeriscopyError
+        If PyTorch is not installed.
     DatasetError
         If the path holds no finished data set, the split no samples, or a variable is not known.
     """
@@ -51,6 +46,10 @@ class TorchDataset(Dataset):  # type: ignore[misc]
         variables: Sequence[str] | str = ("photograph", "hidden"),
         transform: Callable[[dict[str, Any]], Any] | None = None,
     ) -> None:
+        if find_spec("torch") is None:
+            raise PeriscopyError(
+                "PyTorch is not installed; install it by: pip install 'periscopy-sim[torch]'"
+            )
         variables = (variables,) if isinstance(variables, str) else tuple(variables)
         data = open_dataset(path)
         for name in variables:
@@ -68,15 +67,15 @@ class TorchDataset(Dataset):  # type: ignore[misc]
         self._opened: tuple[int, Any] | None = None
 
     def __len__(self) -> int:
-        """Count the samples."""
+        """Return the number of samples."""
         return len(self.samples)
 
     def __getitem__(self, index: int) -> Any:
-        """Read a sample: its variables' tensors by name."""
+        """Return a sample: its variables' tensors by name."""
         return self.__getitems__([index])[0]
 
     def __getitems__(self, indices: Sequence[int]) -> list[Any]:
-        """Read the samples of a batch at once, as PyTorch's loaders ask for them."""
+        """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
         group = self._archive()
         wanted = self.samples[np.asarray(indices)]
         order = np.argsort(wanted, kind="stable")
@@ -107,6 +106,8 @@ class TorchDataset(Dataset):  # type: ignore[misc]
 
 def _tensor(value: Any) -> Any:
     """Turn a picture into a tensor, channels first; a number into one; leave text."""
+    import torch
+
     if isinstance(value, np.ndarray) and value.ndim == 3:
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(value, -1, 0)))
     if isinstance(value, str):

@@ -7,7 +7,12 @@ import periscopy_sim as ps
 from periscopy_sim.dataset.making.make import make_dataset
 from periscopy_sim.errors import DatasetError
 
-torch = pytest.importorskip("torch")
+pytestmark = pytest.mark.torch
+
+
+@pytest.fixture(scope="module", autouse=True)
+def torch():
+    return pytest.importorskip("torch")
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +45,7 @@ def test_splits_are_apart_and_make_up_the_whole(path):
 
 
 @pytest.mark.parametrize("start", [None, "spawn", "fork"])
-def test_loaders_feed_every_sample_once_in_batches(path, start):
+def test_loaders_feed_every_sample_once_in_batches(torch, path, start):
     samples = ps.TorchDataset(
         path, variables=("photograph", "hidden", "sbr", "ambient", "clip_number")
     )
@@ -62,7 +67,7 @@ def test_loaders_feed_every_sample_once_in_batches(path, start):
     assert set(batches[0]["ambient"]) <= {"lamps", "none"}
 
 
-def test_batch_is_read_as_its_samples_in_any_order(path):
+def test_batch_is_read_as_its_samples_in_any_order(torch, path):
     samples = ps.TorchDataset(path)
     for wanted in ([5, 3, 70, 3], [79], [0, 1, 2]):
         for one, other in zip(samples.__getitems__(wanted), map(samples.__getitem__, wanted),
@@ -70,7 +75,7 @@ def test_batch_is_read_as_its_samples_in_any_order(path):
             assert torch.equal(one["photograph"], other["photograph"])
 
 
-def test_transform_is_applied_and_the_archive_is_left_behind_when_pickled(path):
+def test_transform_is_applied_and_the_archive_is_left_behind_when_pickled(torch, path):
     samples = ps.TorchDataset(path, variables=("sbr",), transform=dict.keys)
     assert list(samples[0]) == ["sbr"]
     plain = ps.TorchDataset(path)

@@ -17,7 +17,9 @@ SIGNAL = np.stack([A @ f + 3 * B @ RNG.random((5, 3)) for f in TRUTH])
 PHOTOGRAPHS = (SIGNAL + 1e-2 * RNG.standard_normal(SIGNAL.shape)).reshape(4, *PHOTOGRAPH, 3)
 
 
-@pytest.fixture(params=["numpy", "array_api_strict", "torch"])
+@pytest.fixture(
+    params=["numpy", "array_api_strict", pytest.param("torch", marks=pytest.mark.torch)]
+)
 def xp(request):
     return pytest.importorskip(request.param)
 

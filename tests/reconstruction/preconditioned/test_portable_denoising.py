@@ -13,7 +13,9 @@ from periscopy_sim.reconstruction.total_variation.prox import (
 )
 
 
-@pytest.fixture(params=["numpy", "array_api_strict", "torch"])
+@pytest.fixture(
+    params=["numpy", "array_api_strict", pytest.param("torch", marks=pytest.mark.torch)]
+)
 def xp(request):
     return pytest.importorskip(request.param)
 
