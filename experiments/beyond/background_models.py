@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def choices(
         lights[name], columns[name] = sketched_basis(B), B.shape[1]
         yield Choice(name, B.shape[1], [(lights[name], names)])
         if name == PAPER:
-            close = sketched_basis(B, tolerance=1e-13)
+            close = sketched_basis(B, rank_tolerance=1e-13)
             yield Choice("the same, tolerance 1e-13", B.shape[1], [(close, names)])
     B = area_lights(scenario)
     lights[AREA], columns[AREA] = sketched_basis(B), B.shape[1]
@@ -151,7 +151,7 @@ def photographed(backgrounds: Sequence[Array]) -> Array:
     return np.asarray(B / np.linalg.norm(B, axis=0))
 
 
-def sketched_basis(B: Array, *, width: int = 160, tolerance: float = TOLERANCE) -> Array:
+def sketched_basis(B: Array, *, width: int = 160, rank_tolerance: float = RANK_TOLERANCE) -> Array:
     """`background_basis` of many columns, by way of the range of `width` random mixtures of them.
 
     The singular values fall so fast that the mixtures span B to rounding (Halko, Martinsson and
@@ -161,4 +161,4 @@ def sketched_basis(B: Array, *, width: int = 160, tolerance: float = TOLERANCE) 
     mixtures = scaled @ np.random.default_rng(0).normal(size=(B.shape[1], width))
     Q = linalg.qr(mixtures, mode="economic", check_finite=False)[0]
     U, σ, _ = linalg.svd(Q.T @ scaled, full_matrices=False, check_finite=False)
-    return np.asarray(Q @ U[:, σ > tolerance * σ[0]])
+    return np.asarray(Q @ U[:, σ > rank_tolerance * σ[0]])

@@ -44,10 +44,10 @@ class Measured:
     energy: Array
     noise: Array
 
-    def problem(self, tv_weight: float) -> Problem:
-        """Weigh as `periscopy_sim.NoiseAware` does: λ = `tv_weight` ‖A⊥‖_F/σ̄, all times σ̄²."""
+    def problem(self, regularization: float) -> Problem:
+        """Weigh as `periscopy_sim.NoiseAware` does: λ = `regularization` ‖A⊥‖_F/σ̄, all times σ̄²."""
         mean = self.noise.mean(axis=1)
-        weight = tv_weight * np.sqrt(len(self.data)) * mean / 2
+        weight = regularization * np.sqrt(len(self.data)) * mean / 2
         return Problem(self.data, (mean[:, None] / self.noise) ** 2, weight)
 
 

@@ -30,7 +30,7 @@ from experiments.paper.ambient_trial import SBR, Trial, percent
 from experiments.setting import GLASS, SNR, Setting, alone
 from periscopy_sim.evaluation.metrics import shifted
 from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 Array = NDArray[np.float64]
@@ -130,7 +130,7 @@ def run(setting: Setting) -> Section:
         f"Composites have an SBR of {SBR:g} and {SNR:g} dB. Leak is the root mean square of P b "
         "over that of the sensor's noise in P y: below 1, the noise hides what B does not hold. "
         "Other rendered backgrounds are the realistic ones but the one tried, with their flips. "
-        f"Basis vectors are kept above {TOLERANCE:.0e} of B's largest singular value.",
+        f"Basis vectors are kept above {RANK_TOLERANCE:.0e} of B's largest singular value.",
         claims=claims(outcomes),
         pictures=[
             Picture(

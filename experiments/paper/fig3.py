@@ -14,7 +14,7 @@ import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, wall_extent
 from experiments.setting import Setting, alone
 from periscopy_sim.figures.report import Claim, Picture, Section, Verdict
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def run(setting: Setting) -> Section:
         title="Fig. 3: point lights that sample the possible backgrounds",
         text=f"Each light's response on the wall (Eq. 4) is a column of B. The lights are far off, "
         f"so the responses are smooth and much alike: {rank} orthonormal fields hold all "
-        f"{len(grid)} to {TOLERANCE:.0e} of the largest singular value.",
+        f"{len(grid)} to {RANK_TOLERANCE:.0e} of the largest singular value.",
         claims=[
             Claim(
                 "columns of B",

@@ -16,7 +16,7 @@ from periscopy_sim.evaluation.diagnostics import (
     residual_background,
 )
 from periscopy_sim.figures.report import Claim, Section, Table, Verdict
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 
 Array = NDArray[np.float64]
@@ -45,8 +45,8 @@ def run(setting: Setting) -> Section:
         name="numbers",
         title="Numbers of Sec. 2, 3.1 and 3.3",
         text=f"Of range(B), {found.background_rank} dimensions are kept: singular values above "
-        f"{TOLERANCE:.0e} of the largest, B's columns scaled to norm 1. A has {SAMPLES} shadow "
-        "rays an entry at the midpoints of their strata: it is free of Monte Carlo noise.",
+        f"{RANK_TOLERANCE:.0e} of the largest, B's columns scaled to norm 1. A has {SAMPLES} "
+        "shadow rays an entry at the midpoints of their strata: it is free of Monte Carlo noise.",
         claims=[
             *_conditioning(setting, A, found),
             Claim(
@@ -124,7 +124,7 @@ def _subspaces(found: Diagnostics) -> Sequence[Claim]:
 
 
 def _residual(A: Matrix, B: Array, found: Diagnostics) -> Claim:
-    strict = ps.form_preconditioner(A, B, tolerance=1e-14)
+    strict = ps.form_preconditioner(A, B, rank_tolerance=1e-14)
     least = 100 * float(residual_background(strict, B).mean())
     return Claim(
         "mean residual background, 100/M Σ ‖P B_i‖ / ‖B_i‖",

@@ -39,7 +39,7 @@ def main(
     truth = None if real is None else ps.read_hidden_image(real, HIDDEN)
     previous = None
     for tolerance in TOLERANCES:
-        periscope = Periscope(A, B, hidden_shape=HIDDEN, tolerance=tolerance, explicit=False)
+        periscope = Periscope(A, B, hidden_shape=HIDDEN, rank_tolerance=tolerance, explicit=False)
         rank = periscope.preconditioner.Q.shape[1]
         rendered = np.mean([ps.psnr(periscope.reconstruct(y), f) for y, f in composites])
         line = f"{tolerance:.0e}  rank {rank:3d}  rendered {rendered:5.2f} dB"

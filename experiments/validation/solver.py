@@ -31,7 +31,7 @@ def check_preconditioner() -> dict[str, Any]:
     """Compare P at tolerance 1e-10 with pseudoinverses of [A, s Q] and of [A, B]."""
     A32, B = _chair()
     A = A32.astype(np.float64)
-    P = ps.form_preconditioner(A, B, tolerance=1e-10)
+    P = ps.form_preconditioner(A, B, rank_tolerance=1e-10)
     rng = np.random.default_rng(0)
     f, e = rng.random((A.shape[1], 3)), rng.random((B.shape[1], 3))
     background = B @ e
@@ -67,7 +67,7 @@ def check_ranks() -> dict[str, Any]:
     f = f / signal.mean()
     rows = {}
     for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14):
-        P = ps.form_preconditioner(A, B, tolerance=tolerance)
+        P = ps.form_preconditioner(A, B, rank_tolerance=tolerance)
         row = rank_row(A, B, tolerance)
         identity = np.abs(P.matrix() @ P.A - np.eye(A.shape[1])).max()
         rows[f"{tolerance:.0e}"] = (

@@ -57,7 +57,7 @@ def analyze(
                 scenario.photograph_shape,
                 scenario.hidden_shape,
                 mask=used,
-                tolerance=rank_tolerance,
+                rank_tolerance=rank_tolerance,
             )
             if used is not None:
                 A, B = A[used.ravel()], B[used.ravel()]

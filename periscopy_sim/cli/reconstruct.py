@@ -226,7 +226,7 @@ def _periscope(
         scenario,
         A,
         B,
-        tolerance=settings["rank_tolerance"],
+        rank_tolerance=settings["rank_tolerance"],
         tv_weight=settings["tv_weight"],
         repair_threshold=settings["repair_threshold"],
         explicit=False,

@@ -147,7 +147,7 @@ def fitted(
             scenario,
             A,
             B,
-            tolerance=settings["rank_tolerance"],
+            rank_tolerance=settings["rank_tolerance"],
             tv_weight=settings["tv_weight"],
             repair_threshold=settings["repair_threshold"],
             explicit=explicit,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
@@ -65,7 +65,7 @@ def diagnose(
     hidden_shape: tuple[int, int],
     *,
     mask: NDArray[np.bool_] | None = None,
-    tolerance: float = TOLERANCE,
+    rank_tolerance: float = RANK_TOLERANCE,
 ) -> Diagnostics:
     """Compute the paper's figures for one scene.
 
@@ -79,7 +79,7 @@ def diagnose(
         (rows, columns) with products M and N.
     mask
         (rows, columns) or (M,), True where the wall is used; None for everywhere.
-    tolerance
+    rank_tolerance
         Relative tolerance on B's singular values.
 
     Returns
@@ -96,7 +96,7 @@ def diagnose(
 
     scene = observation_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
     A, B = np.asarray(scene.used(A), np.float64), scene.used(B)
-    P = form_preconditioner(A, B, tolerance=tolerance)
+    P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
     alone = form_preconditioner(A)
     matrix = P.matrix()
     angles = np.rad2deg(linalg.subspace_angles(A, P.Q)) if P.Q.shape[1] else np.array([90.0])
@@ -143,7 +143,7 @@ def spectral_norm(P: Preconditioner) -> float:
 
 
 def rank_row(
-    A: NDArray[np.floating[Any]], B: NDArray[np.floating[Any]], tolerance: float
+    A: NDArray[np.floating[Any]], B: NDArray[np.floating[Any]], rank_tolerance: float
 ) -> dict[str, float]:
     """Tell what one rank tolerance of B costs and leaves.
 
@@ -153,9 +153,9 @@ def rank_row(
         ``tolerance``; ``rank`` kept; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
         ``noise_gain``, trace(P Pᵀ).
     """
-    P = form_preconditioner(A, B, tolerance=tolerance)
+    P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
     return {
-        "tolerance": tolerance,
+        "tolerance": rank_tolerance,
         "rank": P.Q.shape[1],
         "residual_background": float(residual_background(P, B).max(initial=0)),
         "noise_gain": float(P.noise_gain.sum()),

@@ -10,25 +10,25 @@ from scipy import linalg
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-10
+RANK_TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""
 
 SKETCH = 96
 """Random mixtures of B's columns that are tried first: twice its usual rank of 44."""
 
 
-def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE) -> Array:
+def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_TOLERANCE) -> Array:
     """Find an orthonormal basis of the numerical range of B.
 
     B is rank-deficient to working precision: its lights are far away, so their responses are nearly
     the same few smooth fields. Kept are the left singular vectors of B, its columns scaled to unit
-    norm, whose singular values exceed `tolerance` times the largest.
+    norm, whose singular values exceed `rank_tolerance` times the largest.
 
     Parameters
     ----------
     B
         (M, L) prototype backgrounds; L may be 0.
-    tolerance
+    rank_tolerance
         Relative tolerance. Below about 1e-13 the vectors kept are rounding errors, no light.
 
     Returns
@@ -41,8 +41,8 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     ValueError
         If the tolerance is not in (0, 1), or B is not finite.
     """
-    if not 0 < tolerance < 1:
-        raise ValueError(f"the rank tolerance must lie between 0 and 1, not {tolerance}")
+    if not 0 < rank_tolerance < 1:
+        raise ValueError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
     B = np.asarray(B, np.float64)
     if not np.isfinite(B).all():
         raise ValueError("B must be finite")
@@ -50,14 +50,14 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     if not norms.any():
         return np.zeros((B.shape[0], 0))
     scale: Array = np.divide(1, norms, where=norms > 0, out=norms * 0)
-    sketched = _sketched_basis(B, scale, tolerance)
+    sketched = _sketched_basis(B, scale, rank_tolerance)
     if sketched is not None:
         return sketched
     scaled = B[:, norms > 0] / norms[norms > 0]
     # SVD of the triangular factor of a QR decomposition: several times faster than of B itself.
     (reflectors, tau), R = linalg.qr(scaled, mode="raw", check_finite=False)
     U, σ, _ = linalg.svd(R[: len(tau)], full_matrices=False)
-    kept = U[:, σ > tolerance * σ[0]]
+    kept = U[:, σ > rank_tolerance * σ[0]]
     padded = np.zeros((B.shape[0], kept.shape[1]), order="F")
     padded[: len(kept)] = kept
     Q, _, info = linalg.lapack.dormqr(
@@ -67,7 +67,9 @@ def background_basis(B: NDArray[np.floating[Any]], tolerance: float = TOLERANCE)
     return np.asarray(Q)
 
 
-def _sketched_basis(B: NDArray[np.floating[Any]], scale: Array, tolerance: float) -> Array | None:
+def _sketched_basis(
+    B: NDArray[np.floating[Any]], scale: Array, rank_tolerance: float
+) -> Array | None:
     """Find the basis from the products of scaled B with a few random vectors, if so few suffice.
 
     Halko, Martinsson, Tropp, "Finding structure with randomness", 2011, Sec. 1.5: where the last
@@ -79,6 +81,6 @@ def _sketched_basis(B: NDArray[np.floating[Any]], scale: Array, tolerance: float
     mixtures = B @ (scale[:, np.newaxis] * random)
     S, _ = np.linalg.qr(mixtures)
     U, σ, _ = np.linalg.svd((S.T @ B) * scale, full_matrices=False)
-    if σ[-1] > 1e-3 * tolerance * σ[0]:
+    if σ[-1] > 1e-3 * rank_tolerance * σ[0]:
         return None
-    return np.asarray(S @ U[:, σ > tolerance * σ[0]])
+    return np.asarray(S @ U[:, σ > rank_tolerance * σ[0]])

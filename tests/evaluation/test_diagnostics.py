@@ -128,7 +128,7 @@ def test_background_at_an_angle_costs_one_over_its_squared_sine(degrees):
 
 def test_bounds_are_the_deviations_of_the_pseudoinverse():
     A, B = transport(), backgrounds()
-    result = diagnose(A, B, FILM, HIDDEN, tolerance=1e-6)
+    result = diagnose(A, B, FILM, HIDDEN, rank_tolerance=1e-6)
     P, rank = projected_pseudoinverse(A, B, 1e-6)
     alone = np.linalg.pinv(A)
     assert result.background_rank == rank
@@ -153,7 +153,7 @@ def test_mask_leaves_out_rows_of_a_b_and_the_differences():
     A, B = transport(), backgrounds()
     found = diagnose(
         np.where(used[:, None], A, np.nan), np.where(used[:, None], B, np.nan), FILM, HIDDEN,
-        mask=mask, tolerance=1e-6,
+        mask=mask, rank_tolerance=1e-6,
     )  # fmt: skip
     by_columns = np.eye(M).reshape(*FILM, M).transpose(1, 0, 2).reshape(M, M)
     D = np.vstack([by_columns[1:] - by_columns[:-1], by_columns[-1]])
@@ -182,9 +182,9 @@ def test_residual_background_is_that_of_the_explicit_matrix(tolerance):
     A, B = transport(), backgrounds()
     expected = residuals(projected_pseudoinverse(A, B, tolerance)[0], B)
     assert expected.max() > 1e-7
-    P = form_preconditioner(A, B, tolerance=tolerance)
+    P = form_preconditioner(A, B, rank_tolerance=tolerance)
     np.testing.assert_allclose(residual_background(P, B), expected, rtol=1e-6)
-    result = diagnose(A, B, FILM, HIDDEN, tolerance=tolerance)
+    result = diagnose(A, B, FILM, HIDDEN, rank_tolerance=tolerance)
     assert result.residual_background == pytest.approx(100 * expected.mean(), rel=1e-6)
 
 
@@ -240,9 +240,11 @@ def test_no_background_leaves_nothing_and_costs_nothing(B):
 def test_dark_prototype_among_others_leaves_nothing():
     A, B = transport(), backgrounds()
     with_dark = np.insert(B, 3, 0.0, axis=1)
-    residual = residual_background(form_preconditioner(A, with_dark, tolerance=1e-2), with_dark)
+    residual = residual_background(
+        form_preconditioner(A, with_dark, rank_tolerance=1e-2), with_dark
+    )
     assert residual[3] == 0
-    expected = residual_background(form_preconditioner(A, B, tolerance=1e-2), B)
+    expected = residual_background(form_preconditioner(A, B, rank_tolerance=1e-2), B)
     np.testing.assert_allclose(np.delete(residual, 3), expected, rtol=1e-9)
 
 

@@ -96,7 +96,7 @@ class Differencing(StillMethod[np.float64]):
         D as in the published code; or only differences within the photograph's columns, which
         rejects far more of the background, see `neighbour_differences`.
     tv_weight
-        Relative weight as above.
+        λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop
         ``"converged"``: the minimizer, to a relative duality gap of `tolerance`. ``"published"``:
         where the published code stops, with its steps; see `fista.descend_as_published`. Its

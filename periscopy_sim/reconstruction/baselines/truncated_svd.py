@@ -39,8 +39,10 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         (rows, columns) or (M,), True where the wall is to be used; None for everywhere.
     fraction
         Part of the N singular values kept, the largest; at least one is.
-    tv_weight, repair_threshold
-        Relative weights, see `Periscope`; 0 and infinity switch a stage off.
+    tv_weight
+        λ in standard errors of the estimate, as above; 0 denoises nothing.
+    repair_threshold
+        κ as a part of the 99th percentile of the denoised magnitudes; infinity repairs nothing.
 
     Raises
     ------

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.large_scale.matrix_free import (
     least_squares,
     total_variation_least_squares,
@@ -88,13 +88,13 @@ class IterativePeriscope(StillMethod[np.float64]):
     - Conjugate gradients for the least squares, which stop as soon as their estimate of the noise
       σ has settled (`SETTLED`): some 40 passes.
     - From there, accelerated proximal gradient steps for ‖W(A⊥f − y⊥)‖² + λ‖f‖_TV, see
-      `matrix_free`, with λ = `tv_weight` σ ‖A⊥‖_F. That follows the photograph's noise and units,
-      and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of the same image
+      `matrix_free`, with λ = `regularization` σ ‖A⊥‖_F. That follows the photograph's noise and
+      units, and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image
       doubles. They stop when a step, momentum aside, changes f by less than `tolerance` of its
       norm: some 100 passes.
 
-    With `tv_weight` 0 the conjugate gradients alone go on until the gradient is below `tolerance`
-    times the first, and give P y.
+    With `regularization` 0 the conjugate gradients alone go on until the gradient is below
+    `tolerance` times the first, and give P y.
 
     Parameters
     ----------
@@ -108,8 +108,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
     rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
-    tv_weight
-        Relative weight as above.
+    regularization
+        λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance, max_iterations
         Where the last stage stops.
     photograph_shape
@@ -133,15 +133,17 @@ class IterativePeriscope(StillMethod[np.float64]):
         *,
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
-        rank_tolerance: float = TOLERANCE,
-        tv_weight: float = 0.015,
+        rank_tolerance: float = RANK_TOLERANCE,
+        regularization: float = 0.015,
         tolerance: float = 1e-4,
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
     ) -> None:
-        if not 0 <= tv_weight < np.inf:
-            raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
+        if not 0 <= regularization < np.inf:
+            raise ValueError(
+                f"regularization is {regularization}: give a finite number, not negative"
+            )
         check_stopping(tolerance, max_iterations)
         # Only the shape is looked at, so that A need not be an array.
         shaped = np.broadcast_to(np.float32(0), A.shape)
@@ -153,7 +155,7 @@ class IterativePeriscope(StillMethod[np.float64]):
             B = None if B is None else self._observation.used(B)
         self.photograph_shape = photograph_shape
         self.hidden_shape = hidden_shape
-        self.tv_weight = tv_weight
+        self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         Q = None if B is None else background_basis(B, rank_tolerance)
@@ -168,7 +170,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         planes = self._observation.planar(np.asarray(photograph)[None], self.photograph_shape)
         y = self.transport.reject_background(planes[0].T)
-        result = self._least_squares(y) if self.tv_weight == 0 else self._total_variation(y)
+        result = self._least_squares(y) if self.regularization == 0 else self._total_variation(y)
         if not result.converged:
             warnings.warn(
                 f"stopped after {self.max_iterations} iterations, the last of which changed "
@@ -210,7 +212,7 @@ class IterativePeriscope(StillMethod[np.float64]):
             max_iterations=self.max_iterations,
             eigenvectors=self.eigenvectors,
         )
-        weight = self.tv_weight * start.noise * np.sqrt(self.transport.squared_norm)
+        weight = self.regularization * start.noise * np.sqrt(self.transport.squared_norm)
         solved = total_variation_least_squares(
             self.transport,
             self.eigenvectors,

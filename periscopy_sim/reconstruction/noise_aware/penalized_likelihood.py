@@ -110,7 +110,7 @@ class Objective:
         Of A⊥ᵀA⊥, its mean diagonal 1.
     hidden_shape
         (R, C) of the image.
-    tv_weight
+    regularization
         λ over √N σ/2.
     positive
         Whether f ≥ 0.
@@ -118,7 +118,7 @@ class Objective:
 
     basis: SpectralBasis
     hidden_shape: tuple[int, int]
-    tv_weight: float
+    regularization: float
     positive: bool
 
     def minimize(
@@ -146,7 +146,7 @@ class Objective:
         """
         σ = float(evidence.noise.mean())
         w = (σ / evidence.noise) ** 2
-        λ = self.tv_weight * np.sqrt(len(self.basis.rows)) * σ / 2
+        λ = self.regularization * np.sqrt(len(self.basis.rows)) * σ / 2
         data = w[:, None] * evidence.coefficients
         ridge = self.basis.combined(data / (w[:, None] * self.basis.curvatures + RIDGE))
         scale = float(np.sqrt(np.mean(ridge**2)))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     Evidence,
@@ -111,8 +111,8 @@ class NoiseAwareReconstruction:
 class NoiseAware(StillMethod[np.float64]):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
-    λ = `tv_weight` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the photograph's
-    noise and units.
+    λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
+    photograph's noise and units.
 
     Parameters
     ----------
@@ -126,8 +126,8 @@ class NoiseAware(StillMethod[np.float64]):
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
     rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
-    tv_weight
-        Relative weight of the total variation as above.
+    regularization
+        λ over ‖A⊥‖_F / σ, a number without unit, which fits any grid of patches.
     positive
         Whether f ≥ 0.
     tolerance, max_iterations
@@ -154,8 +154,8 @@ class NoiseAware(StillMethod[np.float64]):
         *,
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
-        rank_tolerance: float = TOLERANCE,
-        tv_weight: float = 0.02,
+        rank_tolerance: float = RANK_TOLERANCE,
+        regularization: float = 0.02,
         positive: bool = True,
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
@@ -163,13 +163,13 @@ class NoiseAware(StillMethod[np.float64]):
         mask: NDArray[np.bool_] | None = None,
         wall_gain: bool | None = None,
     ) -> None:
-        if not 0 < tv_weight < np.inf:
-            raise ValueError(f"tv_weight is {tv_weight}: give a positive, finite number")
+        if not 0 < regularization < np.inf:
+            raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
         self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
         self.photograph_shape = photograph_shape
         self.hidden_shape = hidden_shape
-        self.tv_weight = tv_weight
+        self.regularization = regularization
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
@@ -285,12 +285,14 @@ class NoiseAware(StillMethod[np.float64]):
             schedule = self._schedule(self.max_iterations)
         unit = evidence.level / self._unit
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
-        objective = Objective(self._basis, self.hidden_shape, self.tv_weight, self.positive)
+        objective = Objective(self._basis, self.hidden_shape, self.regularization, self.positive)
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         found = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
             noise=evidence.level * evidence.noise,
-            weight=self.tv_weight * self.norm / (evidence.level * float(evidence.noise.mean())),
+            weight=self.regularization
+            * self.norm
+            / (evidence.level * float(evidence.noise.mean())),
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,

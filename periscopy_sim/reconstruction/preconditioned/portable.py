@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from array_api_compat import array_namespace, device
 
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.method import Seen, settings_of
 from periscopy_sim.reconstruction.observation import check_mask
 from periscopy_sim.reconstruction.preconditioned.portable_denoising import (
@@ -39,7 +39,7 @@ class PortablePeriscope:
         (R, C) with R C = N.
     channel_gain
         (3,) positive colour of the wall; None for a grey wall.
-    tolerance
+    rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
     tv_weight, repair_threshold
         As in `Periscope`.
@@ -62,17 +62,17 @@ class PortablePeriscope:
         *,
         hidden_shape: tuple[int, int],
         channel_gain: Any = None,
-        tolerance: float = TOLERANCE,
+        rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         photograph_shape: tuple[int, int] | None = None,
         mask: Any = None,
     ) -> None:
         xp = array_namespace(A) if B is None else array_namespace(A, B)
-        if not (tv_weight >= 0 and repair_threshold >= 0 and 0 < tolerance < 1):
+        if not (tv_weight >= 0 and repair_threshold >= 0 and 0 < rank_tolerance < 1):
             raise ValueError(
-                f"tv_weight {tv_weight}, repair_threshold {repair_threshold}, tolerance "
-                f"{tolerance}: the first two must not be negative, the last lie between 0 and 1"
+                f"tv_weight {tv_weight}, repair_threshold {repair_threshold}, rank_tolerance "
+                f"{rank_tolerance}: the first two must not be negative, the last in (0, 1)"
             )
         if B is not None and (B.ndim != 2 or B.shape[0] != A.shape[0]):
             raise ValueError(
@@ -107,7 +107,7 @@ class PortablePeriscope:
             raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
         self._gain = xp.asarray(gain, dtype=xp.float64, device=device(A))
         transport = xp.astype(A, xp.float64)
-        self._basis = _background_basis(xp, transport, B, tolerance)
+        self._basis = _background_basis(xp, transport, B, rank_tolerance)
         rejected = transport - self._basis @ (self._basis.T @ transport)
         gram = rejected.T @ rejected
         self._cholesky = _cholesky(xp, gram, transport)
@@ -244,7 +244,7 @@ class PortablePeriscope:
         return xp.reshape(xp.astype(f, xp.float32), shape), xp.reshape(weight, (-1, 3))
 
 
-def _background_basis(xp: Any, A: Array, B: Array | None, tolerance: float) -> Array:
+def _background_basis(xp: Any, A: Array, B: Array | None, rank_tolerance: float) -> Array:
     """Orthonormal basis of the numerical range of B; see `preconditioner.background_basis`."""
     if B is None or B.shape[1] == 0:
         return xp.zeros((A.shape[0], 0), dtype=xp.float64, device=device(A))
@@ -252,7 +252,7 @@ def _background_basis(xp: Any, A: Array, B: Array | None, tolerance: float) -> A
     norms = xp.sqrt(xp.sum(B * B, axis=0))
     Q, R = xp.linalg.qr(B / xp.where(norms > 0, norms, xp.ones_like(norms)))
     U, σ, _ = xp.linalg.svd(R, full_matrices=False)
-    rank = int(xp.sum(xp.astype(σ > tolerance * σ[0], xp.int64)))
+    rank = int(xp.sum(xp.astype(σ > rank_tolerance * σ[0], xp.int64)))
     return Q @ U[:, :rank]
 
 

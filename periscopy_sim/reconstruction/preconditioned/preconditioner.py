@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.numerics.products import subtract_combinations
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ def form_preconditioner(
     A: NDArray[np.floating[Any]],
     B: NDArray[np.floating[Any]] | None = None,
     *,
-    tolerance: float = TOLERANCE,
+    rank_tolerance: float = RANK_TOLERANCE,
 ) -> Preconditioner:
     """Form the optimized preconditioner of Eq. 8.
 
@@ -132,7 +132,7 @@ def form_preconditioner(
         (M, N) light transport matrix.
     B
         (M, L) prototype backgrounds; None or no columns gives the pseudoinverse of A.
-    tolerance
+    rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
 
     Returns
@@ -155,7 +155,7 @@ def form_preconditioner(
         raise ValueError(f"B has shape {B.shape}; its rows must match the {A.shape[0]} of A")
     if not np.isfinite(A).all():
         raise ValueError("A must be finite")
-    Q = background_basis(B, tolerance)
+    Q = background_basis(B, rank_tolerance)
     # NumPy's BLAS all along: the idle threads of a second one, SciPy's, would take the cores.
     gram = transport.T @ transport
     norms = np.sqrt(np.diag(gram))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
@@ -102,10 +102,12 @@ class Periscope(StillMethod[np.floating[Any]]):
         (R, C) with R C = N.
     channel_gain
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
-    tolerance
+    rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
-    tv_weight, repair_threshold
-        Relative weights as above; 0 and infinity switch a stage off.
+    tv_weight
+        λ in standard errors of P y, as above; 0 denoises nothing.
+    repair_threshold
+        κ as a part of the 99th percentile, as above; infinity repairs nothing.
     explicit
         Form P in float32 once, for speed; otherwise apply it in factored float64.
     photograph_shape
@@ -130,7 +132,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         *,
         hidden_shape: tuple[int, int],
         channel_gain: NDArray[np.floating[Any]] | None = None,
-        tolerance: float = TOLERANCE,
+        rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         explicit: bool = True,
@@ -150,7 +152,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        self.preconditioner = form_preconditioner(A, B, tolerance=tolerance)
+        self.preconditioner = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
         self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None

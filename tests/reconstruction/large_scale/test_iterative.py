@@ -44,7 +44,7 @@ class Blocks:
 
 def test_without_total_variation_it_is_the_exact_preconditioner():
     y = photograph()
-    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tv_weight=0, tolerance=1e-12)
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0, tolerance=1e-12)
     exact = form_preconditioner(A, B).apply(y.reshape(M, 3)).reshape(*HIDDEN, 3)
     solved = periscope.solve(y)
     assert np.linalg.norm(solved.image - exact) < 1e-7 * np.linalg.norm(exact)
@@ -54,7 +54,7 @@ def test_without_total_variation_it_is_the_exact_preconditioner():
 
 def test_noise_weight_and_residual_are_those_of_the_dense_problem():
     y = photograph().reshape(M, 3)
-    solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, tv_weight=0.02).solve(y)
+    solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0.02).solve(y)
     Q = background_basis(B)
     dense = A - Q @ (Q.T @ A)
     # About 390 degrees of freedom: 4 standard errors are 14 %, and early stopping leaves signal.
@@ -116,19 +116,19 @@ def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
 
 def test_a_scene_gives_sizes_and_colour():
     scene = SimpleNamespace(photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, channel_gain=GAIN)
-    periscope = IterativePeriscope.for_scene(scene, A, B, tv_weight=0.03)
-    assert periscope.tv_weight == 0.03
-    by_hand = IterativePeriscope(A, B, hidden_shape=HIDDEN, channel_gain=GAIN, tv_weight=0.03)
+    periscope = IterativePeriscope.for_scene(scene, A, B, regularization=0.03)
+    assert periscope.regularization == 0.03
+    by_hand = IterativePeriscope(A, B, hidden_shape=HIDDEN, channel_gain=GAIN, regularization=0.03)
     y = photograph()
     np.testing.assert_array_equal(periscope.reconstruct(y), by_hand.reconstruct(y))
     with pytest.raises(ValueError, match="21x20 pixels"):
         periscope.reconstruct(y.swapaxes(0, 1))
 
 
-@pytest.mark.parametrize("tv_weight", [0, 0.015])
-def test_iterations_that_do_not_suffice_are_said_to(tv_weight):
+@pytest.mark.parametrize("regularization", [0, 0.015])
+def test_iterations_that_do_not_suffice_are_said_to(regularization):
     periscope = IterativePeriscope(
-        A, B, hidden_shape=HIDDEN, tv_weight=tv_weight, tolerance=1e-9, max_iterations=3
+        A, B, hidden_shape=HIDDEN, regularization=regularization, tolerance=1e-9, max_iterations=3
     )
     with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
         solved = periscope.solve(photograph())
@@ -138,8 +138,8 @@ def test_iterations_that_do_not_suffice_are_said_to(tv_weight):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"tv_weight": -1}, "tv_weight is -1"),
-        ({"tv_weight": np.inf}, "tv_weight is inf"),
+        ({"regularization": -1}, "regularization is -1"),
+        ({"regularization": np.inf}, "regularization is inf"),
         ({"tolerance": 0}, "tolerance is 0"),
         ({"max_iterations": 0}, "max_iterations is 0"),
         ({"hidden_shape": (5, 7)}, "5x7 patches does not fit A's 30 columns"),

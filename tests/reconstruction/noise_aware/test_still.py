@@ -55,11 +55,11 @@ def brute_force(y, noise, weight, positive):
 
 
 @pytest.mark.parametrize("positive", [True, False])
-@pytest.mark.parametrize("tv_weight", [0.01, 0.1])
-def test_image_minimizes_the_penalized_likelihood(positive, tv_weight):
+@pytest.mark.parametrize("regularization", [0.01, 0.1])
+def test_image_minimizes_the_penalized_likelihood(positive, regularization):
     y = photograph()
     method = NoiseAware(
-        A, B, hidden_shape=HIDDEN, tv_weight=tv_weight, positive=positive, tolerance=1e-6,
+        A, B, hidden_shape=HIDDEN, regularization=regularization, positive=positive, tolerance=1e-6,
         max_iterations=20_000,
     )  # fmt: skip
     found = method.solve(y)
@@ -81,7 +81,7 @@ def test_default_tolerance_is_near_the_minimum():
 
 
 def test_weight_follows_the_noise():
-    found = NoiseAware(A, B, hidden_shape=HIDDEN, tv_weight=0.03).solve(photograph())
+    found = NoiseAware(A, B, hidden_shape=HIDDEN, regularization=0.03).solve(photograph())
     rejected, _ = projected()
     expected = 0.03 * np.linalg.norm(rejected) / found.noise.mean()
     assert found.weight == pytest.approx(expected, rel=1e-6)
@@ -183,8 +183,8 @@ def test_iterations_that_do_not_suffice_are_told():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"tv_weight": 0}, "tv_weight"),
-        ({"tv_weight": np.inf}, "tv_weight"),
+        ({"regularization": 0}, "regularization"),
+        ({"regularization": np.inf}, "regularization"),
         ({"tolerance": 1}, "tolerance"),
         ({"max_iterations": 0}, "max_iterations"),
         ({"hidden_shape": (3, 5)}, "columns"),

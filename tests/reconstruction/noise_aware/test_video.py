@@ -25,12 +25,12 @@ PHOTOGRAPHS = SIGNAL + NOISE * RNG.standard_normal(SIGNAL.shape)
 
 @pytest.fixture(scope="module")
 def still():
-    return NoiseAware(A, B, hidden_shape=HIDDEN, tv_weight=0.1)
+    return NoiseAware(A, B, hidden_shape=HIDDEN, regularization=0.1)
 
 
 @pytest.fixture(scope="module")
 def exact():
-    settings = {"tv_weight": 0.1, "tolerance": 1e-6, "max_iterations": 20_000}
+    settings = {"regularization": 0.1, "tolerance": 1e-6, "max_iterations": 20_000}
     return NoiseAware(A, B, hidden_shape=HIDDEN, **settings)
 
 
@@ -293,6 +293,6 @@ def test_pixels_under_the_mask_do_not_matter():
 
 
 def test_frames_may_be_negative_where_the_method_lets_them():
-    method = NoiseAware(A, B, hidden_shape=HIDDEN, positive=False, tv_weight=0.003)
+    method = NoiseAware(A, B, hidden_shape=HIDDEN, positive=False, regularization=0.003)
     frames = NoiseAwareVideo(method).frames(PHOTOGRAPHS)
     assert (frames < 0).any() and distance(frames, TRUTH) < 0.5

@@ -111,7 +111,7 @@ def test_known_gain_is_recovered_and_the_image_is_better_for_it():
 
 
 def method(**settings):
-    known = {"hidden_shape": HIDDEN, "photograph_shape": WALL, "tv_weight": 0.003}
+    known = {"hidden_shape": HIDDEN, "photograph_shape": WALL, "regularization": 0.003}
     return NoiseAware(A, B, **(known | settings))
 
 

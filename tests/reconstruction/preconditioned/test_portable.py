@@ -39,7 +39,7 @@ def relative_error(value, truth):
         {"channel_gain": [1.0, 0.5, 2.0]},
         {"tv_weight": 0.0, "repair_threshold": float("inf")},
         {"tv_weight": 3.0, "repair_threshold": 0.02},
-        {"tolerance": 1e-3},
+        {"rank_tolerance": 1e-3},
     ],
 )
 def test_images_are_those_of_the_compiled_method(xp, settings):
@@ -109,8 +109,8 @@ def test_patches_that_cannot_be_told_apart_are_refused(xp):
         {"tv_weight": -1.0},
         {"tv_weight": float("nan")},
         {"repair_threshold": -0.1},
-        {"tolerance": 0.0},
-        {"tolerance": 2.0},
+        {"rank_tolerance": 0.0},
+        {"rank_tolerance": 2.0},
         {"channel_gain": [1.0, 0.0, 1.0]},
         {"channel_gain": [1.0, 1.0]},
     ],

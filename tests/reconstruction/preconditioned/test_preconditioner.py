@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from periscopy_sim.reconstruction.background_subspace import TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 PHOTOGRAPH = (20, 20)
@@ -68,7 +68,7 @@ def relative_error(value, truth):
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_p_is_the_top_of_the_pseudoinverse_of_a_beside_a_background_basis(opacity, tolerance):
     A, B = transport(opacity), backgrounds()
-    P = form_preconditioner(A, B, tolerance=tolerance)
+    P = form_preconditioner(A, B, rank_tolerance=tolerance)
     oracle = pseudoinverse_top(A, kept_basis(B, tolerance))
     photographs = np.hstack([measurements(A, B)[1], np.random.default_rng(3).normal(size=(M, 3))])
     for y in photographs.T:
@@ -81,7 +81,7 @@ def test_p_and_the_plain_pseudoinverse_both_recover_the_hidden_image(opacity):
     A, B = transport(opacity), backgrounds()
     f, y = measurements(A, B)
     plain = np.linalg.pinv(np.hstack([A, B]), rcond=1e-13)[:N]
-    P = form_preconditioner(A, B, tolerance=1e-12)
+    P = form_preconditioner(A, B, rank_tolerance=1e-12)
     assert relative_error(plain @ y, f) < 1e-6
     assert relative_error(P.apply(y), f) < 1e-6
     assert relative_error(P.matrix() @ y, f) < 1e-6
@@ -91,7 +91,7 @@ def test_p_and_the_plain_pseudoinverse_both_recover_the_hidden_image(opacity):
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_p_inverts_a_at_every_tolerance(opacity, tolerance):
     A = transport(opacity)
-    P = form_preconditioner(A, backgrounds(), tolerance=tolerance)
+    P = form_preconditioner(A, backgrounds(), rank_tolerance=tolerance)
     np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
     np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
 
@@ -108,7 +108,7 @@ def test_p_inverts_an_a_whose_gram_matrix_has_lost_its_smallest_values():
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_p_leaves_of_each_background_no_more_than_the_tolerance(opacity, tolerance):
     A, B = transport(opacity), backgrounds()
-    P = form_preconditioner(A, B, tolerance=tolerance)
+    P = form_preconditioner(A, B, rank_tolerance=tolerance)
     unit = B / np.linalg.norm(B, axis=0)
     # What lies outside the range kept is at most the first singular value dropped.
     bound = tolerance * np.linalg.norm(unit, 2) + 1e-11
@@ -192,7 +192,7 @@ def test_one_photograph_and_many_agree():
 @pytest.mark.parametrize("with_background", [True, False])
 def test_noise_gain_is_the_diagonal_of_p_times_its_transpose(opacity, with_background):
     A, B = transport(opacity), backgrounds() if with_background else None
-    Q = kept_basis(B, TOLERANCE) if with_background else np.zeros((M, 0))
+    Q = kept_basis(B, RANK_TOLERANCE) if with_background else np.zeros((M, 0))
     oracle = pseudoinverse_top(A, Q)
     P = form_preconditioner(A, B)
     np.testing.assert_allclose(P.noise_gain, np.sum(oracle**2, axis=1), rtol=1e-6)
@@ -292,7 +292,7 @@ def test_entries_that_are_not_finite_are_refused(value):
 def test_tolerance_out_of_range_is_refused(tolerance):
     for attempt in (
         lambda: background_basis(backgrounds(), tolerance),
-        lambda: form_preconditioner(transport(), backgrounds(), tolerance=tolerance),
+        lambda: form_preconditioner(transport(), backgrounds(), rank_tolerance=tolerance),
     ):
         with pytest.raises(ValueError, match="between 0 and 1"):
             attempt()
@@ -316,10 +316,10 @@ def layouts(array):
 
 def test_memory_layout_does_not_matter():
     A, B = transport(0.1), backgrounds()
-    expected = form_preconditioner(A, B, tolerance=1e-4)
+    expected = form_preconditioner(A, B, rank_tolerance=1e-4)
     y = measurements(A, B)[1]
     for other_A, other_B, other_y in zip(layouts(A), layouts(B), layouts(y), strict=True):
-        P = form_preconditioner(other_A, other_B, tolerance=1e-4)
+        P = form_preconditioner(other_A, other_B, rank_tolerance=1e-4)
         assert relative_error(P.matrix(), expected.matrix()) < 1e-9
         assert relative_error(P.apply(other_y), expected.apply(y)) < 1e-9
 
@@ -342,7 +342,7 @@ def test_inputs_stay_unchanged_and_may_be_read_only(order):
 def test_cholesky_factor_is_that_of_a_with_the_background_projected_out():
     A, B = transport(), backgrounds()
     P = form_preconditioner(A, B)
-    orthogonal = linalg.null_space(kept_basis(B, TOLERANCE).T)
+    orthogonal = linalg.null_space(kept_basis(B, RANK_TOLERANCE).T)
     gram = (orthogonal.T @ A).T @ (orthogonal.T @ A)
     np.testing.assert_allclose(P.cholesky.T @ P.cholesky, gram, atol=1e-12 * gram.max())
     np.testing.assert_array_equal(P.cholesky, np.triu(P.cholesky))

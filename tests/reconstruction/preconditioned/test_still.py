@@ -114,7 +114,7 @@ def test_unit_of_the_transport_matrix_scales_the_image_inversely(scale):
 @explicit_or_factored
 def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
     periscope = Periscope(
-        A, B, hidden_shape=HIDDEN, tolerance=1e-12, explicit=explicit, repair_threshold=np.inf
+        A, B, hidden_shape=HIDDEN, rank_tolerance=1e-12, explicit=explicit, repair_threshold=np.inf
     )
     image = np.random.default_rng(3).random((*HIDDEN, 3))
     without = periscope.reconstruct(photograph_of(image, noise=1e-3))
@@ -125,7 +125,7 @@ def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
 @pytest.mark.parametrize("tolerance", [0.5, 1e-2, 1e-5])
 def test_tolerance_decides_how_much_of_the_background_is_rejected(tolerance):
     σ = np.linalg.svd(B / np.linalg.norm(B, axis=0), compute_uv=False)
-    Q = Periscope(A, B, hidden_shape=HIDDEN, tolerance=tolerance).preconditioner.Q
+    Q = Periscope(A, B, hidden_shape=HIDDEN, rank_tolerance=tolerance).preconditioner.Q
     assert Q.shape == (M, np.sum(σ > tolerance * σ[0]))
 
 
