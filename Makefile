@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow lint validate paper benchmark clean
+.PHONY: demo test test-slow lint validate paper beyond benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -24,9 +24,13 @@ lint: $(VENV)/installed-dev
 validate: $(VENV)/installed
 	$(BIN)/python -m experiments.validation --out out/validation
 
-# Every figure and table of the paper, and what goes beyond it, as one page: out/paper/index.html.
+# Every figure and table of the paper as one page: out/paper/index.html.
 paper: $(VENV)/installed
 	$(BIN)/python -m experiments.paper --out out/paper
+
+# What goes beyond the paper, as another: out/beyond/index.html. It reads what the paper rendered.
+beyond: $(VENV)/installed
+	$(BIN)/python -m experiments.beyond --out out/beyond --rendered out/paper/rendered
 
 # How fast it is, beside other libraries and the machine's limits: out/benchmark/index.html.
 benchmark: $(VENV)/installed

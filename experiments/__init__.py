@@ -1,1 +1,1 @@
-"""Experiments, each runnable alone from the repository's root: `python -m experiments.NAME`."""
+"""Experiments, each runnable alone from the repository's root: see each one's docstring."""

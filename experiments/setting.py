@@ -7,21 +7,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli.ambient import ambient_photographs
-from periscopy_sim.figures.report import Section
 from periscopy_sim.rendering.photograph import render_place
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -60,29 +55,24 @@ class Measured:
     real: bool
 
 
-class Setting:
-    """The chair scene with 36 x 29 hidden patches, and what is made from it, each when first asked.
+class Chair:
+    """The chair scene at one resolution, and what is made from it, each when first asked.
 
     Parameters
     ----------
-    out
-        Folder of the run; what was rendered is kept in its folder ``rendered``.
-    real
-        NPZ file with a real photograph of the scene (``photograph``) and its ``hidden`` image.
+    hidden
+        (R, C) of the hidden image.
+    seed
+        Of the shadow rays.
     """
 
-    hidden = (29, 36)
-    image = "mushroom"
-    seed = 0
-
-    def __init__(self, out: Path, real: Path | None = None) -> None:
-        self.out = out
-        self.real = real
-        self.rendered = out / "rendered"
+    def __init__(self, hidden: tuple[int, int], seed: int = 0) -> None:
+        self.hidden = hidden
+        self.seed = seed
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The chair scene."""
+        """The scene as arrays."""
         return ps.load_scenario(ps.find_scene("chair"), self.hidden)
 
     @cached_property
@@ -97,8 +87,13 @@ class Setting:
 
     @cached_property
     def preconditioned(self) -> ps.Periscope:
-        """The paper's method, fitted."""
+        """The paper's method, fitted, P explicit."""
         return ps.Periscope.for_scene(self.scenario, self.A, self.B)
+
+    @cached_property
+    def noise_aware(self) -> ps.NoiseAware:
+        """The noise-aware method, fitted."""
+        return ps.NoiseAware.for_scene(self.scenario, self.A, self.B)
 
     @cached_property
     def differencing(self) -> ps.Differencing:
@@ -109,6 +104,28 @@ class Setting:
             hidden_shape=self.hidden,
             channel_gain=self.scenario.channel_gain,
         )
+
+
+class Setting(Chair):
+    """The chair scene with 36 x 29 hidden patches, its photographs and its ambient light.
+
+    Parameters
+    ----------
+    out
+        Folder of the run.
+    real
+        NPZ file with a real photograph of the scene (``photograph``) and its ``hidden`` image.
+    rendered
+        Folder of what takes long to render, kept for later runs; `out`/rendered unless given.
+    """
+
+    image = "mushroom"
+
+    def __init__(self, out: Path, real: Path | None = None, rendered: Path | None = None) -> None:
+        super().__init__((29, 36))
+        self.out = out
+        self.real = real
+        self.rendered = rendered or out / "rendered"
 
     @cached_property
     def synthetic(self) -> Measured:
@@ -205,9 +222,6 @@ class Setting:
         ).photograph
 
 
-Experiment = Callable[[Setting], Section]
-
-
 @cache
 def package_sha256() -> str:
     """Digest of the package's own code: results of other code are not taken for its own."""
@@ -215,30 +229,3 @@ def package_sha256() -> str:
     for file in sorted(Path(ps.__file__).parent.rglob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()
-
-
-def timed(experiment: Experiment, setting: Setting) -> Section:
-    """Run an experiment and note how long it took."""
-    start = time.perf_counter()
-    section = experiment(setting)
-    return replace(section, seconds=time.perf_counter() - start)
-
-
-def alone(experiment: Experiment) -> None:
-    """Run one experiment from the command line and print its claims; see `experiments.paper`."""
-
-    def main(
-        out: Annotated[Path, typer.Option(help="Folder to write.")],
-        real: Annotated[Path | None, typer.Option(help="A real photograph, NPZ.")] = None,
-    ) -> None:
-        try:
-            section = timed(experiment, Setting(out, real))
-        except ps.PeriscopyError as error:
-            print(f"error: {error}", file=sys.stderr)
-            raise typer.Exit(2) from None
-        for claim in section.claims:
-            print(f"{claim.what}: {claim.measured} (paper: {claim.stated}) {claim.verdict}")
-        print(f"{section.name}: {section.seconds:.1f} s")
-
-    main.__doc__ = experiment.__doc__
-    typer.run(main)

@@ -6,17 +6,15 @@ import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.benchmarks.machine_limits import Limits
 from experiments.benchmarks.scene import seconds_text, times_table
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.setting import SNR
-from periscopy_sim.figures.report import Claim, Picture, Section, Verdict
+from experiments.report import Claim, Picture, Section, Verdict
+from experiments.setting import SNR, Setting
 
 Array = NDArray[np.float64]
 
@@ -29,7 +27,7 @@ ROWS = 2048
 MINUTES, GIGABYTES = 15, 12
 
 
-def large(_limits: Limits, out: Path) -> Section:
+def large(setting: Setting) -> Section:
     """Render A into a file and recover the image from it, once, with the peak of memory."""
     seconds: dict[str, float] = {}
 
@@ -41,6 +39,7 @@ def large(_limits: Limits, out: Path) -> Section:
         print(f"large: {stage}: {seconds_text(seconds[stage])}", flush=True)
 
     scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN, {"resolution": RESOLUTION})
+    out = setting.out
     out.mkdir(parents=True, exist_ok=True)
     file = out / "large_A.npy"
     try:

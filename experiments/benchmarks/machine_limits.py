@@ -6,9 +6,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
+import periscopy_sim as ps
+from experiments.benchmarks.scene import SMALL
+from experiments.report import Section, Table
+from experiments.setting import Setting
 from periscopy_sim.numerics.threads import core_count
 from periscopy_sim.scenario import Scenario
 
@@ -16,7 +21,7 @@ RAYS = 1 << 23
 
 
 def median_seconds(task: Callable[[], object], runs: int, *, warm: bool = True) -> float:
-    """Give the median time of a task, after one run that compiles and warms."""
+    """Return the median time of a task, after one run that compiles and warms."""
     if warm:
         task()
     seconds = []
@@ -47,13 +52,29 @@ class Limits:
     rays: float
 
 
-def measure_limits(scenario: Scenario) -> Limits:
-    """Measure the machine's limits; the rays are of a scenario's own walls and patches."""
+@cache
+def machine_limits() -> Limits:
+    """Measure the machine's limits, once a run; the rays are those of the chair scene."""
+    scenario = ps.load_scenario(ps.find_scene("chair"), SMALL)
     return Limits(
         copy=_copy_rate(),
         single=_product_rate(np.float32),
         double=_product_rate(np.float64),
         rays=_ray_rate(scenario),
+    )
+
+
+def machine(_: Setting) -> Section:
+    """Show what the machine itself can do."""
+    limits = machine_limits()
+    rows = [
+        ("copies of 128 MiB", f"{limits.copy / 1e9:.0f} GB/s"),
+        ("matrix products, single precision", f"{limits.single / 1e9:.0f} GFLOP/s"),
+        ("matrix products, double precision", f"{limits.double / 1e9:.0f} GFLOP/s"),
+        ("shadow rays of Mitsuba alone", f"{limits.rays / 1e6:.0f} million/s"),
+    ]
+    return Section(
+        "machine", "This machine's limits", tables=[Table("Medians of 7.", ("task", "rate"), rows)]
     )
 
 

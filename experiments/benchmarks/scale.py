@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.benchmarks import peers
-from experiments.benchmarks.machine_limits import Limits, median_seconds
-from experiments.benchmarks.scene import SIZES, SMALL, Scene, compare
+from experiments.benchmarks.machine_limits import Limits, machine_limits, median_seconds
+from experiments.benchmarks.scene import SIZES, SMALL, compare
 from experiments.drawing import COLUMN, drawn
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import Chair, Setting
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 Array = NDArray[np.float64]
@@ -32,12 +33,13 @@ STYLES = {
 }
 
 
-def scale(limits: Limits, out: Path) -> Section:
+def scale(setting: Setting) -> Section:
     """Render A and form P at four sizes, against pinv([A, B])."""
+    limits = machine_limits()
     costs: Costs = {name: {} for name in STYLES}
     errors = {}
     for hidden in SIZES:
-        scene, N = Scene(hidden), hidden[0] * hidden[1]
+        scene, N = Chair(hidden), hidden[0] * hidden[1]
         runs = 5 if N <= REPEATED else 1
         render = partial(ps.render_transport, scene.scenario)
         costs["A, 16 samples"][N] = median_seconds(render, 3)
@@ -50,7 +52,7 @@ def scale(limits: Limits, out: Path) -> Section:
         del P
         inverse = partial(peers.pinv_preconditioner, A.astype(np.float64), B)
         costs["pinv([A, B])"][N] = median_seconds(inverse, 1, warm=N <= REPEATED)
-    _draw(out, costs)
+    _draw(setting.out, costs)
     slopes = {name: slope(values) for name, values in costs.items()}
     return Section(
         "scale",
@@ -66,7 +68,7 @@ def scale(limits: Limits, out: Path) -> Section:
         ],
         pictures=[
             Picture(
-                out / "cost.png",
+                setting.out / "cost.png",
                 "Seconds over the number of patches; in brackets the slope of a straight line "
                 "through the logarithms.",
             )
@@ -85,9 +87,10 @@ def slope(costs: Mapping[int, float]) -> float:
     return float(np.polyfit(np.log(list(costs)), np.log(list(costs.values())), 1)[0])
 
 
-def transport(limits: Limits, _out: Path) -> Section:
+def transport(_: Setting) -> Section:
     """Render A at 36 samples a patch, against Mitsuba's shadow rays alone."""
-    scene = Scene(SMALL)
+    limits = machine_limits()
+    scene = Chair(SMALL)
     took = median_seconds(partial(ps.render_transport, scene.scenario, samples=36), 5)
     rays = 36 * scene.A.size
     return Section(

@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.benchmarks import peers
-from experiments.benchmarks.machine_limits import Limits, median_seconds
+from experiments.benchmarks.machine_limits import machine_limits, median_seconds
 from experiments.benchmarks.scene import (
     FILM,
     SMALL,
-    Scene,
     compare,
+    photographs_of,
     relative,
     seconds_text,
     times_table,
 )
-from periscopy_sim.figures.report import Claim, Section, Verdict
+from experiments.report import Claim, Section, Verdict
+from experiments.setting import Chair, Setting
 from periscopy_sim.reconstruction.preconditioned.still import repaired
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 
@@ -31,10 +31,11 @@ Array = NDArray[np.float64]
 FRAMES = 48
 
 
-def stills(limits: Limits, _out: Path) -> Section:
+def stills(_: Setting) -> Section:
     """One reconstruction and batches, against one pass over P's bytes."""
-    scene = Scene(SMALL)
-    periscope, photographs = scene.periscope, scene.photographs(32)
+    limits = machine_limits()
+    scene = Chair(SMALL)
+    periscope, photographs = scene.preconditioned, photographs_of(scene, 32)
     P = periscope.preconditioner.matrix().astype(np.float32)
     y = photographs[0]
     bytes_pass = median_seconds(P.sum, 51)
@@ -74,10 +75,10 @@ def stills(limits: Limits, _out: Path) -> Section:
     )
 
 
-def denoising(_limits: Limits, _out: Path) -> Section:
+def denoising(_: Setting) -> Section:
     """Total variation against other libraries, all to the same accuracy."""
-    scene = Scene(SMALL)
-    estimate = scene.periscope.estimate(scene.photographs(1))
+    scene = Chair(SMALL)
+    estimate = scene.preconditioned.estimate(photographs_of(scene, 1))
     g, weight = estimate.preconditioned[0].astype(np.float64), estimate.weight[0]
     exact = ps.prox_total_variation(g, weight, tolerance=1e-8)
     ours = relative(ps.prox_total_variation(g.astype(np.float32), weight), exact)
@@ -118,13 +119,13 @@ def denoising(_limits: Limits, _out: Path) -> Section:
     return Section("denoising", "Total variation", claims=claims)
 
 
-def differencing(_limits: Limits, _out: Path) -> Section:
+def differencing(_: Setting) -> Section:
     """Solve the problem of [15] within 1 % of its least objective, and by a plain NumPy port."""
-    scene = Scene(SMALL)
+    scene = Chair(SMALL)
     shape = scene.scenario.photograph_shape
-    y = scene.photographs(1)[0] * [0, 1, 0]
+    y = photographs_of(scene, 1)[0] * [0, 1, 0]
     port = peers.NumpyDifferencing(scene.A.astype(np.float64), shape, SMALL)
-    method = ps.Differencing(scene.A, photograph_shape=shape, hidden_shape=SMALL)
+    method = scene.differencing
     exact = method.solve(y)
     column, λ = y[..., 1].ravel(), float(exact.weight[1])
 
@@ -160,20 +161,21 @@ def differencing(_limits: Limits, _out: Path) -> Section:
 
 
 def _at(method: ps.Differencing, tolerance: float) -> ps.Differencing:
-    """Give the same method with another tolerance, its preparation shared."""
+    """Return the same method with another tolerance, its preparation shared."""
     other = copy(method)
     other.tolerance = tolerance
     return other
 
 
-def video(limits: Limits, _out: Path) -> Section:
+def video(_: Setting) -> Section:
     """Frames a second, live and in batches."""
-    scene = Scene(FILM)
-    photographs = scene.photographs(FRAMES)
+    limits = machine_limits()
+    scene = Chair(FILM)
+    photographs = photographs_of(scene, FRAMES)
     rows = []
     claims = []
     for coupling in ("l1", "total-variation"):
-        film = ps.Video(scene.periscope, coupling=coupling)
+        film = ps.Video(scene.preconditioned, coupling=coupling)
 
         def live(film: ps.Video = film) -> None:
             film.restart()

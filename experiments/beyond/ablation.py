@@ -15,6 +15,8 @@ a rule, the truth of each photograph, the real one too, chose.
 No row's numbers are fitted to the real photograph, but it is one photograph, and its scores were
 seen while the package's gain and the rows on the gain, on negatives and on B were chosen, among
 more than a hundred: the best of them flatters.
+
+`python -m experiments.beyond.ablation --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -30,7 +32,6 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.beyond.ablation_cases import REAL, Case, cases
 from experiments.beyond.ablation_table import MARKDOWN, Row, markdown, noise_table, summary, table
-from experiments.beyond.background_models import FINER, grids, polynomials, sketched_basis
 from experiments.beyond.normal_equations import Measured, NormalEquations, median_deviation
 from experiments.beyond.regularizers import (
     CHANNELS,
@@ -45,8 +46,10 @@ from experiments.beyond.regularizers import (
 )
 from experiments.beyond.wall_gain import plain_gain
 from experiments.beyond.weight_rules import RULES, Choices, Trials, trials
-from experiments.setting import Setting, alone
-from periscopy_sim.figures.report import Claim, Section, Verdict
+from experiments.page import alone, described
+from experiments.paper.background_models import FINER, grids, polynomials, sketched_basis
+from experiments.report import Claim, Section, Verdict
+from experiments.setting import Setting
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.noise_aware.wall_gain import polynomials as gain_terms
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -170,7 +173,7 @@ def run(setting: Setting) -> Section:
     section = Section(
         name="ablation",
         title="What of the noise-aware method helps",
-        text=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        text=described(__doc__),
         claims=list(gains_found(bench)),
         tables=[summary(rows, bench.cases), noise_table(bench.cases, bench.measured)],
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.beyond.ablation_cases import REAL, Case, noise_level, root_mean_square
 from experiments.beyond.normal_equations import Measured, median_deviation
-from periscopy_sim.figures.report import Section, Table
+from experiments.report import Section, Table
 
 MARKDOWN = "ablation.md"
 

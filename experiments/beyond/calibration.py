@@ -10,6 +10,8 @@ Of the real scene more is uncertain than where the chair stands: how it is turne
 the monitor is. What that may do to the values found is in their errors. Where they exceed a
 ruler's, the ruler is to be believed: so the last rows start from it, and free only what the
 photograph knows better, the height of the chair's seat.
+
+`python -m experiments.beyond.calibration --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -23,9 +25,10 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
-from experiments.setting import SNR, Measured, Setting, alone
+from experiments.page import alone, described
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Measured, Setting
 from periscopy_sim.calibration.calibrate import Calibration
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
 from periscopy_sim.reconstruction.background_subspace import background_basis
 
 Array = NDArray[np.float64]
@@ -107,7 +110,7 @@ def run(setting: Setting) -> Section:
     return Section(
         name="calibration",
         title="Scenes that calibrate themselves",
-        text=str(__doc__).split("\n\n", 1)[1],
+        text=described(__doc__),
         claims=[_claim(kind, outcomes[kind]) for kind in subjects],
         pictures=[
             Picture(

@@ -3,6 +3,8 @@
 Each photograph is taken under the realistic ambient conditions, with three draws of noise; bands
 hold nine tenths of them. Errors are as the images stand, gain-matched; of a real photograph, whose
 monitor's place is known to about a patch, after the best shift of at most 2 patches.
+
+`python -m experiments.beyond.noise_aware --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
-from experiments.setting import SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.page import alone, described
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Setting
 
 Array = NDArray[np.float64]
 
@@ -57,7 +60,7 @@ def run(setting: Setting) -> Section:
     return Section(
         name="noise_aware",
         title="The noise-aware method over signal-to-background ratios",
-        text=str(__doc__).split("\n\n", 1)[1],
+        text=described(__doc__),
         claims=list(_claims(errors, tuple(measured))),
         pictures=[
             Picture(

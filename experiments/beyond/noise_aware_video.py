@@ -1,6 +1,8 @@
 """Video by the noise-aware method beside the paper's: the error of each frame, and the speed.
 
 The clips, the ambient light and the noise are those of Fig. 7, at two signal-to-background ratios.
+
+`python -m experiments.beyond.noise_aware_video --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -14,10 +16,11 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn
+from experiments.page import alone
 from experiments.paper.fig7 import CONDITION, FRAMES, STARTS, STEADY, photographs_of
 from experiments.paper.moving_scene import clip
-from experiments.setting import SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Setting
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]

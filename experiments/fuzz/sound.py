@@ -1,4 +1,4 @@
-"""Sound files of every kind that the package reads, small, for `fuzz_readers` to damage."""
+"""Sound files of every kind that the package reads, small, for `experiments.fuzz` to damage."""
 
 from __future__ import annotations
 

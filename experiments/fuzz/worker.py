@@ -1,4 +1,4 @@
-"""The process that reads the cases of `fuzz_readers`, one by one, and tells what came of each.
+"""The process that reads the cases of `python -m experiments.fuzz`, one by one.
 
 It takes pickled cases from its standard input, each behind 8 bytes of length, and answers with a
 line of JSON: a verdict and its detail. What it is given never holds for its caller: a case may hang

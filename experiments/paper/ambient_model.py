@@ -3,6 +3,8 @@
 B holds the responses of point lights (Eq. 4); real ambient light comes from windows, lamps and
 everything that they light. Several choices of B are compared: by the part of each background that
 they leave, by what of it enters a reconstruction, and by what they cost in noise.
+
+`python -m experiments.paper.ambient_model --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -15,7 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.beyond.background_models import (
+from experiments.drawing import COLUMN, PAGE, drawn
+from experiments.page import alone
+from experiments.paper.ambient_trial import SBR, Trial, percent
+from experiments.paper.background_models import (
     AREA,
     FINER,
     NEARER,
@@ -25,11 +30,9 @@ from experiments.beyond.background_models import (
     Choice,
     choices,
 )
-from experiments.drawing import COLUMN, PAGE, drawn
-from experiments.paper.ambient_trial import SBR, Trial, percent
-from experiments.setting import GLASS, SNR, Setting, alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import GLASS, SNR, Setting
 from periscopy_sim.evaluation.metrics import shifted
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 

@@ -4,6 +4,8 @@ Each row of P is a picture on the wall, whose product with the photograph is one
 image. A difference of neighbouring pixels sums to zero, gives neighbours opposite signs (its
 autocorrelation at one pixel is -1/2) and passes the highest frequencies best: three things that the
 rows of P can be asked for.
+
+`python -m experiments.paper.fig10 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -16,8 +18,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, wall_extent
-from experiments.setting import Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import Setting
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario
 

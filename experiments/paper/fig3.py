@@ -1,6 +1,8 @@
 """Fig. 3: the grid of point lights whose responses on the wall are the columns of B.
 
 Shows the wall, the camera's field of view, the 512 lights, and what two of them cast on the wall.
+
+`python -m experiments.paper.fig3 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -12,8 +14,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, wall_extent
-from experiments.setting import Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Verdict
+from experiments.setting import Setting
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 
 Array = NDArray[np.float64]

@@ -4,6 +4,8 @@ Both methods on the paper's composites: eight conditions in four flips, 60 dB. T
 compared: a real one if given, whose scene is known only nearly; a path-traced one; and A f itself,
 of which the model is exact, so that its error is all sensor noise, with the Cramér-Rao bound beside
 it.
+
+`python -m experiments.paper.fig4 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -15,10 +17,11 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
-from experiments.setting import SNR, Measured, Setting, alone, package_sha256
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Measured, Setting, package_sha256
 from periscopy_sim.evaluation.methods import fit_methods
 from periscopy_sim.evaluation.sweep import array_sha256
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,4 +1,7 @@
-"""Fig. 5: adversarial ambient light, where it comes from, and what it does to the image."""
+"""Fig. 5: adversarial ambient light, where it comes from, and what it does to the image.
+
+`python -m experiments.paper.fig5 --out DIR [--real FILE.npz]`
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.setting import GLASS, NO_BEAM, SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import GLASS, NO_BEAM, SNR, Setting
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,7 @@
-"""Fig. 6: one scene under more and more ambient light, both methods, with run times."""
+"""Fig. 6: one scene under more and more ambient light, both methods, with run times.
+
+`python -m experiments.paper.fig6 --out DIR [--real FILE.npz]`
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.setting import SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Setting
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,8 @@
 As in Sec. 4.2 each photograph is A times the true frame, plus ambient light at SBR 0.5 and noise at
 60 dB. The paper's coupling (three-dimensional total variation on the pair of frames) stands beside
 Eq. 12 as written and beside stills, for a scene that moves and for the same scene at rest.
+
+`python -m experiments.paper.fig7 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -15,9 +17,10 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
+from experiments.page import alone
 from experiments.paper.moving_scene import clip
-from experiments.setting import SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Setting
 
 Array = NDArray[np.float64]
 

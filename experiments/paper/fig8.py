@@ -2,6 +2,8 @@
 
 A P y is what the recovered hidden image, neither denoised nor repaired, would cast on the wall. It
 should look like the photograph without its background, and A (D A)^+ D y like a poor copy of it.
+
+`python -m experiments.paper.fig8 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.setting import SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import SNR, Setting
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,

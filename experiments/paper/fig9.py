@@ -3,6 +3,8 @@
 The paper shows one photograph under stained glass. Here it stands with the sunbeam on the wall and
 without, and the errors under all other conditions. A method fails where it does no better than the
 best image of one colour, which knows nothing of the hidden scene.
+
+`python -m experiments.paper.fig9 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -15,8 +17,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.setting import GLASS, NO_BEAM, SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Picture, Section, Table, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import GLASS, NO_BEAM, SNR, Setting
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 
 Array = NDArray[np.float64]

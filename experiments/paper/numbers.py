@@ -1,4 +1,7 @@
-"""The numbers that the paper states in Sec. 2, 3.1 and 3.3, beside what this package finds."""
+"""The numbers that the paper states in Sec. 2, 3.1 and 3.3, beside what this package finds.
+
+`python -m experiments.paper.numbers --out DIR [--real FILE.npz]`
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.setting import Setting, alone
+from experiments.page import alone
+from experiments.report import Claim, Section, Table, Verdict
+from experiments.setting import Setting
 from periscopy_sim.evaluation.diagnostics import (
     Diagnostics,
     condition_number,
     rank_row,
     residual_background,
 )
-from periscopy_sim.figures.report import Claim, Section, Table, Verdict
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 

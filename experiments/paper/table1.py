@@ -4,6 +4,8 @@ Other machines take other times: what can be compared are the ratios within one 
 two forms: factored, as the package applies it, and explicit, as the paper has it and as video rate
 needs it. The published steps of [15] are timed on one colour channel where three would take
 minutes.
+
+`python -m experiments.paper.table1 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.setting import SNR, Setting, alone
-from periscopy_sim.figures.report import Claim, Section, Table, Verdict
+from experiments.page import alone
+from experiments.report import Claim, Section, Table, Verdict
+from experiments.setting import SNR, Setting
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.beyond.background_models import sketched_basis
 from experiments.paper.ambient_model import outside
+from experiments.paper.background_models import sketched_basis
 from experiments.paper.fig8 import correlation
 from experiments.paper.fig10 import radial_spectrum, row_statistics
 from experiments.setting import NO_BEAM, Setting

@@ -90,10 +90,12 @@ class Section:
         What was done, in a few sentences.
     claims, pictures, tables
         What is shown below it.
-    seconds
-        Time it took; None if not measured.
+    seconds, processor_seconds
+        Time it took, and that of all processors together; None if not measured.
     failure
         Why there is nothing to show, if so.
+    made_from
+        Digest of the code and the inputs.
     """
 
     name: str
@@ -103,7 +105,9 @@ class Section:
     pictures: Sequence[Picture] = ()
     tables: Sequence[Table] = ()
     seconds: float | None = field(default=None, compare=False)
+    processor_seconds: float | None = field(default=None, compare=False)
     failure: str = ""
+    made_from: str = field(default="", compare=False)
 
 
 def write_section(path: Path, section: Section) -> None:

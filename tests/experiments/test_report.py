@@ -4,8 +4,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from periscopy_sim.errors import OutputError
-from periscopy_sim.figures.report import (
+from experiments.report import (
     Claim,
     Picture,
     Section,
@@ -15,6 +14,7 @@ from periscopy_sim.figures.report import (
     write_page,
     write_section,
 )
+from periscopy_sim.errors import OutputError
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="

@@ -1,0 +1,111 @@
+"""Each `python -m experiments...` that a file of the repository names can be typed as it stands."""
+
+import importlib
+import re
+import shlex
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import typer
+
+from experiments.page import Page, command_of
+
+ROOT = Path(__file__).parents[2]
+RUNNABLE = 'if __name__ == "__main__":'
+WRITTEN_BY = ("*.py", "*.md", "*.toml", "Makefile")
+NOT_OURS = {".venv", "out", ".git", "build", "README.md"}
+
+
+def files():
+    for pattern in WRITTEN_BY:
+        for file in sorted(ROOT.rglob(pattern)):
+            if file != Path(__file__) and not NOT_OURS & set(file.relative_to(ROOT).parts):
+                yield file
+
+
+def mentions(text):
+    """Modules and arguments named: within backticks, which may go over a line's end, or a line."""
+    for quoted in re.findall(r"`(python -m experiments[^`]*)`", text):
+        text = text.replace(f"`{quoted}`", "")
+        yield parsed(" ".join(quoted.split()))
+    for line in re.findall(r"^.*-m experiments.*$", text, re.MULTILINE):
+        yield parsed(line)
+
+
+def parsed(command):
+    module, _, arguments = command.partition("-m ")[2].partition(" ")
+    return module, shlex.split(arguments.replace("[", " ").replace("]", " "))
+
+
+MENTIONS = sorted(
+    {
+        (str(file.relative_to(ROOT)), module, tuple(arguments))
+        for file in files()
+        for module, arguments in mentions(file.read_text("utf-8"))
+    }
+)
+
+
+def source_of(module):
+    """The file that `python -m` would run; None if there is none."""
+    path = ROOT.joinpath(*module.split("."))
+    file = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+    return file if file.is_file() and RUNNABLE in file.read_text("utf-8") else None
+
+
+@cache
+def options_of(module):
+    """What the module's command knows: its options, and the experiments that it names."""
+    file = source_of(module)
+    name = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    found = importlib.import_module(name)
+    page = getattr(found, "PAGE", None)
+    if isinstance(page, Page):
+        command, names = page.command(), set(page.names)
+    else:
+        command, names = getattr(found, "main", None) or command_of(found.run), set()
+        names |= set(getattr(found, "CHECKS", ()))
+    app = typer.Typer(add_completion=False)
+    app.command()(command)
+    options = {
+        option for parameter in typer.main.get_command(app).params for option in parameter.opts
+    }
+    return options, names
+
+
+@pytest.mark.parametrize(("file", "module", "arguments"), MENTIONS)
+def test_a_command_that_a_file_names_can_be_typed(file, module, arguments):
+    assert source_of(module), f"{file}: no `python -m {module}`"
+    if module == "experiments.studies.dataset_training":
+        pytest.importorskip("torch")
+    options, names = options_of(module)
+    for word, value in pairwise((*arguments, "")):
+        if word.startswith("--"):
+            assert word in options, f"{file}: `{module}` has no {word}"
+        if word == "--only" and "..." not in value:
+            assert set(value.split(",")) <= names, f"{file}: {module} has no {value}"
+
+
+def test_each_module_that_runs_says_how():
+    for file in sorted((ROOT / "experiments").rglob("*.py")):
+        text = file.read_text("utf-8")
+        if RUNNABLE not in text:
+            continue
+        parts = file.relative_to(ROOT).with_suffix("").parts
+        module = ".".join(parts[:-1] if parts[-1] == "__main__" else parts)
+        docstring = text.split('"""')[1]
+        named = {name for name, _ in mentions(docstring)}
+        if module != "experiments.fuzz.worker":  # it is run by another process alone
+            assert module in named, f"{file}: its docstring does not say how to run it"
+
+
+def test_a_command_over_a_lines_end_is_found():
+    text = "see `python -m experiments.paper --only\nfig4 --out DIR [--real F]` and\nmake -m x"
+    assert list(mentions(text)) == [
+        ("experiments.paper", ["--only", "fig4", "--out", "DIR", "--real", "F"])
+    ]
+    assert list(mentions("paper:\n\t$(BIN)/python -m experiments.paper --out out/paper\n")) == [
+        ("experiments.paper", ["--out", "out/paper"])
+    ]
