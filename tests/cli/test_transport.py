@@ -30,7 +30,7 @@ def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):
     assert record["parameters"] == {"resolution": "24"}
     assert record["variant"].endswith("_rgb") and record["mitsuba"] and record["periscopy-sim"]
     command = "periscopy transport chair -D resolution=24 --hidden 4x5 --samples 4 --seed 7"
-    assert record["command"] == f"{command} --out deep/A.npy"
+    assert record["command"] == command  # wherever it lies
 
 
 def test_same_seed_gives_the_same_bytes_and_another_does_not(succeeds, tmp_path):

@@ -182,7 +182,7 @@ def test_folder_holds_frames_pictures_table_and_summary(
     assert rates["batch"] == pytest.approx(9 / column(table, "seconds").sum())
     assert rates["live"] > 0
     provenance = summary["provenance"]
-    assert provenance["command"] == "periscopy " + " ".join(arguments)
+    assert provenance["command"] == "periscopy " + " ".join(arguments).replace(" --out new/out", "")
     assert provenance["seed"] == 3 and provenance["parameters"] == {"resolution": "24"}
     for name in ("video.png", "frames/0003.png"):
         with Image.open(folder / name) as picture:

@@ -26,22 +26,25 @@ def alone_in(folder: Path) -> Iterator[None]:
     OutputError
         If another process is at work there, or the folder cannot be written.
     """
-    import fcntl
+    from filelock import FileLock, Timeout
 
+    lock = FileLock(folder / LOCK, timeout=0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK).open("a")
+        (folder / LOCK).touch()
     except OSError as error:
         raise OutputError(
             f"cannot write {folder}: {error.strerror}; choose another place"
         ) from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                f"another process is at work in {folder}; wait for its end or name another folder"
-            ) from None
-        except OSError:  # a file system without locks
-            pass
+    try:
+        lock.acquire()
+    except Timeout:
+        raise OutputError(
+            f"another process is at work in {folder}; wait for its end or name another folder"
+        ) from None
+    except (OSError, NotImplementedError):  # a file system without locks
+        pass
+    try:
         yield
+    finally:
+        lock.release()

@@ -34,7 +34,7 @@ def provenance(
     seed : int or None
         The seed of the random draws, if there were any.
     command : sequence of str
-        The command line, program first.
+        The command line, program first. Where the result lies is left out of the record.
     parameters : mapping or None
         Values given for the scene's defaults.
 
@@ -57,7 +57,7 @@ def provenance(
         "scene_sha256": None if scene is None else scene_sha256(scene, parameters),
         "variant": variant,
         "seed": seed,
-        "command": _printable(shlex.join(command)),
+        "command": _printable(shlex.join(_without_output(command))),
     }
 
 
@@ -129,6 +129,16 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed"
+
+
+def _without_output(command: Sequence[str]) -> Iterator[str]:
+    """Yield a command line but for its `--out`, so that results are the same wherever they lie."""
+    words = iter(command)
+    for word in words:
+        if word == "--out":
+            next(words, None)
+        elif not word.startswith("--out="):
+            yield word
 
 
 def _printable(text: str) -> str:

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
+import re
 import shutil
+import socket
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 from periscopy_sim.errors import OutputError
 
 _OUT_OF_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+_CUT_SHORT = re.compile(r"\d+ requested and \d+ written")
+"""What NumPy says where the disk takes no more; it keeps no error number."""
 
 
 @contextmanager
@@ -46,15 +54,13 @@ def staged_file(path: Path) -> Iterator[Path]:
             if target.exists() and not target.is_file():
                 raise OutputError(f"cannot write {path}: it is not a regular file; name another")
             _make_folder(target.parent, undo)
-            staged = target.parent / _partial_name(target)
+            staged = undo.enter_context(_own_name(target, target.parent))
             staged.touch(exist_ok=False)  # proves now, not after hours, that it can be written
-            undo.callback(staged.unlink, missing_ok=True)
             staged.unlink()
         with out_of_space_reported(path):
             yield staged
         with _reported(path):
             staged.replace(target)
-        undo.pop_all()
 
 
 @contextmanager
@@ -88,9 +94,10 @@ def staged_folder(path: Path) -> Iterator[Path]:
                 raise OutputError(f"cannot write {path}: it is a file; name a folder")
             home = target if target.is_dir() else target.parent
             _make_folder(home, undo)
-            staged = home / _partial_name(target)
+            with _own_name(target, target.parent):
+                pass  # now what a process that was killed left beside the folder is gone, too
+            staged = undo.enter_context(_own_name(target, home))
             staged.mkdir()
-            undo.callback(shutil.rmtree, staged, ignore_errors=True)
         with out_of_space_reported(path):
             yield staged
         with _reported(path):
@@ -98,7 +105,6 @@ def staged_folder(path: Path) -> Iterator[Path]:
                 _merge(staged, target)
             else:
                 staged.rename(target)
-        undo.pop_all()
 
 
 def _resolved(path: Path) -> Path:
@@ -106,13 +112,67 @@ def _resolved(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def _partial_name(target: Path) -> str:
-    """Hidden name with the target's suffix, different at each call."""
-    return f".{target.stem[:40]}-{uuid.uuid4().hex[:12]}{target.suffix}"
+@contextmanager
+def _own_name(target: Path, home: Path) -> Iterator[Path]:
+    """Yield a free hidden name in a folder, with the target's suffix, for this process alone.
+
+    The names of a target are numbered. Each is locked by the process that stages under it, so that
+    what lies under one that is not locked was left by a process that was killed, and is removed.
+    Names bear the host: what another one stages on a shared disk is left alone.
+    """
+    from filelock import FileLock, Timeout
+
+    own: tuple[Path, FileLock] | None = None
+    for number in count():
+        staged = home / f".{target.stem[:40]}-{_host()}-{number}{target.suffix}"
+        lock = FileLock(f"{staged}.lock", timeout=0)
+        if own is not None and not os.path.lexists(staged):
+            break
+        try:
+            lock.acquire()
+        except Timeout:
+            continue
+        except (OSError, NotImplementedError):  # a file system without locks, or not writable
+            staged = staged.with_name(f".{target.stem[:40]}-{uuid.uuid4().hex}{target.suffix}")
+            own = own or (staged, lock)
+            break
+        _remove(staged)
+        if own is None:
+            own = staged, lock
+        else:
+            _give_up(lock)
+    assert own is not None
+    try:
+        yield own[0]
+    finally:
+        _remove(own[0])  # before another process may take the name
+        _give_up(own[1])
+
+
+def _remove(staged: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if staged.is_dir() and not staged.is_symlink():
+        shutil.rmtree(staged, ignore_errors=True)
+    else:
+        staged.unlink(missing_ok=True)
+
+
+def _give_up(lock: Any) -> None:
+    """Release a lock of `_own_name`, and remove its file: who waits for it sees that it is gone."""
+    if lock.is_locked:
+        with suppress(OSError):  # where open files cannot be removed
+            Path(lock.lock_file).unlink()
+        lock.release()
+
+
+@cache
+def _host() -> str:
+    """Return what tells this machine from others that write to the same disk."""
+    return hashlib.sha256(f"{socket.gethostname()} {uuid.getnode()}".encode()).hexdigest()[:8]
 
 
 def _make_folder(folder: Path, undo: ExitStack) -> None:
-    """Make a folder and its missing parents; `undo` removes those that were made."""
+    """Make a folder and its missing parents; `undo` removes those that stay empty."""
     if folder.is_dir():
         return
     if folder.exists():
@@ -162,6 +222,7 @@ def out_of_space_reported(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in _OUT_OF_SPACE:
-            raise OutputError(f"cannot write {path}: {error.strerror}; free some space") from error
+        if error.errno in _OUT_OF_SPACE or _CUT_SHORT.search(str(error)):
+            reason = error.strerror or os.strerror(errno.ENOSPC)
+            raise OutputError(f"cannot write {path}: {reason}; free some space") from error
         raise

@@ -53,7 +53,16 @@ def test_record_is_complete_and_ready_for_json(scene):
     assert set(record) >= {"periscopy-sim", "scipy", "drjit"}
     assert record["scene"] == str(scene) and record["scene_sha256"] == scene_sha256(scene)
     assert (record["variant"], record["seed"]) == ("llvm_ad_rgb", 7)
-    assert record["command"] == "periscopy demo --out 'a folder'"
+    assert record["command"] == "periscopy demo"
+
+
+def test_where_a_result_lies_is_no_part_of_its_record():
+    command = ["periscopy", "reconstruct", "my photo.exr", "--scene", "chair"]
+    for out in ([], ["--out", "a folder"], ["--out=elsewhere"]):
+        record = provenance(None, None, None, [*command[:3], *out, *command[3:]])
+        assert record["command"] == "periscopy reconstruct 'my photo.exr' --scene chair"
+    whole = provenance(None, None, None, [*command, "--out", "x", "--outer", "y"])
+    assert whole["command"] == "periscopy reconstruct 'my photo.exr' --scene chair --outer y"
 
 
 def test_what_does_not_apply_is_none_and_no_text():

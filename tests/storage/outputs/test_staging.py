@@ -1,7 +1,11 @@
 import errno
 import os
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from periscopy_sim.errors import OutputError
@@ -10,6 +14,10 @@ from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 
 def entries(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
+
+
+def entries_of(output: Path) -> set[str]:
+    return {output.name} | {f"{output.name}/{entry}" for entry in entries(output)}
 
 
 def test_file_appears_only_after_the_block(tmp_path):
@@ -112,13 +120,84 @@ def test_file_is_no_place_for_a_folder(tmp_path):
         pytest.fail("entered")
 
 
-def test_full_disk_is_the_users_to_mend(tmp_path):
+def test_full_disk_is_the_users_to_fix(tmp_path):
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     for staged_output in (staged_file, staged_folder):
         with pytest.raises(OutputError, match="No space left"), staged_output(tmp_path / "x"):
             raise full
     with pytest.raises(PermissionError), staged_file(tmp_path / "x"):
         raise PermissionError(errno.EACCES, "of something else the block opened")
+
+
+def test_full_disk_that_numpy_meets_is_reported(tmp_path):
+    """NumPy's own message has no error number: a file that may not grow stands for a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limits[1]))
+    try:
+        with (
+            pytest.raises(OutputError, match="free some space"),
+            staged_file(tmp_path / "A.npy") as staged,
+        ):
+            np.save(staged, np.ones(1 << 20))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with pytest.raises(OutputError, match="free some space"), staged_file(tmp_path / "A"):
+        raise OSError("8 requested and 4 written")
+    assert entries(tmp_path) == set()
+
+
+STAGING = """
+import sys, time
+from pathlib import Path
+from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
+with {staged}(Path(sys.argv[1])) as staged:
+    (staged / "half" if "folder" in "{staged}" else staged).write_text("half")
+    print("staged", flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("staged_output", [staged_file, staged_folder])
+def test_next_run_removes_what_a_killed_one_left_and_only_that(tmp_path, staged_output):
+    target = tmp_path / "out.x"
+    others = {".out-1234.x", "out.x.lock", ".outer-0.x"}
+    for name in others:
+        (tmp_path / name).write_text("mine")
+    command = [sys.executable, "-c", STAGING.format(staged=staged_output.__name__), str(target)]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as killed,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as living,
+    ):
+        try:
+            assert killed.stdout.readline() == living.stdout.readline() == "staged\n"
+            killed.kill()
+            killed.wait()
+            for _ in range(2):  # the second time what it replaces is there
+                with staged_output(target) as staged:
+                    file = staged if staged_output is staged_file else staged / "whole"
+                    assert not file.with_name("half").exists() and not file.exists()
+                    file.write_text("whole")
+            left = entries(tmp_path) - entries_of(target) - others
+            hidden = {name for name in left if name.startswith(".out")}
+            assert left == hidden and len(hidden) == (2 if staged_output is staged_file else 3)
+        finally:
+            living.kill()
+    with staged_output(target) as staged:
+        (staged if staged_output is staged_file else staged / "whole").write_text("whole")
+    assert entries(tmp_path) == others | entries_of(target)
+
+
+def test_another_machine_s_staging_is_left_alone(tmp_path, monkeypatch):
+    from periscopy_sim.storage.outputs import staging
+
+    with staged_file(tmp_path / "y.npy") as theirs:
+        theirs.write_text("half")
+        name = theirs.name
+    (tmp_path / name).write_text("half")  # on a disk whose locks we do not see
+    monkeypatch.setattr(staging, "_host", lambda: "another")
+    with staged_file(tmp_path / "y.npy") as ours:
+        ours.write_text("whole")
+    assert entries(tmp_path) == {name, "y.npy"}
 
 
 def test_folder_appears_complete(tmp_path):
