@@ -285,10 +285,10 @@ def test_a_scene_that_a_built_in_method_cannot_take_stays_a_plain_value_error():
     assert not isinstance(caught.value, PeriscopyError)
 
 
-def test_the_readmes_own_method_is_blind_to_ambient_light(mine):
-    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
-    (code,) = (part for part in readme.split("```python\n")[1:] if "class MyMethod" in part)
-    (mine.parent / "my_method.py").write_text(code.split("```")[0])
+def test_the_documentations_own_method_is_blind_to_ambient_light(mine):
+    page = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")
+    code = page.split("```python file=my_method.py\n")[1].split("```")[0]
+    (mine.parent / "my_method.py").write_text(code)
     method = fit_methods(["my_method.py:MyMethod"], Scene(), A, B)["my_method.py:MyMethod"]
     for background in (0, 5):
         assert np.allclose(image_by(method, photograph(background), (2, 3)), TRUTH, rtol=1e-5)

@@ -1,0 +1,141 @@
+"""README and docs: every block runs, every command parses, every link leads somewhere."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import typer
+
+from periscopy_sim.cli import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+INSTALL = re.compile(r"make [a-z-]+")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: what it is written in, what is said of it, and its text.
+
+    ``slow`` takes minutes, ``torch`` needs PyTorch, and ``file=NAME`` is to be written to a file.
+    """
+
+    page: Path
+    line: int
+    language: str
+    flags: tuple[str, ...]
+    text: str
+
+    def __str__(self):
+        return f"{self.page.name}:{self.line}"
+
+
+def blocks_of(page):
+    text = page.read_text("utf-8")
+    for match in FENCE.finditer(text):
+        language, *flags = match[1].split()
+        yield Block(page, text.count("\n", 0, match.start()) + 1, language, tuple(flags), match[2])
+
+
+BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+
+
+def commands_of(block):
+    """The lines of a shell block, continued ones joined, without their comments."""
+    for line in block.text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        if words:
+            yield words
+
+
+def run(block, folder, names):
+    """Run a block in the page's folder; Python blocks of a page share their names."""
+    written = [flag.removeprefix("file=") for flag in block.flags if flag.startswith("file=")]
+    if written:
+        (folder / written[0]).write_text(block.text, "utf-8")
+    elif block.language == "python":
+        exec(compile(block.text, str(block), "exec"), names)
+    elif block.language == "sh":
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        script = f"set -euo pipefail\n{block.text}"
+        ran = subprocess.run(
+            ["bash", "-c", script], cwd=folder, env={**os.environ, "PATH": path}, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
+        )  # fmt: skip
+        assert ran.returncode == 0, f"{block}: {ran.stdout}"
+
+
+def run_page(page, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    names = {}
+    for block in blocks_of(page):
+        if "torch" in block.flags:
+            try:
+                import torch  # noqa: F401
+            except ImportError:
+                continue
+        run(block, folder, names)
+
+
+def test_readme_runs(tmp_path, monkeypatch):
+    run_page(ROOT / "README.md", tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES[1:], ids=lambda page: page.stem)
+def test_page_runs(page, tmp_path, monkeypatch):
+    run_page(page, tmp_path, monkeypatch)
+
+
+def test_there_are_blocks_of_every_kind_and_of_no_other():
+    assert {block.language for block in BLOCKS} == {"python", "sh", "yaml", "console"}
+    for block in BLOCKS:
+        assert all(flag in ("slow", "torch") or flag.startswith("file=") for flag in block.flags), (
+            block
+        )
+        if block.language == "yaml":
+            assert block.flags, f"{block}: no test would read it"
+
+
+def test_blocks_that_are_not_run_only_call_make():
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    for block in BLOCKS:
+        if block.language == "console":
+            for words in commands_of(block):
+                assert words[0] == "make" and words[1] in targets and len(words) == 2, block
+
+
+@pytest.mark.parametrize(
+    "block", [block for block in BLOCKS if block.language == "sh"], ids=lambda block: str(block)
+)
+def test_commands_are_those_of_the_command_line(block):
+    """Without running them: every command and option is known, and its value of the right type."""
+    command = typer.main.get_command(app)
+    seen = 0
+    for words in commands_of(block):
+        arguments = words[: words.index(">")] if ">" in words else words
+        assert arguments[0] == "periscopy", f"{block}: {words}"
+        group, context, rest = command, None, arguments[1:]
+        while hasattr(group, "commands"):
+            context = group.make_context(group.name, list(rest), parent=context)
+            rest = [*context._protected_args, *context.args]
+            name, group, rest = group.resolve_command(context, rest)
+        group.make_context(name, list(rest), parent=context)
+        seen += 1
+    assert seen
+
+
+def test_links_lead_to_files():
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text("utf-8")):
+            assert (page.parent / target).is_file(), f"{page.name}: {target}"
+
+
+def test_readme_is_one_screen():
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 80
