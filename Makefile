@@ -21,20 +21,19 @@ lint: $(VENV)/installed-dev
 	$(BIN)/mypy
 
 # The numbers that prove the rendering and the solver, as one table.
-validate: $(VENV)/installed
+validate: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.validation --out out/validation
 
 # Every figure and table of the paper as one page: out/paper/index.html.
-paper: $(VENV)/installed
+paper: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.paper --out out/paper
 
 # What goes beyond the paper, as another: out/beyond/index.html. It reads what the paper rendered.
-beyond: $(VENV)/installed
+beyond: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.beyond --out out/beyond --rendered out/paper/rendered
 
 # How fast it is, beside other libraries and the machine's limits: out/benchmark/index.html.
-benchmark: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
+benchmark: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.benchmarks --out out/benchmark
 
 $(VENV)/installed: pyproject.toml
@@ -44,6 +43,10 @@ $(VENV)/installed: pyproject.toml
 
 $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+$(VENV)/installed-experiments: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[experiments]'
 	touch $@
 
 clean:

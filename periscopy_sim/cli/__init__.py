@@ -30,7 +30,7 @@ from periscopy_sim.cli import (
     transport,
     video,
 )
-from periscopy_sim.cli.arguments import warn
+from periscopy_sim.cli.arguments import EXTRAS, missing, warn
 from periscopy_sim.errors import PeriscopyError
 
 INTERRUPTED = 130
@@ -81,6 +81,10 @@ def main() -> None:
         code = app(arguments, prog_name="periscopy", standalone_mode=False)
     except PeriscopyError as error:
         _fail(str(error), 2)
+    except ModuleNotFoundError as error:
+        if error.name not in EXTRAS:
+            raise
+        _fail(missing(error.name), 2)
     except MemoryError as error:
         _fail(f"not enough memory: {error}; take fewer pixels or patches", 2)
     except (KeyboardInterrupt, typer.Abort):

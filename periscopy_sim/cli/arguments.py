@@ -7,12 +7,22 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from periscopy_sim.errors import PeriscopyError
+
+EXTRAS = {
+    "xarray": "sweep",
+    "zarr": "sweep",
+    "distributed": "sweep",
+    "cloudpickle": "sweep",
+    "google_crc32c": "dataset",
+}
+"""Modules that the core install lacks, and the extra that brings each."""
 
 Out = Annotated[
     Path, typer.Option("--out", help="Folder to write; appears complete or not at all.")
@@ -88,6 +98,27 @@ def parse_definitions(definitions: list[str] | None, option: str = "-D") -> dict
             raise PeriscopyError(f"{option} {name} is given twice")
         values[name] = value
     return values
+
+
+def require(*extras: str) -> None:
+    """Refuse to start work that would end for want of a module of these extras.
+
+    Raises
+    ------
+    PeriscopyError
+        Naming the first module that is not installed.
+    """
+    for module, extra in EXTRAS.items():
+        if extra in extras and find_spec(module) is None:
+            raise PeriscopyError(missing(module))
+
+
+def missing(module: str) -> str:
+    """Return one line that says which extra brings a module."""
+    return (
+        f"this needs {module}, which is not installed; install it by: pip install "
+        f"'periscopy-sim[{EXTRAS[module]}]'"
+    )
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out, progress, say, warn
+from periscopy_sim.cli.arguments import Out, progress, require, say, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def make(
         raise PeriscopyError(
             "name a configuration and --out; 'periscopy dataset --example' prints a configuration"
         )
+    require("sweep", "dataset")
     settings = load_configuration(configuration)
     start = time.perf_counter()
     try:

@@ -25,6 +25,7 @@ from periscopy_sim.cli.arguments import (
     Snr,
     mendable,
     progress,
+    require,
     say,
     write_json,
 )
@@ -105,6 +106,7 @@ def sweep(
     from periscopy_sim.storage.pictures import read_hidden_image
 
     # Whatever can be refused is refused here, before hours of rendering.
+    require("sweep")
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = parse_ratios(sbr), parse_ambient(ambient)

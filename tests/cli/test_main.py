@@ -134,6 +134,16 @@ def test_lack_of_memory_is_one_line(monkeypatch, refused):
     assert "not enough memory: Unable to allocate 26.8 GiB" in refused(*TRANSPORT)
 
 
+def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    monkeypatch.setattr(scenes, "transport", lambda *_: pytest.fail("rendered"))
+    sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
+    message = refused(*sweep, "--out", str(tmp_path / "sweep"))
+    assert "pip install 'periscopy-sim[sweep]'" in message
+    assert not (tmp_path / "sweep").exists()
+
+
 def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
     monkeypatch.setattr(scenes, "load", failing(RuntimeError("a defect")))
     with pytest.raises(RuntimeError, match="a defect"):
