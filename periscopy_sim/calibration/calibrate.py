@@ -1,4 +1,4 @@
-"""Move what the ruler got wrong until the photograph is explained."""
+"""Find the parameters of a scene that explain a photograph best, coarse to fine."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.consider_analysis import (
+    UncertainParameters,
     require_effect,
     sensitivity,
-    uncertain_numbers,
+    uncertain_parameters,
 )
 from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.global_search import GENERATIONS, explore, population
-from periscopy_sim.calibration.levenberg_marquardt import curvature, descend, settle
+from periscopy_sim.calibration.global_search import explore, points_visited
+from periscopy_sim.calibration.levenberg_marquardt import descend, settle
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
-from periscopy_sim.calibration.resolution_level import Level, Sampling, Values
+from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import INSTALL_LLVM, is_vectorized
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
-LEVELS = (Sampling(32, 12, 4, 9), Sampling(63, 36, 16, 4), Sampling(126, 36, 16, 1))
+LEVELS = (Resolution(32, 12, 4, 9), Resolution(63, 36, 16, 4), Resolution(126, 36, 16, 1))
 """Coarse to fine: explored, then descended on. Larger photographs and hidden images are averaged
 down to the last. With a quarter of its rays the second has dips that hold a descent, millimetres
 from the best."""
@@ -52,7 +53,7 @@ class Parameter:
         Standard error of the value in a scene that is otherwise right: from the evidence's
         curvature and the spread of what stays unexplained.
     standard_error
-        The same in a scene some of whose other numbers are uncertain.
+        The same in a scene some of whose other parameters are uncertain.
     scale
         How far it must move to change the light transport by a twentieth, to a factor of 2.
     spread
@@ -72,27 +73,6 @@ class Parameter:
     def determined(self) -> bool:
         """Whether the photograph determines it: to less than its scale."""
         return self.standard_error < self.scale
-
-
-@dataclass(frozen=True, eq=False)
-class Considered:
-    """A number of the scene that stayed, but may be wrong.
-
-    Attributes
-    ----------
-    name
-        Of the scene's ``<default>``.
-    value, standard_error
-        Where it stayed, and how well it is known.
-    moves
-        (P,) how far the free parameters would have ended elsewhere, had it been a standard error
-        more.
-    """
-
-    name: str
-    value: float
-    standard_error: float
-    moves: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +103,11 @@ class Calibration:
     ----------
     parameters
         Those that were free.
-    considered
-        Those that were uncertain.
+    uncertain
+        Those that were held, but may be wrong.
+    moves
+        (P, U) how far each free parameter would have ended elsewhere, had an uncertain one been a
+        standard error more.
     correlation
         (P, P) of the free parameters' standard errors.
     path
@@ -137,7 +120,8 @@ class Calibration:
     """
 
     parameters: tuple[Parameter, ...]
-    considered: tuple[Considered, ...]
+    uncertain: UncertainParameters
+    moves: Array
     correlation: Array
     path: tuple[Visited, ...]
     noise_before: Array
@@ -167,7 +151,7 @@ def calibrate(
     """Find the values of a scene's parameters that explain a photograph best.
 
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
-    ambient light but that it comes from afar; see `variable_projection`. The search goes from
+    ambient light but that it comes from afar; see `evidence`. The search goes from
     coarse to fine: many points about the start at a low resolution, then descents.
 
     Parameters
@@ -181,10 +165,10 @@ def calibrate(
     free
         Names of the ``<default>``s to find.
     parameters
-        Values of ``<default>``s: where free ones start, where others stay.
+        Values of ``<default>``s: where free ones start, where others are held.
     uncertain
-        Standard errors of ``<default>``s that stay, independent of each other. They change no
-        value, but its error: see `systematics`.
+        Standard errors of ``<default>``s that are held, independent of each other. They change no
+        value, but its error: see `consider_analysis`.
     mask
         (rows, columns) pixels to use; None for all.
     samples
@@ -211,20 +195,20 @@ def calibrate(
     path = find_scene(scene)
     given = {name: str(value) for name, value in (parameters or {}).items()}
     start = start_values(path, free, given)
-    stays = uncertain_numbers(path, tuple(free), given, uncertain or {})
+    held = uncertain_parameters(path, tuple(free), given, uncertain or {})
     first = load_scenario(path, hidden, given)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs: " + INSTALL_LLVM)
     y = _checked(photograph, mask, first.photograph_shape)
     in_front = InFront(first)
-    samplings = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))
+    resolutions = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))
     coarse, middle, fine = (
-        Level(path, given, tuple(free), y, mask, hidden, sampling, seed, in_front.check)
-        for sampling in samplings
+        ResolutionLevel(path, given, tuple(free), y, mask, hidden, resolution, seed, in_front.check)
+        for resolution in resolutions
     )
     log = _Log(len(start), progress)
     coarse.background(start)  # too few pixels are told of before anything is rendered
-    require_effect(coarse, start, stays)
+    require_effect(coarse, start, held)
     steps, spreads = steps_and_spreads(coarse, start)
     values = explore(coarse, start, spreads, seed, log.at(coarse))
     seen = coarse.explain(values)
@@ -234,7 +218,7 @@ def calibrate(
             "can be learned from it"
         )
     end = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle))
-    values, _ = settle(middle, end, curvature(middle, end.values, end.explanation, steps), steps)
+    values, _ = settle(middle, end, steps)
     visit = log.at(fine)
     end = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], visit)
     if end.unphysical is not None:
@@ -243,11 +227,11 @@ def calibrate(
             f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
             "the one that went too far by -D"
         )
-    own, moves = sensitivity(fine, end.values, end.explanation, steps / 2, stays)
-    values, after = settle(fine, end, own, steps)
+    moves = sensitivity(fine, end, held)
+    values, after = settle(fine, end, steps)
     visit(values, after.evidence)
     before = fine.explain(start)
-    alone = own.covariance()
+    alone = end.curvature.covariance()
     errors = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(errors))
     columns = start, values, np.sqrt(np.diag(alone)), deviations, steps, spreads
@@ -256,12 +240,8 @@ def calibrate(
             Parameter(name, *(float(number) for number in numbers))
             for name, *numbers in zip(free, *columns, strict=True)
         ),
-        considered=tuple(
-            Considered(name, float(value), float(error), moved)
-            for name, value, error, moved in zip(
-                stays.names, stays.values, stays.standard_errors, moves.T, strict=True
-            )
-        ),
+        uncertain=held,
+        moves=moves,
         correlation=errors / np.outer(deviations, deviations),
         path=log.path(),
         noise_before=before.noise / fine.scale,
@@ -290,21 +270,20 @@ def _checked(
 
 
 class _Log:
-    """Keep what is visited, and tell how much is done."""
+    """Keep what is visited, and report how much is done."""
 
     def __init__(self, parameters: int, progress: Callable[[float], None] | None) -> None:
-        first, later = population(parameters)
         # In units of one point of the first level; a descent's visits each stand for an iteration,
         # and what follows the descents for one more.
         iteration = 4 * parameters + 2
         self._costs = (1.0, 12.0 * iteration, 25.0 * iteration)
-        points = (first + GENERATIONS * later, *(count + 2 for count in ITERATIONS))
+        points = (points_visited(parameters), *(count + 2 for count in ITERATIONS))
         self._total = float(np.dot(self._costs, points))
         self._done = 0.0
         self._progress = progress or (lambda _: None)
-        self._visited: list[tuple[Level, list[tuple[Values, float]]]] = []
+        self._visited: list[tuple[ResolutionLevel, list[tuple[Values, float]]]] = []
 
-    def at(self, level: Level) -> Callable[[Values, float], None]:
+    def at(self, level: ResolutionLevel) -> Callable[[Values, float], None]:
         points: list[tuple[Values, float]] = []
         cost = self._costs[len(self._visited)]
         self._visited.append((level, points))

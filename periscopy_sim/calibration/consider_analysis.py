@@ -1,6 +1,6 @@
-"""How values that a calibration finds depend on numbers of the scene that it leaves as they are.
+"""How values that a calibration finds depend on uncertain parameters, which it leaves as they are.
 
-Were a number p of those wrong by δ, the photograph would be explained best elsewhere, by
+Were such a parameter p wrong by δ, the photograph would be explained best elsewhere, by
 
     δθ = −(I_θθ)⁻¹ I_θp δ,
 
@@ -16,24 +16,24 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.levenberg_marquardt import Curvature, curvature
+from periscopy_sim.calibration.fisher_information import differentiate, information
+from periscopy_sim.calibration.levenberg_marquardt import Descent
 from periscopy_sim.calibration.parameters import start_values
-from periscopy_sim.calibration.resolution_level import Level, Values
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Uncertain:
-    """Numbers of a scene that stay, and how well they are known.
+class UncertainParameters:
+    """Parameters of a scene that are not free, and how well they are known.
 
     Attributes
     ----------
     names
         Of the scene's ``<default>``s.
     values
-        (U,) at which they stay.
+        (U,) at which they are held.
     standard_errors
         (U,) of those.
     """
@@ -43,17 +43,17 @@ class Uncertain:
     standard_errors: Values
 
 
-def uncertain_numbers(
+def uncertain_parameters(
     path: Path, free: tuple[str, ...], given: Mapping[str, str], errors: Mapping[str, float]
-) -> Uncertain:
-    """Look up numbers that stay.
+) -> UncertainParameters:
+    """Look up uncertain parameters.
 
     Parameters
     ----------
     path
         The scene file.
     free
-        Names of the parameters that do not stay.
+        Names of the free parameters.
     given
         Values of some ``<default>``s.
     errors
@@ -73,11 +73,13 @@ def uncertain_numbers(
         if not (np.isfinite(errors[name]) and errors[name] > 0):
             raise SceneError(f"standard error {errors[name]:g} of '{name}': give a positive number")
     values = start_values(path, names, given) if names else np.empty(0)
-    return Uncertain(names, values, np.array([errors[name] for name in names], np.float64))
+    return UncertainParameters(
+        names, values, np.array([errors[name] for name in names], np.float64)
+    )
 
 
-def require_effect(level: Level, values: Values, uncertain: Uncertain) -> None:
-    """Look whether errors of uncertain numbers, to either side, change what is seen.
+def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainParameters) -> None:
+    """Check that errors of uncertain parameters, to either side, change what is seen.
 
     Raises
     ------
@@ -85,9 +87,9 @@ def require_effect(level: Level, values: Values, uncertain: Uncertain) -> None:
         If one changes nothing, or the scene is not physical then.
     """
     joint = level.varying((*level.names, *uncertain.names))
-    for k, (name, error) in enumerate(zip(uncertain.names, uncertain.standard_errors, strict=True)):
-        offset = np.zeros(len(uncertain.names))
-        offset[k] = error
+    for name, error, offset in zip(
+        uncertain.names, uncertain.standard_errors, np.diag(uncertain.standard_errors), strict=True
+    ):
         try:
             sides = [
                 joint.matrix(np.concatenate([values, uncertain.values + sign * offset]))
@@ -104,38 +106,30 @@ def require_effect(level: Level, values: Values, uncertain: Uncertain) -> None:
             )
 
 
-def sensitivity(
-    level: Level, values: Values, explanation: Explanation, steps: Values, uncertain: Uncertain
-) -> tuple[Curvature, Array]:
-    """Tell what the photograph knows of the free parameters, and what they owe to the others.
+def sensitivity(level: ResolutionLevel, end: Descent, uncertain: UncertainParameters) -> Array:
+    """Return what the values found owe to uncertain parameters.
 
     Parameters
     ----------
     level
-        Where to look, of the free parameters.
-    values
-        (P,) where they ended.
-    explanation
-        There.
-    steps
-        (P,) differences by which slopes are taken; of an uncertain number it is its error.
+        Of the free parameters.
+    end
+        Where they ended.
     uncertain
-        The numbers that stay.
+        The other parameters.
 
     Returns
     -------
-    curvature
-        Of the free parameters.
-    moves
-        (P, U) how far each would have ended elsewhere, had a number been one standard error more.
+    ndarray
+        (P, U) how far each would have ended elsewhere, had an uncertain parameter been one standard
+        error more.
     """
-    count = len(values)
-    about = curvature(
+    errors = uncertain.standard_errors
+    jacobian = differentiate(
         level.varying((*level.names, *uncertain.names)),
-        np.concatenate([values, uncertain.values]),
-        explanation,
-        np.concatenate([steps, uncertain.standard_errors]),
+        np.concatenate([end.values, uncertain.values]),
+        end.explanation,
+        np.hstack([np.zeros((len(errors), len(end.values))), np.diag(errors)]),
     )
-    own = about.first(count)
-    moves = -np.linalg.solve(own.invertible(), about.information[:count, count:])
-    return own, np.asarray(moves * uncertain.standard_errors)
+    shared = information(end.curvature.jacobian, jacobian)
+    return np.asarray(-np.linalg.solve(end.curvature.invertible(), shared) * errors)

@@ -1,4 +1,4 @@
-"""What no chair can do: stand in the wall."""
+"""Occluders stand before the wall, never in it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class InFront:
                 self._names.add(name)
 
     def check(self, scenario: Scenario) -> None:
-        """Look whether they still do.
+        """Check that they still do.
 
         Raises
         ------
@@ -52,7 +52,7 @@ def _meshes(scenario: Scenario) -> list[tuple[str, Array]]:
 
 
 def _before_wall(scenario: Scenario, vertices: Array) -> tuple[Array, Array]:
-    """Distance of vertices from the wall at its nearest point, before it and along it, (V,)."""
+    """Return vertices' distances from the wall at its nearest point, before and along it, (V,)."""
     from scipy.spatial import KDTree
 
     _, nearest = KDTree(scenario.wall_points).query(vertices)

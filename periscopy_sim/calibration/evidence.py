@@ -39,7 +39,6 @@ ROUGHNESS = 0.01
 RATIOS = np.geomspace(1e-8, 1e2, 21)
 """Values of α that are tried, over the mean energy of a patch, before the best is refined."""
 
-
 ROUNDING = 1e-7
 """Of single precision, in which A is rendered."""
 
@@ -77,7 +76,7 @@ class Explanation:
     _background: Array
     _weights: Array
     _W: Array
-    _curvatures: tuple[Array, ...]
+    _hessians: tuple[Array, ...]
 
     @cached_property
     def _volume(self) -> Array:
@@ -86,16 +85,16 @@ class Explanation:
         return np.asarray(self._projected @ inverse)
 
     @cached_property
-    def _shining(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
-        """Which patches shine in each channel, and the Cholesky factor of their H."""
-        shining = [image > 0 for image in self.images.T]
+    def _positive(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
+        """Where f̂ > 0 in each channel, and the Cholesky factor of H there."""
+        positive = [image > 0 for image in self.images.T]
         return [
             (on, linalg.cho_factor(H[np.ix_(on, on)], check_finite=False))
-            for on, H in zip(shining, self._curvatures, strict=True)
+            for on, H in zip(positive, self._hessians, strict=True)
         ]
 
     def slope(self, change: Array) -> float:
-        """Differentiate the evidence along a change dA of the matrix, (M, N).
+        """Return the derivative of the evidence along a change dA of the matrix, (M, N).
 
         dE = Σ_c −2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩, the α_c held; r and A⊥ have
         no part in range(B), so dA's own does not matter.
@@ -103,28 +102,28 @@ class Explanation:
         misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.noise**-2)
         return float(2 * (np.vdot(self._volume, change) - misfit))
 
-    def steer(self, change: Array) -> Array:
-        """Tell how the photograph moves along dA, beyond what image and light could follow.
+    def jacobian(self, change: Array) -> Array:
+        """Return how the photograph moves along dA, J = dA f̂: J⊥ / σ, (M, 3)."""
+        moved = change @ self.images
+        moved -= self._background @ (self._background.T @ moved)
+        return np.asarray(moved / self.noise)
+
+    def projected_jacobian(self, change: Array) -> Array:
+        """Return how the photograph moves along dA, beyond what image and light could follow.
 
         Returns
         -------
         ndarray
-            (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, J = dA f̂, H = A⊥ᵀA⊥ + αK of patches that shine.
-            The information on two parameters is the product of one's J̃ and the other's `moved`.
+            (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0. The
+            information on two parameters is the product of one's J̃ and the other's `jacobian`.
         """
-        moved = self.moved(change)
+        moved = self.jacobian(change)
         response = np.zeros_like(self.images)
-        for c, (shining, factor) in enumerate(self._shining):
-            response[shining, c] = linalg.cho_solve(
-                factor, (self._projected.T @ moved[:, c])[shining], check_finite=False
+        for c, (positive, factor) in enumerate(self._positive):
+            response[positive, c] = linalg.cho_solve(
+                factor, (self._projected.T @ moved[:, c])[positive], check_finite=False
             )
         return np.asarray(moved - self._projected @ response)
-
-    def moved(self, change: Array) -> Array:
-        """Give J⊥ / σ, see `steer`: (M, 3)."""
-        moved = change @ self.images
-        moved -= self._background @ (self._background.T @ moved)
-        return np.asarray(moved / self.noise)
 
 
 def explain(
@@ -162,13 +161,13 @@ def explain(
     # Without noise there still is finite precision.
     energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
     evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
-    images, curvatures = np.empty_like(z), []
+    images, hessians = np.empty_like(z), []
     for c in range(3):
         ratios[c], value = _best_ratio(μ, z[:, c] ** 2, float(energy[c]), freedom)
         free = W @ (z[:, c] / (μ + ratios[c]))
-        curvatures.append(gram + ratios[c] * unit * K)
+        hessians.append(gram + ratios[c] * unit * K)
         correlation = projected.T @ rest[:, c]
-        images[:, c] = nonnegative(curvatures[c], correlation, free)
+        images[:, c] = nonnegative(hessians[c], correlation, free)
         least, attained = (
             max(energy[c] - float(f @ correlation), LEAST * energy.max())
             for f in (free, images[:, c])
@@ -185,7 +184,7 @@ def explain(
         _background=Q,
         _weights=1 / (μ[:, None] + ratios),
         _W=W,
-        _curvatures=tuple(curvatures),
+        _hessians=tuple(hessians),
     )
 
 
@@ -209,16 +208,16 @@ def nonnegative(H: Array, h: Array, start: Array) -> Array:
     ndarray
         (N,) the minimizer, exactly 0 where it is not positive.
     """
-    shining = start > 0
+    positive = start > 0
     fewest, patience = len(h) + 1, PATIENCE
     tolerance = 1e-12 * float(np.abs(h).max())
     while True:
         f = np.zeros_like(h)
-        if shining.any():
-            f[shining] = linalg.solve(
-                H[np.ix_(shining, shining)], h[shining], assume_a="pos", check_finite=False
+        if positive.any():
+            f[positive] = linalg.solve(
+                H[np.ix_(positive, positive)], h[positive], assume_a="pos", check_finite=False
             )
-        wrong = (f < 0) | (~shining & (H @ f - h < -tolerance))
+        wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
         count = int(wrong.sum())
         if count == 0:
             return f
@@ -228,11 +227,11 @@ def nonnegative(H: Array, h: Array, start: Array) -> Array:
             patience -= 1
         else:
             wrong[: np.flatnonzero(wrong)[-1]] = False
-        shining ^= wrong
+        positive ^= wrong
 
 
 def _best_ratio(μ: Array, squared: Array, energy: float, freedom: int) -> tuple[float, float]:
-    """Find the α at which a channel's E_c is least, and E_c there."""
+    """Return the α at which a channel's E_c is least, and E_c there."""
 
     def evidence(log_ratio: float) -> float:
         α = np.exp(log_ratio)

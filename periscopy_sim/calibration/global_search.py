@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.resolution_level import Level, Values
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.scenario import Array
 
 Visit = Callable[[Values, float], None]
@@ -18,12 +18,20 @@ ELITE = 10
 
 
 def population(parameters: int) -> tuple[int, int]:
-    """Count the points of the first generation and of each later one."""
+    """Return how many points the first generation has, and each later one."""
     return (128 if parameters <= 3 else 256), 64
 
 
-def explore(level: Level, start: Values, spreads: Values, seed: int, visit: Visit) -> Values:
-    """Find the best of many points, generation by generation.
+def points_visited(parameters: int) -> int:
+    """Return how many points `explore` visits."""
+    first, later = population(parameters)
+    return first + GENERATIONS * later
+
+
+def explore(
+    level: ResolutionLevel, start: Values, spreads: Values, seed: int, visit: Visit
+) -> Values:
+    """Return the best of many points, generation by generation.
 
     The first is spread evenly over a box about the start (Sobol's sequence), each later one is
     drawn from the normal distribution of the best points so far (the cross-entropy method:
@@ -40,7 +48,7 @@ def explore(level: Level, start: Values, spreads: Values, seed: int, visit: Visi
     seed
         Of the draws.
     visit
-        Told each point and its evidence.
+        Called with each point and its evidence.
 
     Returns
     -------

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.calibration.resolution_level import Level, Values
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import declared_defaults
 from periscopy_sim.scenario import Array
@@ -24,7 +24,7 @@ GROWTH = 1.2
 
 
 def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Values:
-    """Look up where free parameters start: as given, or at their defaults.
+    """Return where parameters start: as given, or at their defaults.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def _number(text: str) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def steps_and_spreads(level: Level, start: Values) -> tuple[Values, Values]:
-    """Find how far each parameter must move to change the light transport by a given part.
+def steps_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, Values]:
+    """Return how far each parameter must move to change the light transport by a given part.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def steps_and_spreads(level: Level, start: Values) -> tuple[Values, Values]:
     return steps, spreads
 
 
-def _change(level: Level, A: Array, start: Values, offset: Values) -> float | None:
-    """Give the relative change of A, to either side; None where neither is physical."""
+def _change(level: ResolutionLevel, A: Array, start: Values, offset: Values) -> float | None:
+    """Return the relative change of A, to either side; None where neither is physical."""
     for sign in (1, -1):
         try:
             return float(np.linalg.norm(level.matrix(start + sign * offset) - A)) / float(

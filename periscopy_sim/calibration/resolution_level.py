@@ -17,13 +17,12 @@ from periscopy_sim.scenario import Array, Scenario
 
 Values = NDArray[np.float64]
 
-
 COVERED = 0.5
 """Part of a coarse pixel that must be left by the mask; its mean is that of what is left."""
 
 
 @dataclass(frozen=True)
-class Sampling:
+class Resolution:
     """How finely a level looks.
 
     Attributes
@@ -40,7 +39,7 @@ class Sampling:
     pixel_samples: int
 
 
-class Level:
+class ResolutionLevel:
     """A photograph at one resolution, explained by a scene of some parameters.
 
     Attributes
@@ -66,7 +65,7 @@ class Level:
         (rows, columns) pixels to use; None for all.
     hidden
         (R, C) that was asked for.
-    sampling
+    resolution
         How finely to look.
     seed
         Of the rays: the same for all parameters, so that noise does not hide differences.
@@ -82,17 +81,17 @@ class Level:
         photograph: Array,
         mask: NDArray[np.bool_] | None,
         hidden: tuple[int, int],
-        sampling: Sampling,
+        resolution: Resolution,
         seed: int,
         check: Callable[[Scenario], None],
     ) -> None:
         from periscopy_sim.storage.pictures import area_average
 
-        self.path, self.names, self.sampling, self.seed = path, names, sampling, seed
+        self.path, self.names, self.resolution, self.seed = path, names, resolution, seed
         self._fixed, self._check = dict(fixed), check
         rows, columns = photograph.shape[:2]
-        self.photograph_shape = fitted((rows, columns), sampling.photograph)
-        self.hidden_shape = fitted(hidden, sampling.hidden)
+        self.photograph_shape = fitted((rows, columns), resolution.photograph)
+        self.hidden_shape = fitted(hidden, resolution.hidden)
         mask = np.ones((rows, columns), bool) if mask is None else mask
         coverage = area_average(mask[..., None], self.photograph_shape)
         self.used = coverage[..., 0] > COVERED
@@ -101,8 +100,8 @@ class Level:
         self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
         self._background: Array | None = None
 
-    def varying(self, names: tuple[str, ...]) -> Level:
-        """Give the same level with other parameters that vary."""
+    def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
+        """Return the same level with other parameters that vary."""
         other = copy(self)
         other.names = names
         return other
@@ -125,7 +124,7 @@ class Level:
         return scenario
 
     def matrix(self, values: Values, seed: int | None = None) -> Array:
-        """Render the transport matrix at some values, (used pixels, N); with the level's own seed.
+        """Return the transport matrix at some values, (used pixels, N); by the level's own rays.
 
         Raises
         ------
@@ -136,14 +135,14 @@ class Level:
 
         A = render_transport(
             self.scenario(values),
-            samples=self.sampling.samples,
-            pixel_samples=self.sampling.pixel_samples,
+            samples=self.resolution.samples,
+            pixel_samples=self.resolution.pixel_samples,
             seed=self.seed if seed is None else seed,
         )
         return A[self.used.ravel()].astype(np.float64)
 
     def background(self, values: Values) -> Array:
-        """Span the ambient light: an orthonormal basis of range(B).
+        """Return an orthonormal basis of range(B), of ambient light.
 
         That of the first values is taken for all: the camera's small moves hardly change it.
 
@@ -167,7 +166,7 @@ class Level:
         return self._background
 
     def explain(self, values: Values, seed: int | None = None) -> Explanation:
-        """Explain the photograph by the scene at some values; with the level's own rays, or others.
+        """Explain the photograph by the scene at some values; by the level's own rays.
 
         Raises
         ------
@@ -178,13 +177,13 @@ class Level:
         return explain(A, self.background(values), self._y, self.hidden_shape)
 
     def picture(self, residuals: Array) -> Array:
-        """Lay out what is left of the used pixels, over the scale: (rows, columns, 3)."""
+        """Return the used pixels' residuals over the scale, (rows, columns, 3), 0 elsewhere."""
         laid = np.zeros((*self.photograph_shape, 3))
         laid[self.used] = residuals / self.scale
         return laid
 
     def evidence(self, values: Values) -> float:
-        """Give the evidence at some values; infinite where they are not physical."""
+        """Return the evidence at some values; infinite where they are not physical."""
         try:
             return self.explain(values).evidence
         except SceneError:
@@ -192,7 +191,7 @@ class Level:
 
 
 def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """Shrink (rows, columns) until the longer is at most `longest`, in proportion."""
+    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
     factor = min(1.0, longest / max(size))
     rows, columns = (max(1, round(factor * n)) for n in size)
     return rows, columns

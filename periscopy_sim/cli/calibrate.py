@@ -1,4 +1,4 @@
-"""`periscopy calibrate`: what the ruler got wrong, from the photograph alone."""
+"""`periscopy calibrate`: the parameters of a scene, from the photograph alone."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 MOST = 0.3
-"""Part of a parameter's standard error from which an uncertain number is named for it."""
+"""Part of a parameter's standard error from which an uncertain parameter is named for it."""
 
 TIED = 0.8
 """Correlation from which a parameter is named for another that is not determined."""
@@ -164,7 +164,8 @@ def _write_copy(
 
 
 def _told(found: Calibration) -> dict[str, Any]:
-    """Lay a calibration out for JSON."""
+    """Return a calibration as it is written to JSON."""
+    held = found.uncertain
     return {
         "parameters": {
             p.name: {
@@ -179,14 +180,14 @@ def _told(found: Calibration) -> dict[str, Any]:
             for p in found.parameters
         },
         "uncertain": {
-            stayed.name: {
-                "value": stayed.value,
-                "standard_error": stayed.standard_error,
-                "moves": {
-                    p.name: move for p, move in zip(found.parameters, stayed.moves, strict=True)
-                },
+            name: {
+                "value": value,
+                "standard_error": error,
+                "moves": dict(zip(found.values, moves, strict=True)),
             }
-            for stayed in found.considered
+            for name, value, error, moves in zip(
+                held.names, held.values, held.standard_errors, found.moves.T, strict=True
+            )
         },
         "correlation": {
             p.name: dict(zip(found.values, row, strict=True))
@@ -214,11 +215,11 @@ def _say(found: Calibration) -> None:
         alone = f" (± {p.statistical_error:.2g} alone" + (f"; most by {blame})" if blame else ")")
         say(
             f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}"
-            f"{alone if found.considered else ''}, from {p.start:.4g}"
+            f"{alone if found.uncertain.names else ''}, from {p.start:.4g}"
         )
         if not p.determined:
             warn(_open(found, k, blame))
-    if not found.considered:
+    if not found.uncertain.names:
         say("these errors hold if all else in the scene is right; see --uncertain")
     before, after = (
         100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
@@ -227,15 +228,15 @@ def _say(found: Calibration) -> None:
 
 
 def _largest(found: Calibration, k: int) -> str:
-    """Name the uncertain numbers that a parameter's error owes most to, two at most."""
-    moves = {stayed.name: abs(float(stayed.moves[k])) for stayed in found.considered}
+    """Return the names of the uncertain parameters that an error owes most to, two at most."""
+    moves = dict(zip(found.uncertain.names, np.abs(found.moves[k]), strict=True))
     first = sorted(moves, key=lambda name: -moves[name])[:2]
     least = MOST * found.parameters[k].standard_error
     return " and ".join(name for name in first if moves[name] > least)
 
 
 def _open(found: Calibration, k: int, blame: str) -> str:
-    """Tell why a parameter is not determined."""
+    """Return why a parameter is not determined."""
     p = found.parameters[k]
     if p.statistical_error < p.scale:
         return f"the photograph would determine {p.name} if {blame} were better known"

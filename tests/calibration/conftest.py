@@ -27,20 +27,26 @@ def transport(values):
 
 
 class SlatLevel:
-    """What descents and explorations ask of a level."""
+    """What descents ask of a level.
+
+    All rows of the wall are lit alike. Noise is the same over rectangles of `grain` pixels: in what
+    a scene leaves unexplained, neighbours err together.
+    """
 
     names = ("middle", "distance")
     path = "slat.xml"
-    photograph_shape = (12, 12)
-    used = np.ones((12, 12), bool)
 
-    def __init__(self, noise, seed, rendering=0.0, bump=0.0):
+    def __init__(self, noise, seed, rendering=0.0, rows=1, grain=(1, 1)):
         random = np.random.default_rng(seed)
         image = np.exp(0.3 * np.cumsum(random.standard_normal((PATCHES, 3)), axis=0))  # smooth
         clean = transport(TRUTH) @ image + LIGHT @ random.standard_normal((2, 3))
-        self.seed, self.rendering, self.bump = seed, rendering, bump
+        self.seed, self.rendering, self.rows = seed, rendering, rows
+        self.photograph_shape = (rows, PIXELS)
+        self.used = np.ones(self.photograph_shape, bool)
         self.scale = np.ones(3)
-        self.y = clean + noise * random.standard_normal(clean.shape)
+        grains = random.standard_normal((rows // grain[0], PIXELS // grain[1], 3))
+        errors = np.repeat(np.repeat(grains, grain[0], axis=0), grain[1], axis=1)
+        self.y = np.tile(clean, (rows, 1)) + noise * errors.reshape(-1, 3)
 
     def matrix(self, values, seed=None):
         if values[1] < NEAREST or values[1] > 0.9:
@@ -48,18 +54,12 @@ class SlatLevel:
         seed = self.seed if seed is None else seed
         key = [seed, *(int(1e6 * (value + 10)) for value in values)]
         random = np.random.default_rng(key)
-        A = transport(values)
+        A = np.tile(transport(values), (self.rows, 1))
         return A + self.rendering * random.standard_normal(A.shape)
 
     def explain(self, values, seed=None):
-        return explain(self.matrix(values, seed), LIGHT, self.y, HIDDEN)
-
-    def evidence(self, values):
-        try:
-            rough = self.bump * np.sin(40 * np.pi * np.asarray(values)).sum()
-            return self.explain(values).evidence + rough
-        except SceneError:
-            return np.inf
+        light = np.tile(LIGHT, (self.rows, 1)) / np.sqrt(self.rows)
+        return explain(self.matrix(values, seed), light, self.y, HIDDEN)
 
 
 @pytest.fixture

@@ -76,7 +76,9 @@ def test_information_weighs_moves_by_the_dense_inverse_covariance(problem):
         moves[0][:, c] @ inverse @ moves[1][:, c] / noise[c] ** 2
         for c, inverse in enumerate(inverses)
     )
-    assert np.vdot(found.steer(change), found.moved(other)) == pytest.approx(expected, rel=1e-3)
+    assert np.vdot(found.projected_jacobian(change), found.jacobian(other)) == pytest.approx(
+        expected, rel=1e-3
+    )
 
 
 def test_ambient_light_of_any_strength_changes_nothing(problem):

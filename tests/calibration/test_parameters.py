@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.calibration.calibrated_scene import with_defaults
 from periscopy_sim.calibration.parameters import SPREAD, start_values, steps_and_spreads
-from periscopy_sim.calibration.resolution_level import Level, Sampling
+from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 
@@ -16,8 +16,10 @@ def anything_goes(scenario):
 
 def level(names, path=CHAIR, photograph=None, mask=None):
     photograph = np.ones((126, 126, 3)) if photograph is None else photograph
-    sampling = Sampling(18, 6, 4, 4)
-    return Level(path, {}, names, photograph, mask, (29, 36), sampling, 0, anything_goes)
+    resolution = Resolution(18, 6, 4, 4)
+    return ResolutionLevel(
+        path, {}, names, photograph, mask, (29, 36), resolution, 0, anything_goes
+    )
 
 
 def test_parameters_start_at_their_defaults_or_as_given():

@@ -1,0 +1,205 @@
+"""What a photograph tells about the parameters near a point: Fisher information, standard errors.
+
+The slope of the evidence is taken from differences of transport matrices either side, the
+information from how the photograph moves with a parameter beyond what hidden image and light could
+follow (Gauss and Newton's approximation; Kaufman, BIT 15, 1975).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from periscopy_sim.calibration.evidence import Explanation
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import Array
+
+UNSEEN = 1e-4
+"""Part of the information below which a direction of the parameters counts as unknown."""
+
+BLOCKS = 10
+"""Along each side of the photograph: what stays unexplained is independent between blocks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Jacobian:
+    """Derivatives by each parameter, each rendered with two independent sets of rays.
+
+    Hidden image and light could follow nearly all of how the photograph moves. In the little that
+    is left the noise of one rendering, multiplied by itself, would pass for information.
+
+    Attributes
+    ----------
+    slopes
+        (2, P) of half the evidence.
+    moved
+        (2, P, M, 3) of the photograph over its noise, range(B) projected out.
+    projected
+        (2, P, M, 3) the part of it that the hidden image cannot follow.
+    """
+
+    slopes: Array
+    moved: Array
+    projected: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """What the photograph tells about the parameters near one point.
+
+    Attributes
+    ----------
+    jacobian
+        That it is made of.
+    slope
+        (P,) derivatives of half the evidence.
+    information
+        (P, P) Fisher information.
+    noisy_diagonal
+        (P,) the information's diagonal with the rendering's noise in it: more than it.
+    scores
+        (blocks, P) what each block of pixels adds to the slope of the misfit.
+    slope_errors
+        (P,) half of how the slopes by two sets of rays differ: standard errors of their mean, the
+        signs those of one draw.
+    """
+
+    jacobian: Jacobian
+    slope: Array
+    information: Array
+    noisy_diagonal: Array
+    scores: Array
+    slope_errors: Array
+
+    def damped(self, damping: float) -> Array:
+        """Return the information, negative eigenvalues (of noise) set to 0, plus damping."""
+        scale = 1 / np.sqrt(self.noisy_diagonal)
+        values, vectors = np.linalg.eigh(self.information * np.outer(scale, scale))
+        damped = (vectors * (np.maximum(values, 0) + damping)) @ vectors.T
+        return np.asarray(damped / np.outer(scale, scale))
+
+    def invertible(self) -> Array:
+        """Return the information, (P, P), raised to a little where there is none."""
+        return self.damped(UNSEEN)
+
+    def step(self, damping: float, longest: Values) -> Values:
+        """Return Newton's step to where the slope vanishes, shortened to the longest allowed."""
+        step = -np.linalg.solve(self.damped(damping), self.slope)
+        return np.asarray(step * min(1.0, np.min(longest / np.maximum(np.abs(step), 1e-300))))
+
+    @property
+    def predicted_gain(self) -> float:
+        """Gain in evidence that the slope predicts for a whole step, undamped."""
+        return float(self.slope @ np.linalg.solve(self.invertible(), self.slope))
+
+    def covariance(self) -> Array:
+        """Return the parameters' covariance, (P, P).
+
+        What the model leaves unexplained is no white noise, so its spread is taken from the
+        photograph: blocks of pixels are independent, not pixels (the sandwich estimate: White,
+        Econometrica 50, 1982). It is never taken below that of white noise. What the rays add is
+        from the errors of the slope.
+        """
+        scale = 1 / np.sqrt(self.noisy_diagonal)
+        normalized = self.invertible() * np.outer(scale, scale)
+        inverse = np.linalg.inv(normalized)
+        scores = self.scores * scale
+        spread = scores.T @ scores
+        white, robust = np.diag(inverse), np.diag(inverse @ spread @ inverse)
+        growth = np.sqrt(np.maximum(robust / white, 1))
+        by_rays = inverse @ (scale * self.slope_errors)
+        covariance: Array = inverse * np.outer(growth, growth) + np.outer(by_rays, by_rays)
+        return covariance * np.outer(scale, scale)
+
+
+def differentiate(
+    level: ResolutionLevel, values: Values, explanation: Explanation, offsets: Array
+) -> Jacobian:
+    """Differentiate the photograph and the evidence by some parameters.
+
+    Parameters
+    ----------
+    level
+        Where to look.
+    values
+        (P,) parameters.
+    explanation
+        Of the level at those values.
+    offsets
+        (K, P) differences to either side; each row moves one parameter.
+
+    Raises
+    ------
+    SceneError
+        If neither side of a parameter is physical.
+    """
+    shape = (2, len(offsets), *explanation.residuals.shape)
+    slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)
+    for k, offset in enumerate(offsets):
+        for s in (0, 1):
+            change = _difference(level, values, offset, level.seed + s) / offset.sum()
+            slopes[s, k] = explanation.slope(change) / 2
+            moved[s, k] = explanation.jacobian(change)
+            projected[s, k] = explanation.projected_jacobian(change)
+    return Jacobian(slopes, moved, projected)
+
+
+def _difference(level: ResolutionLevel, values: Values, offset: Values, seed: int) -> Array:
+    """Return half the change of A between the sides; all of it where one is not physical."""
+    sides = []
+    for sign in (1, -1):
+        try:
+            sides.append((sign, level.matrix(values + sign * offset, seed)))
+        except SceneError as error:
+            unphysical = error
+    if len(sides) == 2:
+        return np.asarray((sides[0][1] - sides[1][1]) / 2)
+    if not sides:
+        raise unphysical
+    sign, A = sides[0]
+    return np.asarray(sign * (A - level.matrix(values, seed)))
+
+
+def information(one: Jacobian, other: Jacobian) -> Array:
+    """Return the Fisher information on pairs of parameters, (P, K), from products of other rays."""
+    forward = np.einsum("imc,jmc->ij", one.projected[0], other.moved[1])
+    backward = np.einsum("imc,jmc->ij", other.projected[0], one.moved[1])
+    return np.asarray((forward + backward.T) / 2)
+
+
+def curvature(
+    level: ResolutionLevel, values: Values, explanation: Explanation, steps: Values
+) -> Curvature:
+    """Return what the photograph tells about all of a level's parameters near some values.
+
+    Parameters and errors are those of `differentiate`, but for `steps`, (P,) differences.
+    """
+    jacobian = differentiate(level, values, explanation, np.diag(steps))
+    projected = jacobian.projected.mean(axis=0)
+    residuals = explanation.residuals / explanation.noise
+    return Curvature(
+        jacobian=jacobian,
+        slope=jacobian.slopes.mean(axis=0),
+        information=information(jacobian, jacobian),
+        noisy_diagonal=np.mean(
+            [
+                [np.vdot(*pair) for pair in zip(*by_parameter, strict=True)]
+                for by_parameter in zip(jacobian.projected, jacobian.moved, strict=True)
+            ],
+            axis=0,
+        ),
+        scores=_by_block(np.einsum("imc,mc->mi", projected, residuals), level),
+        slope_errors=(jacobian.slopes[0] - jacobian.slopes[1]) / 2,
+    )
+
+
+def _by_block(weighed: Array, level: ResolutionLevel) -> Array:
+    """Return the sums of pixels' scores over square blocks, (blocks, P)."""
+    rows, columns = np.nonzero(level.used)
+    height, width = level.photograph_shape
+    block = (rows * BLOCKS // height) * BLOCKS + columns * BLOCKS // width
+    sums = np.zeros((BLOCKS**2, weighed.shape[1]))
+    np.add.at(sums, block, weighed)
+    return sums

@@ -1,0 +1,104 @@
+"""Told standard errors against the errors made, in the world of the slat."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.fisher_information import BLOCKS, Curvature, curvature
+from periscopy_sim.calibration.levenberg_marquardt import descend, settle
+from tests.calibration.conftest import NEAREST, PIXELS, TRUTH
+
+STEPS = np.array([0.01, 0.01])
+LONGEST = np.array([0.1, 0.1])
+
+
+def ignore(values, evidence):
+    pass
+
+
+@pytest.mark.parametrize(("rows", "grain", "noise"), [(1, (1, 1), 0.002), (10, (1, 6), 0.002)])
+def test_standard_errors_cover_the_truth(slat_level, rows, grain, noise):
+    # 68 % of normal errors are within one standard error, and their squares average to 1. Of 60,
+    # fewer than half are in 0.2 % of all sets of seeds; the mean is 1 ± 0.18, half or twice as much
+    # in 0.1 %. Were pixels of a grain taken for independent, the squares would average to 4.
+    errors = []
+    for seed in range(30):
+        level = slat_level(noise, seed, rows=rows, grain=grain)
+        start = TRUTH + 0.01 * np.random.default_rng(seed).standard_normal(2)
+        end = descend(level, start, STEPS / 4, LONGEST, 20, ignore)
+        values, _ = settle(level, end, LONGEST)
+        errors.append((values - TRUTH) / np.sqrt(np.diag(end.curvature.covariance())))
+    assert 0.5 < np.mean(np.square(errors)) < 2
+    assert np.mean(np.abs(errors) < 1) > 0.5
+
+
+def test_scores_are_summed_over_squares_of_the_photograph(slat_level):
+    level = slat_level(0.01, seed=0, rows=2 * BLOCKS)
+    explanation = level.explain(TRUTH)
+    height, width = 2, PIXELS / BLOCKS
+    for down, across in ((0, 0), (3, 7), (BLOCKS - 1, BLOCKS - 1)):
+        within = np.zeros(level.photograph_shape)
+        within[
+            down * height : (down + 1) * height, round(across * width) : round((across + 1) * width)
+        ] = 1
+        within = explanation.residuals * within.ravel()[:, None]
+        scores = curvature(level, TRUTH, replace(explanation, residuals=within), STEPS).scores
+        assert list(np.flatnonzero(scores.any(axis=1))) == [down * BLOCKS + across]
+
+
+def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
+    clean, noisy = slat_level(0.01, seed=1), slat_level(0.01, seed=1, rendering=4e-4)
+    there = clean.explain(TRUTH)
+    expected = np.diag(curvature(clean, TRUTH, there, STEPS / 4).information)
+    about = curvature(noisy, TRUTH, there, STEPS / 4)
+    assert (about.noisy_diagonal > 1.5 * expected).all()  # what one rendering alone would tell
+    np.testing.assert_allclose(np.diag(about.information), expected, rtol=0.5)
+
+
+def test_what_rays_add_is_in_the_errors():
+    about = Curvature(
+        jacobian=None,
+        slope=np.zeros(1),
+        information=np.array([[4.0]]),
+        noisy_diagonal=np.array([4.0]),
+        scores=np.zeros((5, 1)),
+        slope_errors=np.array([6.0]),
+    )
+    np.testing.assert_allclose(about.covariance(), [[1 / 4 + (6 / 4) ** 2]], rtol=1e-3)
+
+
+def test_slopes_err_by_as_much_as_told(slat_level):
+    # Of F's distribution with 40 and 39 degrees, 97 % is within a factor of 2; two are looked at.
+    level = slat_level(noise=0.002, seed=0, rendering=5e-4)
+    explanation = level.explain(TRUTH)
+    slopes, squares = [], []
+    for seed in range(40):
+        level.seed = 10 * seed
+        about = curvature(level, TRUTH, explanation, STEPS / 4)
+        slopes.append(about.slope)
+        squares.append(about.slope_errors**2)
+    ratio = np.mean(squares, axis=0) / np.var(slopes, axis=0, ddof=1)
+    assert (ratio > 0.5).all() and (ratio < 2).all(), ratio
+
+
+def test_what_cannot_be_told_apart_has_large_errors(slat_level):
+    level = slat_level(noise=0.01, seed=2)
+    both = slat_level(noise=0.01, seed=2)
+    both.matrix = lambda values, seed=None: level.matrix(
+        np.array([values[0] + values[1], TRUTH[1]]), seed
+    )
+    values = np.array([TRUTH[0], 0.0])
+    alone = curvature(level, TRUTH, level.explain(TRUTH), STEPS).covariance()
+    told = curvature(both, values, level.explain(TRUTH), STEPS).covariance()
+    assert (np.diag(told) > 100 * alone[0, 0]).all()
+    assert told[0, 1] / np.sqrt(told[0, 0] * told[1, 1]) < -0.99
+
+
+def test_slopes_are_taken_to_one_side_at_a_border(slat_level):
+    level = slat_level(noise=0.01, seed=5)
+    values, step = np.array([0.1, NEAREST + 1e-4]), np.array([0.0, 1e-3])
+    ends = [level.explain(place) for place in (values, values + step)]
+    about = curvature(level, values, ends[0], np.array([1e-3, 1e-3]))
+    numeric = (ends[1].evidence - ends[0].evidence) / 1e-3 / 2
+    assert about.slope[1] == pytest.approx(numeric, rel=0.2)
