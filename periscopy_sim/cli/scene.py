@@ -22,8 +22,8 @@ from periscopy_sim.cli.arguments import (
 from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
+    from periscopy_sim.photographs.checking import Photograph
     from periscopy_sim.scenario import Scenario
-    from periscopy_sim.storage.photographs import Photograph
 
 
 class Model(StrEnum):
@@ -72,10 +72,11 @@ def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
         If the file cannot be read, the shapes differ, or it was made from another scene or other
         parameters.
     """
-    from periscopy_sim.storage.formats.arrays import check_real
-    from periscopy_sim.storage.formats.decoding import decoding, file_format
+    from periscopy_sim.photographs.checking import check_real
+    from periscopy_sim.storage.formats.decoding import decoding
+    from periscopy_sim.storage.formats.table import format_of
 
-    if file_format(path) != "NPY":
+    if format_of(path).name != "NPY":
         raise PhotographError(f"{path}: is no NPY file; make one by `periscopy transport`")
     with decoding(path, "NPY"):
         # Mapped, not read: it may be large, and its shape is told by the header.

@@ -248,14 +248,14 @@ def _written(
     hidden_shape: tuple[int, int],
 ) -> tuple[Image, list[Record]]:
     """Write each frame as it is recovered; return all of them, mapped, and a record of each."""
-    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
     count = len(names)
     shape = (count, *hidden_shape, 3)
     records: list[Record] = []
     with (
         _frame_progress("reconstructing", count) as report,
-        npy_stack(file, shape, np.float32) as write,
+        npy_writer(file, shape, np.float32) as write,
     ):
         for k, (name, (solution, seconds)) in enumerate(zip(names, solved, strict=True)):
             write(solution.image)

@@ -42,13 +42,16 @@ def decoded_photographs(
 
     A photograph that cannot serve is thus refused before anything is rendered.
     """
-    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
     shape = (len(sequence), *scenario.photograph_shape, 3)
     warnings = list(sequence.warnings)
     first: dict[str, str] = {}
     times: Counter[str] = Counter()
-    with progress("reading the photographs") as report, npy_stack(file, shape, np.float64) as write:
+    with (
+        progress("reading the photographs") as report,
+        npy_writer(file, shape, np.float64) as write,
+    ):
         for k, photograph in enumerate(sequence, 1):
             write(photograph.values)
             for warning in photograph.warnings:
@@ -68,11 +71,11 @@ def decoded_truth(truth: str, scenario: Scenario, count: int, file: Path) -> Ima
     """Read what was hidden, frame by frame, into a mapped file."""
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
-    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
     path = Path(truth) if Path(truth).is_dir() else find_image(truth)
     shape = scenario.hidden_shape
-    with npy_stack(file, (count, *shape, 3), np.float64) as write:
+    with npy_writer(file, (count, *shape, 3), np.float64) as write:
         for image in read_hidden_frames(path, shape, count):
             write(image)
     return mapped_stack(file)

@@ -1,9 +1,13 @@
-"""Validation of what solvers are given: images for compiled loops, and where to stop."""
+"""Validation of what solvers are given: light, images for compiled loops, where to stop."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+LIGHT_RANGE = (1e-30, 1e30)
+"""Least and greatest that a photograph's largest value may be: P is of single precision, and the
+squares of what is farther from 1 leave double precision."""
 
 
 def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:

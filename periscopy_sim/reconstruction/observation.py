@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics.validation import LIGHT_RANGE
+
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
-
-
-SMALLEST = 1e-30
-"""Largest value of a photograph that is still taken for light; its reciprocal is the other end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +168,10 @@ def _checked(y: Array) -> Array:
     if not np.isfinite(y).all():
         raise ValueError("the photograph must be finite")
     largest = float(np.abs(y).max(initial=0))
-    if largest > 0 and not SMALLEST <= largest <= 1 / SMALLEST:
+    if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
         raise ValueError(
-            f"the photograph's largest value is {largest:.1e}; scale it to between {SMALLEST:g} "
-            f"and {1 / SMALLEST:g}"
+            f"the photograph's largest value is {largest:.1e}; scale it to between "
+            f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
         )
     return y
 

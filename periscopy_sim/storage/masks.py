@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.arrays import read_npy, read_npz
-from periscopy_sim.storage.formats.decoding import file_format
-from periscopy_sim.storage.formats.exr import decode_exr
-from periscopy_sim.storage.formats.rasters import read_raster
-from periscopy_sim.storage.photographs import check_size
+from periscopy_sim.photographs.checking import check_size
+from periscopy_sim.storage.formats.table import decode_picture
 
 
 def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -41,7 +37,10 @@ def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
         values, or leaves out every pixel.
     """
     path = Path(path)
-    values = _values(path)
+    picture = decode_picture(path, "mask")
+    values = picture.values
+    if picture.alpha is not None:
+        values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
     if values.ndim == 2:
         values = values[..., np.newaxis]
     if values.ndim != 3 or values.shape[2] not in (1, 3):
@@ -59,20 +58,3 @@ def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
             f"{path}: leaves out every pixel; it must be bright where the wall is to be used"
         )
     return mask
-
-
-def _values(path: Path) -> NDArray[Any]:
-    """Values of a picture as they were saved, what is transparent black."""
-    kind = file_format(path)
-    if kind == "EXR":
-        return decode_exr(path).colour
-    if kind == "NPY":
-        return read_npy(path, truth_values=True)
-    if kind == "NPZ":
-        return read_npz(path, "mask", truth_values=True)
-    if kind not in ("PNG", "TIFF", "JPEG"):
-        raise PhotographError(f"{path}: is {kind}; give a PNG, TIFF, JPEG, EXR, NPY or NPZ mask")
-    raster = read_raster(path, kind)
-    if raster.alpha is None:
-        return raster.colour
-    return np.where(raster.alpha > raster.alpha.max() / 2, raster.colour, 0)

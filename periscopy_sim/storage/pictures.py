@@ -10,11 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.arrays import read_npy, read_npz
-from periscopy_sim.storage.formats.decoding import file_format
-from periscopy_sim.storage.formats.exr import decode_exr
-from periscopy_sim.storage.formats.rasters import read_raster
 from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
+from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
 
 __all__ = ["area_average", "read_hidden_image", "srgb_decode", "srgb_encode", "write_png"]
@@ -49,23 +46,11 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
         If the file is missing, damaged, of another format, or has negative or non-finite values.
     """
     path = Path(path)
-    kind = file_format(path)
-    alpha, encoded = None, False
-    if kind == "EXR":
-        values: NDArray[Any] = decode_exr(path).colour
-    elif kind == "NPY":
-        values = read_npy(path)
-    elif kind == "NPZ":
-        values = read_npz(path, "hidden")
-        encoded = values.dtype == np.uint8  # what a monitor was sent
-    elif kind in ("PNG", "TIFF", "JPEG"):
-        raster = read_raster(path, kind)
-        values, alpha = raster.colour, raster.alpha
-        encoded = values.dtype.kind == "u"
-    else:
-        raise PhotographError(f"{path}: is {kind}; give a PNG, JPEG, TIFF, EXR, NPY or NPZ picture")
+    picture = decode_picture(path, "hidden")
+    values, alpha = picture.values, picture.alpha
     if values.ndim == 2:
-        values = values[..., None]
+        values = values[..., np.newaxis]
+    encoded = picture.is_display and values.dtype.kind == "u"
     if values.ndim != 3 or values.shape[2] not in (1, 3) or values.size == 0:
         raise PhotographError(f"{path}: has shape {values.shape}; give (rows, columns, 3), or grey")
     if max(values.shape) > _LONGEST_SIDE:
@@ -77,11 +62,25 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
             band = srgb_decode(band)
         if alpha is not None:  # before a black ground
             band = band * _fraction(alpha[rows], path)
-        if not (np.isfinite(band) & (band >= 0)).all():
-            raise PhotographError(f"{path}: has negative, NaN or infinite values; replace them")
-        return np.broadcast_to(band, (*band.shape[:2], 3))
+        return linear_light(band, path)
 
     return _average(light, values.shape[:2], shape)
+
+
+def linear_light(values: NDArray[Any], place: Path) -> NDArray[np.float64]:
+    """Return (rows, columns, 1 or 3) values as (rows, columns, 3) light, 1 for white.
+
+    Integers are fractions of the largest of their dtype.
+
+    Raises
+    ------
+    PhotographError
+        If they are negative, not finite, or of another dtype than 8 or 16 bits or floating point.
+    """
+    light = _fraction(values, place)
+    if not (np.isfinite(light) & (light >= 0)).all():
+        raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
+    return np.broadcast_to(light, (*light.shape[:2], 3))
 
 
 def write_png(path: Path, linear_image: ArrayLike, text: Mapping[str, str]) -> None:

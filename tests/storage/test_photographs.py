@@ -11,7 +11,8 @@ import tifffile
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.photographs import check_photograph, read_photograph
+from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.storage.photographs import read_photograph
 
 SHAPE = (6, 9)
 RNG = np.random.default_rng(3)

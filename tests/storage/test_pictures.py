@@ -156,7 +156,7 @@ def test_an_npz_holds_what_the_monitor_was_sent(tmp_path):
 
 def test_other_formats_and_missing_files_are_refused(tmp_path):
     (tmp_path / "f.npz").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(105) + b"\x00\x01IM")
-    with pytest.raises(PhotographError, match="is MATLAB; give a PNG"):
+    with pytest.raises(PhotographError, match="is MATLAB; give a picture"):
         read_hidden_image(tmp_path / "f.npz", (2, 2))
     with pytest.raises(PhotographError, match="no such file"):
         read_hidden_image(tmp_path / "f.png", (2, 2))

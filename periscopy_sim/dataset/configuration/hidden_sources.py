@@ -23,8 +23,6 @@ Rng = np.random.Generator
 OVERSAMPLING = 8
 """Points a patch across and down that drawings are averaged over."""
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".npz")
-
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -198,16 +196,19 @@ def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: AR
     ConfigurationError
         If there is none.
     """
+    from periscopy_sim.storage.formats.table import suffixes
+
+    known = suffixes(raw=False)
     files = tuple(
         sorted(
             file
             for file in Path(folder).rglob("*")
-            if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
+            if file.suffix.lower() in known and not file.name.startswith(".")
         )
     )
     if not files:
         raise ConfigurationError(
-            f"folder '{folder}' holds no pictures ({', '.join(SUFFIXES)}); check its path"
+            f"folder '{folder}' holds no pictures ({', '.join(known)}); check its path"
         )
     return files
 

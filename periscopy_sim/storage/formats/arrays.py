@@ -12,33 +12,10 @@ import numpy.lib.format as npy
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.checking import check_real
 from periscopy_sim.storage.formats.decoding import check_count, decoding
 
 _LONGEST_HEADER = 10_000  # bytes: NumPy's own limit, which it looks at once it has read them
-
-_NOT_REAL = {
-    "b": "truth values",
-    "c": "complex numbers",
-    "O": "Python objects, which are never loaded",
-    "S": "text",
-    "U": "text",
-    "V": "records",
-    "M": "dates",
-    "m": "times",
-}
-
-
-def check_real(dtype: np.dtype[Any], name: str) -> None:
-    """Refuse a dtype whose values are not integers or floating-point numbers.
-
-    Raises
-    ------
-    PhotographError
-        Naming what the array `name` holds instead.
-    """
-    if dtype.kind not in "iuf":
-        held = _NOT_REAL.get(dtype.kind, "no numbers")
-        raise PhotographError(f"{name}: holds {held} ({dtype}); save real numbers, as float32 say")
 
 
 def read_npy(path: Path, *, truth_values: bool = False) -> NDArray[Any]:

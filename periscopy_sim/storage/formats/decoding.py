@@ -1,4 +1,4 @@
-"""Telling file formats apart, and reading them without letting a damaged file surprise."""
+"""Reading untrusted files: bounds on what they announce, and every failure as one error."""
 
 from __future__ import annotations
 
@@ -24,63 +24,16 @@ LARGEST_RATIO = 64
 
 _PIECE = 1 << 20  # bytes unpacked at once
 
-_SIGNATURES = (
-    (b"\x76\x2f\x31\x01", "EXR"),
-    (b"\x93NUMPY", "NPY"),
-    (b"PK\x03\x04", "NPZ"),
-    (b"PK\x05\x06", "NPZ"),  # an archive without entries
-    (b"\x89PNG\r\n\x1a\n", "PNG"),
-    (b"II*\x00", "TIFF"),
-    (b"MM\x00*", "TIFF"),
-    (b"II+\x00", "TIFF"),  # BigTIFF
-    (b"MM\x00+", "TIFF"),
-    (b"\xff\xd8\xff", "JPEG"),
-    (b"\x89HDF\r\n\x1a\n", "MATLAB 7.3"),
-)
-_MATLAB_VERSIONS = {  # bytes 124 to 127 of the header, of either endianness
-    b"\x00\x01IM": "MATLAB",
-    b"\x01\x00MI": "MATLAB",
-    b"\x00\x02IM": "MATLAB 7.3",
-    b"\x02\x00MI": "MATLAB 7.3",
-}
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first four names for a message, and how many follow."""
+    rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return ", ".join(names[:4]) + rest
 
 
-def file_format(path: Path) -> str:
-    """Name the format of a file by its first bytes, whatever its suffix.
-
-    Returns
-    -------
-    str
-        EXR, NPY, NPZ, PNG, TIFF, JPEG, MATLAB or MATLAB 7.3.
-
-    Raises
-    ------
-    PhotographError
-        If there is no such file, it cannot be opened, or its first bytes fit no format.
-    """
-    try:
-        if path.is_dir():
-            raise PhotographError(f"{path}: is a folder; name a file in it")
-        if path.exists() and not path.is_file():  # a pipe can be read but once
-            raise PhotographError(f"{path}: is not a regular file; save it to one")
-        with path.open("rb") as stream:
-            head = stream.read(128)
-    except FileNotFoundError as error:
-        raise PhotographError(f"{path}: no such file; check the path") from error
-    except OSError as error:
-        reason = error.strerror or error
-        raise PhotographError(f"{path}: cannot be opened: {reason}; check the path") from error
-    if not head:
-        raise PhotographError(f"{path}: is empty; save or copy it again")
-    for signature, name in _SIGNATURES:
-        if head.startswith(signature):
-            return name
-    if head[124:] in _MATLAB_VERSIONS:
-        return _MATLAB_VERSIONS[head[124:]]
-    raise PhotographError(
-        f"{path}: is no EXR, NPY, NPZ, PNG, TIFF, JPEG or MATLAB 5 to 7 file, or is damaged "
-        "at its start; save it as one of these"
-    )
+def place_of(path: Path, frame: int | str) -> Path:
+    """Return what to call a frame of a file, or several, in a message."""
+    return Path(f"{path}, frame {frame}")
 
 
 def check_count(shape: Sequence[int], path: Path) -> None:
@@ -133,7 +86,7 @@ class Inflater:
 
 
 @contextmanager
-def decoding(path: Path, kind: str, mend: str = "save or copy it again") -> Iterator[None]:
+def decoding(path: Path, kind: str, remedy: str = "save or copy it again") -> Iterator[None]:
     """Read an untrusted file: quietly, and every failure becomes a `PhotographError`.
 
     Parameters
@@ -142,7 +95,7 @@ def decoding(path: Path, kind: str, mend: str = "save or copy it again") -> Iter
         The file, for the message.
     kind : str
         Its format, for the message.
-    mend : str
+    remedy : str
         What a user can do about it, for the message.
 
     Raises
@@ -158,7 +111,7 @@ def decoding(path: Path, kind: str, mend: str = "save or copy it again") -> Iter
         raise
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
-        raise PhotographError(f"{path}: cannot be read as {kind}: {reason}; {mend}") from error
+        raise PhotographError(f"{path}: cannot be read as {kind}: {reason}; {remedy}") from error
 
 
 @contextmanager

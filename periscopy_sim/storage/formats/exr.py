@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import check_count, decoding
+from periscopy_sim.storage.formats.decoding import check_count, decoding, listed, place_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
 _STRUCTURAL = frozenset(  # attributes that describe the pixels, which metadata must not replace
@@ -38,23 +39,32 @@ _LONGEST_NAME = 255  # characters, "long names" in the OpenEXR file layout
 _FLAT = ("scanlineimage", "tiledimage")
 
 
-@dataclass(frozen=True, eq=False)
-class ExrImage:
-    """What an OpenEXR file holds.
+@dataclass(frozen=True)
+class ExrPart:
+    """What the header of a part of an OpenEXR file tells.
 
     Attributes
     ----------
-    colour : (rows, columns, 1 or 3) float16, float32 or uint32
-        Linear light: red, green, blue, or grey alone.
-    left_out : tuple of str
-        The other channels of the file, alpha among them.
+    name : str
+        Of the part; empty where it has none.
+    size : (rows, columns)
+        Of its pixels.
+    colour, left_out : tuple of str
+        Its channels of colour, or the grey one, and its others.
     metadata : dict
         Its attributes that are text or numbers and do not describe the pixels.
     """
 
-    colour: NDArray[Any]
+    name: str
+    size: tuple[int, int]
+    colour: tuple[str, ...]
     left_out: tuple[str, ...]
     metadata: dict[str, str | float]
+
+    @property
+    def count(self) -> int:
+        """Number of channels."""
+        return len(self.colour) + len(self.left_out)
 
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
@@ -104,57 +114,116 @@ def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
     image : (rows, columns, 3) float32
         Linear light; a lone grey channel is replicated.
     metadata : dict
-        As `ExrImage.metadata`.
+        As `ExrPart.metadata`.
 
     Raises
     ------
     PhotographError
         As `decode_exr`.
     """
-    decoded = decode_exr(path)
-    rows, columns, _ = decoded.colour.shape
-    image = np.broadcast_to(decoded.colour, (rows, columns, 3)).astype(np.float32)
-    return image, decoded.metadata
+    colour, part = decode_exr(path)
+    return np.broadcast_to(colour, (*part.size, 3)).astype(np.float32), part.metadata
 
 
-def decode_exr(path: Path) -> ExrImage:
-    """Read the colour channels of an OpenEXR file of one flat part, and what goes with them.
+def decode_exr(path: Path) -> tuple[NDArray[Any], ExrPart]:
+    """Read the colour channels of an OpenEXR file of one flat part, and what its header tells.
 
-    Channels R, G, B are taken, in whatever layer they are, else a lone Y or the only channel.
+    Returns
+    -------
+    colour : (rows, columns, 1 or 3) float16, float32 or uint32
+        Linear light: red, green, blue, or grey alone.
+    part : ExrPart
 
     Raises
     ------
     PhotographError
-        If the file is damaged, deep, subsampled or of several parts, or its colour is ambiguous.
+        As `exr_parts` and `exr_pixels`, and if the file has several parts.
+    """
+    parts = exr_parts(path)
+    if len(parts) != 1:
+        raise PhotographError(f"{path}: has {len(parts)} parts; save one image alone")
+    (colour,) = exr_pixels(path, parts)
+    return colour, parts[0]
+
+
+def exr_parts(path: Path) -> list[ExrPart]:
+    """Read and check the headers of an OpenEXR file.
+
+    Of each part the channels R, G, B are taken, in whatever layer they are, else a lone Y or the
+    only channel.
+
+    Raises
+    ------
+    PhotographError
+        If the file is damaged or too large, or a part is deep or subsampled, or its colour
+        ambiguous.
     """
     import OpenEXR
 
-    with decoding(path, "EXR"):
-        with OpenEXR.File(str(path), header_only=True) as file:
-            if len(file.parts) != 1:
-                raise PhotographError(f"{path}: has {len(file.parts)} parts; save one image alone")
-            header = dict(file.header())  # closing the file empties its own
-        if header["type"].name not in _FLAT:
-            raise PhotographError(f"{path}: is a deep image; save it flattened")
-        names = [channel.name for channel in header["channels"]]
-        (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
-        check_count((bottom - top + 1, right - left + 1, len(names)), path)
-        if "tiles" in header:
-            check_count((header["tiles"].ySize, header["tiles"].xSize, len(names)), path)
-        chosen = _colour_channels(names, path)
-        if any((c.xSampling, c.ySampling) != (1, 1) for c in header["channels"]):
-            raise PhotographError(f"{path}: has subsampled channels; save it as full RGB")
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            if not file.parts:  # how OpenEXR reports pixels it could not read
-                raise PhotographError(f"{path}: truncated or damaged EXR; save or copy it again")
-            channels = file.channels()
-            colour = np.stack([channels[name].pixels for name in chosen], axis=-1)
-    left_out = tuple(name for name in names if name not in chosen)
-    return ExrImage(colour, left_out, _metadata(header))
+    with decoding(path, "EXR"), OpenEXR.File(str(path), header_only=True) as file:
+        headers = [dict(part.header) for part in file.parts]  # closing the file empties its own
+        parts = [_part(header, path, len(headers), k) for k, header in enumerate(headers)]
+        counts = (part.count * math.prod(part.size) for part in parts)
+        check_count((sum(counts),), path)
+    return parts
 
 
-def _colour_channels(names: Sequence[str], path: Path) -> list[str]:
-    """Names of the red, green and blue channels, or of the grey one."""
+def exr_pixels(path: Path, parts: Sequence[ExrPart]) -> Iterator[NDArray[Any]]:
+    """Read the colour of each part in turn; OpenEXR decodes all of them at once.
+
+    Yields
+    ------
+    (rows, columns, 1 or 3) float16, float32 or uint32
+
+    Raises
+    ------
+    PhotographError
+        If the pixels of a part cannot be read.
+    """
+    import OpenEXR
+
+    with decoding(path, "EXR"), OpenEXR.File(str(path), separate_channels=True) as file:
+        pixels = {
+            _name(part.header): {c: part.channels[c].pixels for c in part.channels}
+            for part in file.parts
+        }
+    for k, part in enumerate(parts):
+        if part.name not in pixels:  # how OpenEXR reports pixels it could not read
+            place = _place(path, len(parts), k)
+            raise PhotographError(f"{place}: truncated or damaged EXR; save or copy it again")
+        channels = pixels.pop(part.name)
+        yield np.stack([channels[c] for c in part.colour], axis=-1)
+
+
+def _part(header: Mapping[str, Any], path: Path, count: int, k: int) -> ExrPart:
+    """Check the header of a part."""
+    place = _place(path, count, k)
+    if header["type"].name not in _FLAT:
+        raise PhotographError(f"{place}: is a deep image; save it flattened")
+    names = [channel.name for channel in header["channels"]]
+    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
+    size = (bottom - top + 1, right - left + 1)
+    check_count((*size, len(names)), path)
+    if "tiles" in header:
+        check_count((header["tiles"].ySize, header["tiles"].xSize, len(names)), path)
+    colour = _colour_channels(names, place)
+    if any((c.xSampling, c.ySampling) != (1, 1) for c in header["channels"]):
+        raise PhotographError(f"{place}: has subsampled channels; save it as full RGB")
+    left_out = tuple(name for name in names if name not in colour)
+    return ExrPart(_name(header), size, tuple(colour), left_out, _metadata(header))
+
+
+def _place(path: Path, count: int, k: int) -> Path:
+    """Return what to call a part in messages: a lone one is the file."""
+    return path if count == 1 else place_of(path, k)
+
+
+def _name(header: Mapping[str, Any]) -> str:
+    return str(header.get("name", ""))
+
+
+def _colour_channels(names: Sequence[str], place: Path) -> list[str]:
+    """Return the names of the red, green and blue channels, or of the grey one."""
     opaque = [name for name in names if name.rpartition(".")[2] != "A"]
     prefixes = [name[:-1] for name in opaque if name.rpartition(".")[2] == "R"]
     layers = [prefix for prefix in prefixes if {f"{prefix}G", f"{prefix}B"} <= set(opaque)]
@@ -164,7 +233,7 @@ def _colour_channels(names: Sequence[str], path: Path) -> list[str]:
     if len(opaque) == 1:
         return opaque
     raise PhotographError(
-        f"{path}: among its channels {', '.join(names) or 'none'} there is not exactly one "
+        f"{place}: among its channels {listed(names) or 'none'} there is not exactly one "
         "colour image; save R, G, B alone"
     )
 

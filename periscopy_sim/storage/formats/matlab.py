@@ -10,33 +10,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
+from periscopy_sim.storage.formats.picture import Picture
 
 _REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exposures
 
 
-def read_matlab_photograph(path: Path, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Read raw sensor counts, and average them down to a photograph.
+def read_matlab_counts(path: Path) -> Picture:
+    """Read raw sensor counts.
 
     The file holds `image`, the Bayer counts summed over exposures, `shutter_speed`, and
-    `iterations` or `averaged_iterations`, the number of exposures. The photograph is the counts
-    for each unit of exposure time, so that files of one camera share a scale.
+    `iterations` or `averaged_iterations`, the number of exposures.
 
     Parameters
     ----------
     path : Path
         MATLAB file of version 5 to 7.
-    shape : (rows, columns)
-        Size of the photograph; it must divide half the size of `image`.
 
     Returns
     -------
-    (rows, columns, 3) float64
-        Linear light.
+    Picture
+        The colours of the Bayer cells, and the time for which they were exposed.
 
     Raises
     ------
     PhotographError
-        If the file is damaged, a field is missing or not numbers, or the sizes do not divide.
+        If the file is damaged, or a field is missing or not numbers.
     """
     matrices = read_matrices(path)
     counts = _real_field(matrices, "image", path)
@@ -44,22 +42,52 @@ def read_matlab_photograph(path: Path, shape: tuple[int, int]) -> NDArray[np.flo
         raise PhotographError(
             f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
         )
+    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[0])
+    exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
     with np.errstate(over="ignore", invalid="ignore"):
-        colour = bayer_colours(counts)
+        return Picture(bayer_colours(counts), exposure=exposure)
+
+
+def averaged_counts(
+    colour: NDArray[np.float64], exposure: float, shape: tuple[int, int], name: str
+) -> NDArray[np.float64]:
+    """Average the counts of a sensor down to a photograph, for each unit of exposure time.
+
+    So files of one camera share a scale.
+
+    Parameters
+    ----------
+    colour : (i rows, j columns, channels)
+        Counts, with whole numbers i and j.
+    exposure : float
+        Time for which they were exposed.
+    shape : (rows, columns)
+        Size of the photograph.
+    name : str
+        What to call the counts in messages.
+
+    Returns
+    -------
+    (rows, columns, channels) float64
+        Linear light.
+
+    Raises
+    ------
+    PhotographError
+        If the sizes do not divide.
+    """
     height, width, _ = colour.shape
     if height % shape[0] or width % shape[1] or not colour.size:
         raise PhotographError(
-            f"{path}: {height} x {width} colour pixels (rows x columns) do not average to "
+            f"{name}: {height} x {width} colour pixels (rows x columns) do not average to "
             f"{shape[0]} x {shape[1]}; give the camera's film a size that divides the former"
         )
-    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[0])
-    exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as infinite
         return np.divide(block_means(colour, shape), exposure, dtype=np.float64)
 
 
 def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
-    """Half-size colours of Bayer counts: red at even and blue at odd rows and columns.
+    """Return half-size colours of Bayer counts: red at even and blue at odd rows and columns.
 
     Parameters
     ----------
@@ -97,7 +125,7 @@ def block_means(image: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[n
 
 
 def _real_field(matrices: dict[str, Matrix], name: str, path: Path) -> NDArray[Any]:
-    """Real numbers of a field, or the reason why there are none."""
+    """Return the real numbers of a field, or say why there are none."""
     if name not in matrices:
         held = ", ".join(filter(None, matrices)) or "none at all"
         raise PhotographError(
@@ -111,7 +139,7 @@ def _real_field(matrices: dict[str, Matrix], name: str, path: Path) -> NDArray[A
 
 
 def _number(matrices: dict[str, Matrix], name: str, path: Path) -> float:
-    """Value of a field that is one positive number."""
+    """Return the value of a field that is one positive number."""
     values = _real_field(matrices, name, path)
     if values.size != 1 or not 0 < values.item() < np.inf:
         raise PhotographError(f"{path}: '{name}' is not one positive number; store it as such")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.checking import check_size
 from periscopy_sim.storage.formats.decoding import Inflater, check_count, decoding
+from periscopy_sim.storage.formats.picture import Picture
 
 _DIRECT_MODES = {  # of Pillow's modes: what to convert each to
     "1": "L",
@@ -24,88 +25,45 @@ _DIRECT_MODES = {  # of Pillow's modes: what to convert each to
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Raster:
-    """Values of a picture as they were saved.
-
-    Attributes
-    ----------
-    colour : (rows, columns, channels) uint8, uint16 or another dtype of real numbers
-        Three channels, or one for grey; row 0 at the top.
-    alpha : (rows, columns, 1) of the same dtype, or None
-        Opacity, where the file has it.
-    """
-
-    colour: NDArray[Any]
-    alpha: NDArray[Any] | None
-
-
-def png_size(path: Path) -> tuple[int, int]:
-    """Rows and columns that the header of a PNG file announces.
+def read_png(path: Path, _: str, size: tuple[int, int] | None) -> Picture:
+    """Read a PNG file without changing its bit depth.
 
     Raises
     ------
     PhotographError
-        If the header is cut short, or announces too many values.
+        If the file is damaged, or of 16 bits and another size than is wanted.
     """
-    rows, columns, _ = _png_header(path)
-    return rows, columns
+    rows, columns, depth = _png_header(path)
+    if depth < 16:
+        return _read_with_pillow(path, "PNG")
+    if size is not None:  # decoding 16 bits is slow: not for a picture that cannot fit
+        check_size((rows, columns), size, str(path))
+    return _read_16_bit_png(path)
 
 
-def read_raster(path: Path, kind: str) -> Raster:
-    """Read a PNG, TIFF or JPEG file without changing its bit depth.
+def read_jpeg(path: Path, *_: object) -> Picture:
+    """Read a JPEG file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : str
-        PNG, TIFF or JPEG, as `file_format` tells.
+    Raises
+    ------
+    PhotographError
+        If the file is damaged, or of colours other than grey or RGB.
+    """
+    return _read_with_pillow(path, "JPEG")
+
+
+def read_tiff(path: Path, *_: object) -> Picture:
+    """Read by tifffile, which keeps 16-bit and floating-point values; the rest by Pillow.
 
     Raises
     ------
     PhotographError
         If the file is damaged, holds several pictures, or colours other than grey or RGB.
     """
-    if kind == "PNG" and _png_header(path)[2] == 16:
-        return _read_16_bit_png(path)
-    if kind == "TIFF":
-        return _read_tiff(path)
-    return _read_with_pillow(path, kind)
-
-
-def _png_header(path: Path) -> tuple[int, int, int]:
-    """Rows, columns and bit depth of a PNG file, once the checksums of all its chunks are right."""
-    import png
-
-    with decoding(path, "PNG"):
-        reader = png.Reader(bytes=path.read_bytes())  # from a stream it would ask for gigabytes
-        reader.preamble()
-        check_count((reader.height, reader.width, reader.planes), path)
-        bits = reader.width * reader.planes * reader.bitdepth
-        pixels = Inflater(2 * (reader.height + 8) * (bits // 8 + 8), path)  # interlaced ones too
-        for kind, body in reader.chunks():  # each is compared with its checksum; the last is there
-            if kind == b"IDAT":
-                pixels.feed(body)
-        return reader.height, reader.width, reader.bitdepth
-
-
-def _read_16_bit_png(path: Path) -> Raster:
-    """Read by pypng: Pillow would cut 16-bit colour down to 8 bits."""
-    import png
-
-    with decoding(path, "PNG"):
-        columns, rows, lines, info = png.Reader(bytes=path.read_bytes()).read()
-        values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
-        return _split(values.reshape(rows, columns, info["planes"]), path)
-
-
-def _read_tiff(path: Path) -> Raster:
-    """Read by tifffile, which keeps 16-bit and floating-point values; the rest by Pillow."""
     import tifffile
 
-    mend = "save it again, uncompressed or with deflate compression"
-    with decoding(path, "TIFF", mend), tifffile.TiffFile(path) as file:
+    remedy = "save it again, uncompressed or with deflate compression"
+    with decoding(path, "TIFF", remedy), tifffile.TiffFile(path) as file:
         places: set[int] = set()
         for each in file.pages:  # the next may be one before, and tifffile would never end
             if each.offset in places:
@@ -133,6 +91,32 @@ def _read_tiff(path: Path) -> Raster:
         return _split(values, path)
 
 
+def _png_header(path: Path) -> tuple[int, int, int]:
+    """Rows, columns and bit depth of a PNG file, once the checksums of all its chunks are right."""
+    import png
+
+    with decoding(path, "PNG"):
+        reader = png.Reader(bytes=path.read_bytes())  # from a stream it would ask for gigabytes
+        reader.preamble()
+        check_count((reader.height, reader.width, reader.planes), path)
+        bits = reader.width * reader.planes * reader.bitdepth
+        pixels = Inflater(2 * (reader.height + 8) * (bits // 8 + 8), path)  # interlaced ones too
+        for kind, body in reader.chunks():  # each is compared with its checksum; the last is there
+            if kind == b"IDAT":
+                pixels.feed(body)
+        return reader.height, reader.width, reader.bitdepth
+
+
+def _read_16_bit_png(path: Path) -> Picture:
+    """Read by pypng: Pillow 13 still cuts 16-bit colour down to 8 bits, without a word."""
+    import png
+
+    with decoding(path, "PNG"):
+        columns, rows, lines, info = png.Reader(bytes=path.read_bytes()).read()
+        values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
+        return _split(values.reshape(rows, columns, info["planes"]), path)
+
+
 def _check_packing(page: Any, path: Path) -> None:
     """Refuse what is not deflate, and strips or tiles that unpack to more than they may hold."""
     import tifffile
@@ -152,7 +136,7 @@ def _check_packing(page: Any, path: Path) -> None:
             Inflater(most, path).feed(stream.read(count))
 
 
-def _read_with_pillow(path: Path, kind: str) -> Raster:
+def _read_with_pillow(path: Path, kind: str) -> Picture:
     """Read 8 bits a channel or fewer, upright, palettes looked up."""
     from PIL import Image, ImageOps
 
@@ -166,12 +150,12 @@ def _read_with_pillow(path: Path, kind: str) -> Raster:
         return _split(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path)
 
 
-def _split(values: NDArray[Any], path: Path) -> Raster:
-    """Colour and alpha of (rows, columns[, channels]) values."""
+def _split(values: NDArray[Any], path: Path) -> Picture:
+    """Return colour and alpha of (rows, columns[, channels]) values."""
     if values.ndim == 2:
         values = values[..., None]
     if values.ndim != 3 or not 1 <= values.shape[2] <= 4:
         raise PhotographError(f"{path}: has shape {values.shape}; save a grey or RGB picture")
     if values.shape[2] % 2:
-        return Raster(values, None)
-    return Raster(values[..., :-1], values[..., -1:])
+        return Picture(values, is_display=True)
+    return Picture(values[..., :-1], values[..., -1:], is_display=True)

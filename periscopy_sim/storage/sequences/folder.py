@@ -9,20 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.decoding import listed
+from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.photographs import read_photograph
-from periscopy_sim.storage.sequences.frames import Frames, listed
-
-_KINDS = {
-    ".exr": "EXR",
-    ".npy": "NPY",
-    ".npz": "NPZ",
-    ".png": "PNG",
-    ".tif": "TIFF",
-    ".tiff": "TIFF",
-    ".jpg": "JPEG",
-    ".jpeg": "JPEG",
-    ".mat": "MATLAB",
-}
+from periscopy_sim.storage.sequences.frames import Frames
 
 
 def folder_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None) -> Frames:
@@ -60,13 +50,14 @@ def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
     except OSError as error:
         raise PhotographError(f"{folder}: cannot be opened: {error.strerror}") from error
     entries.sort(key=lambda entry: _natural(entry.name))
+    known = suffixes()
     of_kind: dict[str, list[Path]] = {}
     for entry in entries:
-        of_kind.setdefault(_KINDS.get(entry.suffix.lower(), ""), []).append(entry)
+        of_kind.setdefault(known.get(entry.suffix.lower(), ""), []).append(entry)
     others = [entry.name for entry in of_kind.pop("", [])]
     if not of_kind:
         raise PhotographError(
-            f"{folder}: holds no file named *{', *'.join(_KINDS)}; name a folder that does"
+            f"{folder}: holds no file named *{', *'.join(known)}; name a folder that does"
         )
     if len(of_kind) > 1:
         examples = listed([f"{kind} ({files[0].name})" for kind, files in of_kind.items()])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
-from periscopy_sim.storage.photographs import Photograph
+from numpy.typing import NDArray
+
+from periscopy_sim.photographs.checking import Photograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +36,18 @@ class Frames:
         return self.decode()
 
 
-def listed(names: Sequence[str]) -> str:
-    """Join the first four names for a message, and tell how many follow."""
-    rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    return ", ".join(names[:4]) + rest
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Frames that one file or archive holds, not yet checked one by one.
 
+    Attributes
+    ----------
+    names, warnings
+        As in `Frames`.
+    values : callable
+        Starts an iterator over the array of each frame.
+    """
 
-def place_of(path: Path, frame: int | str) -> Path:
-    """Name a frame of a file, or several, for a message."""
-    return Path(f"{path}, frame {frame}")
+    names: tuple[str, ...]
+    warnings: tuple[str, ...]
+    values: Callable[[], Iterator[NDArray[Any]]]

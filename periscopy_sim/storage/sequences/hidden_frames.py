@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import repeat
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.arrays import check_real
-from periscopy_sim.storage.formats.decoding import file_format
-from periscopy_sim.storage.pictures import area_average, read_hidden_image
+from periscopy_sim.photographs.checking import check_real
+from periscopy_sim.storage.formats.decoding import place_of
+from periscopy_sim.storage.formats.table import format_of
+from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
 from periscopy_sim.storage.sequences.folder import files_of_one_kind
-from periscopy_sim.storage.sequences.frames import place_of
 from periscopy_sim.storage.sequences.stacks import mapped_stack
 
 Array = NDArray[np.float64]
@@ -61,29 +60,18 @@ def _opened(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Ar
     if path.is_dir():
         files, _ = files_of_one_kind(path)
         return len(files), lambda k: read_hidden_image(files[k], shape)
-    if file_format(path) == "NPY":
+    if format_of(path).name == "NPY":
         stack = mapped_stack(path)
         check_real(stack.dtype, str(path))
         if stack.ndim == 4:
-            return len(stack), lambda k: area_average(_light(stack[k], place_of(path, k)), shape)
+            if stack.shape[-1] not in (1, 3) or 0 in stack.shape[1:]:
+                raise PhotographError(
+                    f"{path}: has frames of shape {stack.shape[1:]}; give (rows, columns, 3)"
+                )
+
+            def read(k: int) -> Array:
+                return area_average(linear_light(stack[k], place_of(path, k)), shape)
+
+            return len(stack), read
     image = read_hidden_image(path, shape)
     return 1, lambda _: image
-
-
-def _light(values: NDArray[Any], place: Path) -> Array:
-    """Linear light of one frame of an NPY stack."""
-    if values.shape[-1] not in (1, 3) or values.size == 0:
-        raise PhotographError(
-            f"{place}: has shape {values.shape}; give a stack (frames, rows, columns, 3)"
-        )
-    if values.dtype.kind != "f":
-        if values.dtype not in (np.uint8, np.uint16):
-            raise PhotographError(
-                f"{place}: holds {values.dtype}; save 8- or 16-bit or float values"
-            )
-        values = values / float(np.iinfo(values.dtype).max)
-    with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
-        light = np.broadcast_to(values, (*values.shape[:2], 3)).astype(np.float64)
-    if not (np.isfinite(light) & (light >= 0)).all():
-        raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
-    return light

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import file_format
-from periscopy_sim.storage.sequences.exr_frames import exr_frames
+from periscopy_sim.photographs.checking import Photograph, check_photograph
+from periscopy_sim.storage.formats.decoding import place_of
+from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.sequences.folder import folder_frames
 from periscopy_sim.storage.sequences.frames import Frames
-from periscopy_sim.storage.sequences.stacks import npy_frames, npz_frames, zarr_frames
+from periscopy_sim.storage.sequences.stacks import zarr_stack
 
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
 _FORMS = "a folder of photographs, a Zarr archive, a multi-part EXR or an NPY or NPZ stack"
@@ -27,8 +29,9 @@ def open_frames(
     natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
     files of no such suffix are left out, with a warning. A Zarr archive, of format 2 or 3, is an
     array (frames, rows, columns, 3), or a group that has it as `photograph`. NPY and NPZ files (key
-    `photograph`) hold such an array too. A multi-part EXR holds a frame in each part, as R, G, B or
-    Y; OpenEXR decodes all its parts at once, so that it may be no larger than a still. Where there
+    `photograph`) hold such an array too. A multi-part EXR holds a frame in each part, of the
+    channels that a still may have; OpenEXR decodes all its parts at once, so that it may be no
+    larger than a still. Where there
     are three channels there may be one, which is grey.
 
     Parameters
@@ -52,15 +55,18 @@ def open_frames(
         iterating as `read_photograph`, naming the frame, the first being 0.
     """
     path = Path(path)
-    if path.is_dir():
-        if any((path / mark).exists() for mark in _ZARR_MARKS):
-            return zarr_frames(path, shape, mask)
+    if path.is_dir() and not any((path / mark).exists() for mark in _ZARR_MARKS):
         return folder_frames(path, shape, mask)
-    kind = file_format(path)
-    if kind == "EXR":
-        return exr_frames(path, shape, mask)
-    if kind == "NPY":
-        return npy_frames(path, shape, mask)
-    if kind == "NPZ":
-        return npz_frames(path, shape, mask)
-    raise PhotographError(f"{path}: is a single {kind} file; give {_FORMS}")
+    if path.is_dir():
+        stack = zarr_stack(path, shape)
+    else:
+        row = format_of(path)
+        if row.open_stack is None:
+            raise PhotographError(f"{path}: is a single {row.name} file; give {_FORMS}")
+        stack = row.open_stack(path, shape)
+
+    def decode() -> Iterator[Photograph]:
+        for k, values in enumerate(stack.values()):
+            yield Photograph(check_photograph(values, shape, str(place_of(path, k)), mask))
+
+    return Frames(stack.names, stack.warnings, decode)

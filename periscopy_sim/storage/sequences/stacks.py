@@ -7,19 +7,17 @@ import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.lib.format as npy
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.arrays import check_real, read_header
-from periscopy_sim.storage.formats.decoding import check_count, decoding
-from periscopy_sim.storage.photographs import Photograph, check_photograph, check_size
-from periscopy_sim.storage.sequences.frames import Frames, listed, place_of
-
-Mask: TypeAlias = NDArray[np.bool_] | None
+from periscopy_sim.photographs.checking import check_real, check_size
+from periscopy_sim.storage.formats.arrays import read_header
+from periscopy_sim.storage.formats.decoding import check_count, decoding, listed, place_of
+from periscopy_sim.storage.sequences.frames import Stack
 
 KEY = "photograph"
 """Name of the array in an NPZ file or a Zarr group."""
@@ -32,7 +30,7 @@ MOST_FRAMES = 10**6
 
 
 @contextmanager
-def npy_stack(
+def npy_writer(
     path: Path, shape: Sequence[int], dtype: type[np.floating[Any]]
 ) -> Iterator[Callable[[ArrayLike], None]]:
     """Write an NPY file frame by frame, as `numpy.save` would write the stack.
@@ -76,19 +74,14 @@ def mapped_stack(path: Path) -> NDArray[Any]:
         return array
 
 
-def npy_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
+def npy_stack(path: Path, shape: tuple[int, int]) -> Stack:
     """Open an NPY file (frames, rows, columns, 3); see `open_frames`."""
     stack = mapped_stack(path)
     _check_stack(stack.shape, stack.dtype, shape, path)
-
-    def decode() -> Iterator[Photograph]:
-        for k in range(len(stack)):
-            yield Photograph(check_photograph(stack[k], shape, str(place_of(path, k)), mask))
-
-    return Frames(_numbers(len(stack)), (), decode)
+    return Stack(_numbers(len(stack)), (), lambda: iter(stack))
 
 
-def npz_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
+def npz_stack(path: Path, shape: tuple[int, int]) -> Stack:
     """Open an NPZ file's array `photograph`, decompressed frame by frame; see `open_frames`."""
     with decoding(path, "NPZ"), zipfile.ZipFile(path) as archive:
         if f"{KEY}.npy" not in archive.namelist():
@@ -107,24 +100,23 @@ def npz_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
     if held != stack[0] * size:
         raise PhotographError(f"{path}: '{KEY}' is cut short or damaged; save or copy it again")
 
-    def decode() -> Iterator[Photograph]:
+    def values() -> Iterator[NDArray[Any]]:
         with zipfile.ZipFile(path) as archive, archive.open(f"{KEY}.npy") as stream:
             read_header(stream)
             for k in range(stack[0]):
-                place = place_of(path, k)
-                with decoding(place, "NPZ"):  # at the end of all it compares the checksum
+                with decoding(place_of(path, k), "NPZ"):  # at the end it compares the checksum
                     content = stream.read(size if k < stack[0] - 1 else size + 1)
-                    values = np.frombuffer(content, dtype).reshape(stack[1:])
-                yield Photograph(check_photograph(values, shape, str(place), mask))
+                    frame = np.frombuffer(content, dtype).reshape(stack[1:])
+                yield frame
 
-    return Frames(_numbers(stack[0]), (), decode)
+    return Stack(_numbers(stack[0]), (), values)
 
 
 def _numbers(count: int) -> tuple[str, ...]:
     return tuple(str(k) for k in range(count))
 
 
-def zarr_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames:
+def zarr_stack(path: Path, shape: tuple[int, int]) -> Stack:
     """Open a Zarr array, or a group's array `photograph`, chunk by chunk; see `open_frames`."""
     import zarr
 
@@ -163,15 +155,14 @@ def zarr_frames(path: Path, shape: tuple[int, int], mask: Mask = None) -> Frames
             f"{array.fill_value}; unless that was written, copy it again",
         )
 
-    def decode() -> Iterator[Photograph]:
+    def values() -> Iterator[NDArray[Any]]:
         for start in range(0, array.shape[0], chunks[0]):  # a chunk cannot be read in part
             stop = min(start + chunks[0], array.shape[0])
             with decoding(place_of(path, start if stop == start + 1 else f"{start} ff."), "Zarr"):
                 block = np.asarray(array[start:stop])
-            for k, values in enumerate(block, start):
-                yield Photograph(check_photograph(values, shape, str(place_of(path, k)), mask))
+            yield from block
 
-    return Frames(_numbers(array.shape[0]), warnings, decode)
+    return Stack(_numbers(array.shape[0]), warnings, values)
 
 
 def _check_stored(folder: Path, most: int, behind: int | None, path: Path) -> None:

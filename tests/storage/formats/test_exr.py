@@ -79,9 +79,9 @@ def test_every_pixel_type_is_read(tmp_path, dtype):
 def test_channels_are_told_by_name_in_any_layer(tmp_path):
     layered = {f"wall.{c}": plane(i) for i, c in enumerate("RGB", 1)}
     path = save(tmp_path / "y.exr", layered | {"wall.A": plane(9), "depth.Z": plane(8)})
-    decoded = decode_exr(path)
-    assert np.array_equal(decoded.colour[0, 0], [1, 2, 3])
-    assert set(decoded.left_out) == {"wall.A", "depth.Z"}
+    colour, part = decode_exr(path)
+    assert np.array_equal(colour[0, 0], [1, 2, 3])
+    assert set(part.left_out) == {"wall.A", "depth.Z"}
 
 
 def test_unnamed_layer_goes_first(tmp_path):

@@ -9,9 +9,9 @@ import scipy.io
 import scipy.io.matlab
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import file_format
 from periscopy_sim.storage.formats.matfile import read_matrices
 from periscopy_sim.storage.formats.matlab import bayer_colours, block_means
+from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.photographs import read_photograph
 
 RAW = {"image": np.ones((8, 12)), "shutter_speed": 0.5, "iterations": 4.0}
@@ -168,7 +168,7 @@ def test_hdf5_files_are_refused_with_the_mend(tmp_path, start):
 
 def test_files_by_matlab_itself_read_as_scipy_reads_them():
     folder = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
-    paths = [p for p in folder.glob("test*_[67]*.mat") if file_format(p) == "MATLAB"]
+    paths = [p for p in folder.glob("test*_[67]*.mat") if format_of(p).name == "MATLAB"]
     if not paths:
         pytest.skip("this SciPy comes without its test data")
     compared = 0

@@ -14,7 +14,7 @@ from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image, write_png
 from periscopy_sim.storage.sequences.opening import open_frames
-from periscopy_sim.storage.sequences.stacks import npy_stack
+from periscopy_sim.storage.sequences.stacks import npy_writer
 
 few = settings(deadline=None, max_examples=40)
 sizes = st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))
@@ -108,7 +108,7 @@ def test_8_bit_png_of_a_hidden_image_is_within_half_a_code(image):
 )  # fmt: skip
 def test_stacks(clip):
     def again(path):
-        with npy_stack(path, clip.shape, np.float32) as write:
+        with npy_writer(path, clip.shape, np.float32) as write:
             for frame in clip:
                 write(frame)
         np.savez_compressed(path.with_suffix(".npz"), photograph=clip)

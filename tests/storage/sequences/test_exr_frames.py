@@ -5,6 +5,7 @@ import pytest
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.sequences.opening import open_frames
 
 SHAPE = (6, 5)
@@ -40,12 +41,24 @@ def test_truncated_part_of_an_exr_is_named(save, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_frame_may_be_any_layer_that_a_still_may_be(save, tmp_path):
+    clip = np.concatenate([CLIP, CLIP[..., :1]], axis=3)
+    save.exr(tmp_path / "y.exr", clip, channels=("wall.R", "wall.G", "wall.B", "depth.Z"))
+    frames = open_frames(tmp_path / "y.exr", SHAPE)
+    assert np.array_equal([frame.values for frame in frames], CLIP)
+    assert frames.warnings == (f"{tmp_path / 'y.exr'}: left out the channels depth.Z",)
+    save.exr(tmp_path / "one.exr", clip[:1], channels=("wall.R", "wall.G", "wall.B", "depth.Z"))
+    still = read_photograph(tmp_path / "one.exr", SHAPE)
+    assert np.array_equal(still.values, CLIP[0]) and "depth.Z" in still.warnings[0]
+
+
 @pytest.mark.parametrize(
-    ("channels", "said"), [("RG", "channels G, R;"), ("YZ", "channels Y, Z;"), ("A", "channels A;")]
+    ("channels", "said"),
+    [("RG", "channels G, R there"), ("YZ", "channels Y, Z there"), ("A", "channels A there")],
 )
 def test_exr_part_without_one_colour_image_is_named(channels, said, save, tmp_path):
     save.exr(tmp_path / "y.exr", CLIP[:2, ..., : len(channels)], channels=channels)
-    with pytest.raises(PhotographError, match=f"y.exr, frame 0: has {said}"):
+    with pytest.raises(PhotographError, match=f"y.exr, frame 0: among its {said}there is not"):
         open_frames(tmp_path / "y.exr", SHAPE)
 
 

@@ -77,7 +77,7 @@ def test_wrong_number_of_hidden_frames_is_refused(line_of, tmp_path):
             "frame 3: has negative, N",
         ),
         (SENT.astype(np.int32), "frame 0: holds int32"),
-        (SENT[..., :2] / 1.0, "has shape (4, 6, 2)"),
+        (SENT[..., :2] / 1.0, "has frames of shape (4, 6, 2)"),
         (SENT * 1j, "complex numbers"),
         (SENT[:0], "holds 0 hidden images"),
     ],

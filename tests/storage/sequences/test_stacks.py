@@ -12,7 +12,7 @@ import zarr
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.sequences.opening import open_frames
-from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_stack
+from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
 SHAPE = (6, 5)
 CLIP = np.random.default_rng(17).uniform(1, 2, (12, *SHAPE, 3)).astype(np.float32)
@@ -189,7 +189,7 @@ def test_archive_entry_that_is_no_array_is_refused(tmp_path):
 
 
 def test_stack_written_frame_by_frame_is_the_file_that_numpy_writes(tmp_path):
-    with npy_stack(tmp_path / "a.npy", CLIP.shape, np.float32) as write:
+    with npy_writer(tmp_path / "a.npy", CLIP.shape, np.float32) as write:
         for frame in CLIP.astype(np.float64):
             write(frame[::-1][::-1])
     np.save(tmp_path / "b.npy", CLIP)
@@ -198,7 +198,7 @@ def test_stack_written_frame_by_frame_is_the_file_that_numpy_writes(tmp_path):
 
 
 def test_unfinished_stack_does_not_pass_for_a_whole_one(tmp_path):
-    with npy_stack(tmp_path / "a.npy", CLIP.shape, np.float64) as write:
+    with npy_writer(tmp_path / "a.npy", CLIP.shape, np.float64) as write:
         write(CLIP[0])
     with pytest.raises(PhotographError, match="cannot be read as NPY"):
         mapped_stack(tmp_path / "a.npy")

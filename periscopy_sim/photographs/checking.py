@@ -1,0 +1,153 @@
+"""What any photograph must be before it is used: of the camera's size, real, finite, in range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics.validation import LIGHT_RANGE
+
+_NOT_REAL = {
+    "b": "truth values",
+    "c": "complex numbers",
+    "O": "Python objects, which are never loaded",
+    "S": "text",
+    "U": "text",
+    "V": "records",
+    "M": "dates",
+    "m": "times",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A photograph as read from a file.
+
+    Attributes
+    ----------
+    values : (rows, columns, 3) float64
+        Linear light; row 0 is the top.
+    warnings : tuple of str
+        What had to be assumed or left out, one line each.
+    """
+
+    values: NDArray[np.float64]
+    warnings: tuple[str, ...] = ()
+
+    def __array__(
+        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Serve as `values` wherever an array is taken."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+
+def check_photograph(
+    values: ArrayLike,
+    shape: tuple[int, int],
+    name: str,
+    mask: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float64]:
+    """Check that an array can be a photograph, and bring it to its one form.
+
+    Parameters
+    ----------
+    values : (rows, columns), (rows, columns, 1) or (rows, columns, 3)
+        Finite real numbers, the largest from 1e-30 to 1e30; negatives may come of subtracted dark
+        frames. A single channel is grey.
+    shape : (rows, columns)
+        Size that the photograph must have.
+    name : str
+        What to call the array in messages.
+    mask : (rows, columns) bool
+        True where the wall is used; elsewhere the photograph may hold anything, also NaN, and
+        is returned as zero. None: everywhere.
+
+    Returns
+    -------
+    (rows, columns, 3) float64
+        A new array.
+
+    Raises
+    ------
+    PhotographError
+        If any of this does not hold.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise PhotographError(f"{name}: is no array of numbers ({error}); give one") from error
+    check_real(array.dtype, name)
+    if array.ndim == 2:
+        array = array[..., None]
+    if array.ndim != 3 or array.shape[2] not in (1, 3):
+        raise PhotographError(
+            f"{name}: has shape {np.shape(values)}; give (rows, columns, 3), or one channel of grey"
+        )
+    check_size(array.shape[:2], shape, name)
+    # What is out of range becomes infinite, and is refused below; so are signalling NaNs.
+    with np.errstate(over="ignore", invalid="ignore"):
+        photograph = np.asarray(array, dtype=np.float64)
+    if mask is not None:
+        if mask.shape != tuple(shape):
+            raise PhotographError(f"{name}: the mask has shape {mask.shape}, not {tuple(shape)}")
+        photograph = np.where(mask[..., np.newaxis], photograph, 0)
+    broken = np.argwhere(~np.isfinite(photograph))
+    if len(broken):
+        row, column, channel = broken[0]
+        raise PhotographError(
+            f"{name}: {len(broken)} values are NaN or infinite, the first at row {row}, "
+            f"column {column}, channel {channel}; replace them, or leave them out by a mask"
+        )
+    if not photograph.any():
+        raise PhotographError(f"{name}: every value is zero; check the exposure or the export")
+    largest = np.abs(photograph).max()
+    if not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
+        raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
+    return np.repeat(photograph, 3 // photograph.shape[2], axis=2)
+
+
+def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None:
+    """Check that a photograph is as large as the scene's camera sees it.
+
+    Parameters
+    ----------
+    size : (rows, columns)
+        What it has.
+    shape : (rows, columns)
+        What it must have.
+    name : str
+        What to call it in messages.
+
+    Raises
+    ------
+    PhotographError
+        If they differ; the message says both, and whether averaging blocks would fix it.
+    """
+    if tuple(size) == tuple(shape):
+        return
+    k = size[0] // shape[0]
+    if k > 1 and tuple(size) == (k * shape[0], k * shape[1]):
+        remedy = f"average {k} x {k} blocks first"
+    else:
+        remedy = "crop and average it to that size, or change the film size in the scene"
+    raise PhotographError(
+        f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the scene's camera has "
+        f"{shape[0]} x {shape[1]}; {remedy}"
+    )
+
+
+def check_real(dtype: np.dtype[Any], name: str) -> None:
+    """Refuse a dtype whose values are not integers or floating-point numbers.
+
+    Raises
+    ------
+    PhotographError
+        Naming what the array `name` holds instead.
+    """
+    if dtype.kind not in "iuf":
+        held = _NOT_REAL.get(dtype.kind, "no numbers")
+        raise PhotographError(f"{name}: holds {held} ({dtype}); save real numbers, as float32 say")

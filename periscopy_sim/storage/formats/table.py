@@ -1,0 +1,159 @@
+"""The file formats: how each is known, which decoder reads it, and how its frames are opened.
+
+A new format is one decoder and one row of `FORMATS`; photographs, masks, hidden images, frames and
+folders of pictures all read it then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn, TypeAlias
+
+import numpy as np
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.arrays import read_npy, read_npz
+from periscopy_sim.storage.formats.exr import decode_exr
+from periscopy_sim.storage.formats.matlab import read_matlab_counts
+from periscopy_sim.storage.formats.picture import Picture
+from periscopy_sim.storage.formats.rasters import read_jpeg, read_png, read_tiff
+from periscopy_sim.storage.sequences.exr_frames import exr_stack
+from periscopy_sim.storage.sequences.frames import Stack
+from periscopy_sim.storage.sequences.stacks import npy_stack, npz_stack
+
+Size: TypeAlias = tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A row of the table.
+
+    Attributes
+    ----------
+    name
+        As messages call it.
+    suffixes
+        Of file names, in lower case; they count only where a folder is listed.
+    signatures
+        Bytes by which a file is known, each with its offset.
+    decode
+        Reads one picture from a path. Also told for what it serves, `photograph`, `hidden` or
+        `mask`, which is the key of its array where a file holds several, and the (rows, columns)
+        that it must have, if any, which a slow decoder checks at once.
+    open_stack
+        Opens the frames of one file, of the camera's (rows, columns); None where it holds one.
+    is_raw
+        Whether it holds counts of a sensor, which are no mask and no hidden image.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    signatures: tuple[tuple[int, bytes], ...]
+    decode: Callable[[Path, str, Size], Picture]
+    open_stack: Callable[[Path, tuple[int, int]], Stack] | None = None
+    is_raw: bool = False
+
+
+def _exr(path: Path, *_: object) -> Picture:
+    colour, part = decode_exr(path)
+    return Picture(colour, left_out=part.left_out)
+
+
+def _npy(path: Path, key: str, _: Size) -> Picture:
+    return Picture(read_npy(path, truth_values=key == "mask"))
+
+
+def _npz(path: Path, key: str, _: Size) -> Picture:
+    values = read_npz(path, key, truth_values=key == "mask")
+    # What a monitor was sent.
+    return Picture(values, is_display=key == "hidden" and values.dtype == np.uint8)
+
+
+def _hdf5(path: Path, *_: object) -> NoReturn:
+    raise PhotographError(f"{path}: is a MATLAB 7.3 (HDF5) file; save it with -v7")
+
+
+FORMATS = (
+    FileFormat("EXR", (".exr",), ((0, b"\x76\x2f\x31\x01"),), _exr, exr_stack),
+    FileFormat("NPY", (".npy",), ((0, b"\x93NUMPY"),), _npy, npy_stack),
+    # The second begins an archive without entries.
+    FileFormat("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), _npz, npz_stack),
+    FileFormat("PNG", (".png",), ((0, b"\x89PNG\r\n\x1a\n"),), read_png),
+    FileFormat(
+        "TIFF",  # and BigTIFF, of either endianness
+        (".tif", ".tiff"),
+        ((0, b"II*\x00"), (0, b"MM\x00*"), (0, b"II+\x00"), (0, b"MM\x00+")),
+        read_tiff,
+    ),
+    FileFormat("JPEG", (".jpg", ".jpeg"), ((0, b"\xff\xd8\xff"),), read_jpeg),
+    FileFormat(
+        "MATLAB",
+        (".mat",),
+        ((124, b"\x00\x01IM"), (124, b"\x01\x00MI")),
+        lambda path, *_: read_matlab_counts(path),
+        is_raw=True,
+    ),
+    FileFormat(
+        "MATLAB 7.3",
+        (),
+        ((0, b"\x89HDF\r\n\x1a\n"), (124, b"\x00\x02IM"), (124, b"\x02\x00MI")),
+        _hdf5,
+        is_raw=True,
+    ),
+)
+
+_HEAD = 128  # bytes that tell every format
+
+
+def format_of(path: Path) -> FileFormat:
+    """Return the format of a file by its first bytes, whatever its suffix.
+
+    Raises
+    ------
+    PhotographError
+        If there is no such file, it cannot be opened, or its first bytes fit no format.
+    """
+    try:
+        if path.is_dir():
+            raise PhotographError(f"{path}: is a folder; name a file in it")
+        if path.exists() and not path.is_file():  # a pipe can be read but once
+            raise PhotographError(f"{path}: is not a regular file; save it to one")
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD)
+    except FileNotFoundError as error:
+        raise PhotographError(f"{path}: no such file; check the path") from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise PhotographError(f"{path}: cannot be opened: {reason}; check the path") from error
+    if not head:
+        raise PhotographError(f"{path}: is empty; save or copy it again")
+    for row in FORMATS:
+        if any(head[offset:].startswith(known) for offset, known in row.signatures):
+            return row
+    *others, last = (row.name for row in FORMATS if row.suffixes)
+    raise PhotographError(
+        f"{path}: is no {', '.join(others)} or {last} 5 to 7 file, or is damaged at its start; "
+        "save it as one of these"
+    )
+
+
+def decode_picture(path: Path, key: str) -> Picture:
+    """Return a picture other than a photograph: a `mask` or a `hidden` image.
+
+    Raises
+    ------
+    PhotographError
+        If the file is missing, damaged, or of no format of pictures.
+    """
+    row = format_of(path)
+    if row.is_raw:
+        known = ", ".join(each.name for each in FORMATS if not each.is_raw)
+        raise PhotographError(f"{path}: is {row.name}; give a picture ({known})")
+    return row.decode(path, key, None)
+
+
+def suffixes(raw: bool = True) -> dict[str, str]:
+    """Return the names of formats by suffix, those of sensors' counts among them or not."""
+    return {suffix: row.name for row in FORMATS for suffix in row.suffixes if raw or not row.is_raw}
