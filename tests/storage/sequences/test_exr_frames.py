@@ -58,7 +58,7 @@ def test_frame_may_be_any_layer_that_a_still_may_be(save, tmp_path):
 )
 def test_exr_part_without_one_colour_image_is_named(channels, said, save, tmp_path):
     save.exr(tmp_path / "y.exr", CLIP[:2, ..., : len(channels)], channels=channels)
-    with pytest.raises(PhotographError, match=f"y.exr, frame 0: among its {said}there is not"):
+    with pytest.raises(PhotographError, match=f"y.exr, frame 0: among its {said}"):
         open_frames(tmp_path / "y.exr", SHAPE)
 
 
