@@ -21,9 +21,11 @@ PAGE = 7.16
 """Width of two columns and what is between them, inches."""
 
 COLORS = {
+    # In one figure each colour stands for one thing.
     "preconditioned": "#0072B2",
     "differencing": "#D55E00",
     "truncated-svd": "#CC79A7",
+    "noise-aware": "#009E73",
     "pseudoinverse": "#009E73",
     "bound": "#000000",
 }

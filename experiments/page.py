@@ -133,11 +133,11 @@ def run(page: Page, names: Sequence[str], setting: Setting, *, anew: bool = Fals
         if section is None or section.failure or section.made_from != made_from:
             section = replace(_attempt(page, name, setting), made_from=made_from)
             write_section(file, section)
-            took = "failed" if section.seconds is None else f"{section.seconds:.1f} s"
+            how = took(section)
         else:
-            took = "kept"
+            how = "kept"
         write_report(page, setting.out, record)
-        print(f"{name}: {section.failure or section.title} ({took})", flush=True)
+        print(f"{name}: {section.failure or section.title} ({how})", flush=True)
         failures += bool(section.failure)
     return failures
 
@@ -166,15 +166,20 @@ def write_report(page: Page, out: Path, record: Mapping[str, str]) -> None:
 
 
 def timed(experiment: Experiment, setting: Setting) -> Section:
-    """Run an experiment and note how long it took, waiting and on all processors."""
-    start, work = time.perf_counter(), time.process_time()
+    """Run an experiment and note how long it took, and the processors' time in all."""
+    start, work = time.perf_counter(), processor_seconds()
     with styled():
         section = experiment(setting)
     return replace(
         section,
         seconds=time.perf_counter() - start,
-        processor_seconds=time.process_time() - work,
+        processor_seconds=processor_seconds() - work,
     )
+
+
+def processor_seconds() -> float:
+    """Return the processors' time that this process and its finished children have taken."""
+    return sum(os.times()[:4])
 
 
 def alone(experiment: Experiment) -> None:
@@ -190,10 +195,17 @@ def command_of(experiment: Experiment) -> Callable[..., None]:
             section = timed(experiment, Setting(out, real, rendered))
         for claim in section.claims:
             print(f"{claim.what}: {claim.measured} (paper: {claim.stated}) {claim.verdict}")
-        print(f"{section.name}: {section.seconds:.1f} s")
+        print(f"{section.name}: {took(section)}")
 
     main.__doc__ = experiment.__doc__
     return main
+
+
+def took(section: Section) -> str:
+    """Return a section's times in words."""
+    if section.seconds is None or section.processor_seconds is None:
+        return "failed"
+    return f"{section.seconds:.1f} s, {section.processor_seconds:.1f} s of processors' time"
 
 
 def described(docstring: str | None) -> str:

@@ -223,7 +223,9 @@ def _page(
         if section.claims:
             yield from _claims([(None, claim) for claim in section.claims], stated)
         if section.seconds is not None:
-            yield f'<p class="time">{section.seconds:.1f} s</p>'
+            work = section.processor_seconds
+            processors = "" if work is None else f", {work:.1f} s of processors' time"
+            yield f'<p class="time">{section.seconds:.1f} s{processors}</p>'
         yield "</section>"
     if provenance:
         yield '<section id="provenance"><h2>Provenance</h2>'

@@ -15,7 +15,7 @@ from experiments.page import Page, command_of
 ROOT = Path(__file__).parents[2]
 RUNNABLE = 'if __name__ == "__main__":'
 WRITTEN_BY = ("*.py", "*.md", "*.toml", "Makefile")
-NOT_OURS = {".venv", "out", ".git", "build", "README.md"}
+NOT_OURS = {".venv", "out", ".git", "build"}
 
 
 def files():

@@ -73,7 +73,7 @@ def test_a_run_leaves_a_page_claims_and_each_section(tmp_path, capsys):
     ]
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in lines] == ["fig3", "fig8"]
-    assert all(line.endswith(" s)") for line in lines)
+    assert all(line.endswith(" s of processors' time)") for line in lines)
 
 
 def test_one_section_is_renewed_and_the_others_stay(tmp_path):
