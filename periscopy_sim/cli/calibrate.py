@@ -149,11 +149,11 @@ def _write_copy(
     staged: Path, scene: Path, values: Mapping[str, str], hidden: str, out: Path
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
-    from periscopy_sim.calibration.calibrated_scene import with_defaults
+    from periscopy_sim.calibration.calibrated_scene import write_copy
     from periscopy_sim.rendering.scene.load import load_scenario
 
-    staged.write_text(with_defaults(scene, values, staged.parent), encoding="utf-8")
     try:
+        write_copy(scene, values, staged)
         load_scenario(staged, parse_size(hidden))
     except SceneError as error:
         why = str(error).replace(str(staged), str(out))

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.calibrated_scene import with_defaults
+from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import declared_defaults
+from periscopy_sim.rendering.scene.document import declared_defaults, read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
@@ -32,11 +32,19 @@ def test_only_the_value_changes_beside_the_scene(scene):
     assert copied == SCENE.replace("""value = "0\"""", """value = "0.25\"""")
 
 
-def test_elsewhere_files_are_found_as_before(scene, tmp_path):
+def test_elsewhere_a_folder_to_search_is_all_that_is_added(scene, tmp_path):
     copied = with_defaults(scene, {}, tmp_path / "elsewhere")
-    assert f'value="{tmp_path}/meshes/chair &amp; co.ply"' in copied
-    assert f'value="{tmp_path}/meshes/$mesh.ply"' in copied
-    assert 'value="a &gt; b"' in copied
+    assert copied.replace(f'\n    <path value="{tmp_path}"/>', "", 1) == SCENE != copied
+
+
+def test_above_the_scene_its_folder_is_named_relatively(scene, tmp_path):
+    assert f'<path value="{tmp_path.name}"/>' in with_defaults(scene, {}, tmp_path.parent)
+
+
+def test_a_scene_of_one_file_stays_as_it_is_anywhere(tmp_path):
+    path = tmp_path / "scene.xml"
+    path.write_text('<scene version="3.0.0"></scene>')
+    assert with_defaults(path, {}, tmp_path / "elsewhere") == path.read_text()
 
 
 @pytest.mark.usefixtures("scene")
@@ -51,41 +59,57 @@ def test_a_default_of_an_included_file_is_declared_before_it(tmp_path):
     assert declared_defaults(copied)["dx"] == r"7\g<9>"  # as Mitsuba has it, the first one counts
 
 
-CHOSEN = """<scene version="3.0.0">
-    <default name='mesh' value='meshes/chair &amp; co.ply'/>
-    <default name="kind" value="chair"/>
+OUTER = """<scene version="3.0.0">
+    <default name="mesh" value="meshes/chair &amp; co.ply"/>
+    <default name="part" value="parts/room"/>
+    <path value="library"/>
+    <include filename="$part.xml"/>
     <shape type="ply"><string name="filename" value="$mesh"/></shape>
-    <bsdf type="diffuse"><string name="note" value="$kind"/></bsdf>
+    <shape type="ply"><string name="filename" value="sofa.ply"/></shape>
+    <bsdf type="diffuse"><spectrum name="reflectance" filename="paint.spd"/></bsdf>
+</scene>
+"""
+ROOM = """<scene version="3.0.0">
+    <shape type="ply"><string name="filename" value="meshes/wall.ply"/></shape>
+    <include filename="nook.xml"/>
 </scene>
 """
 
 
-def test_file_that_a_parameter_names_is_found_from_elsewhere(scene, tmp_path):
-    scene.write_text(CHOSEN, encoding="utf-8")
-    (tmp_path / "other.ply").touch()
-    copied = tmp_path / "elsewhere" / "copied.xml"
-    copied.parent.mkdir()
-    for values, name in [({}, "meshes/chair & co.ply"), ({"mesh": "other.ply"}, "other.ply")]:
-        copied.write_text(with_defaults(scene, values, copied.parent), encoding="utf-8")
-        assert declared_defaults(copied) == {"mesh": str(tmp_path / name), "kind": "chair"}
-        assert 'value="$mesh"' in copied.read_text()
-    assert with_defaults(scene, {}, tmp_path) == CHOSEN
-    within = with_defaults(scene, {}, tmp_path / "meshes")
-    assert "<default name='mesh' value=\"chair &amp; co.ply\"/>" in within
+@pytest.fixture
+def house(tmp_path):
+    """A scene of many files, in a folder whose name needs care."""
+    folder = tmp_path / "a $dollar & more"
+    for name in ("meshes/chair & co.ply", "meshes/wall.ply", "library/sofa.ply", "other.ply",
+                 "sofa.ply", "paint.spd"):  # fmt: skip
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    (folder / "parts").mkdir()
+    (folder / "parts" / "room.xml").write_text(ROOM)
+    (folder / "parts" / "nook.xml").write_text('<scene version="3.0.0"></scene>')
+    (folder / "outer.xml").write_text(OUTER)
+    return folder / "outer.xml"
 
 
-@pytest.mark.parametrize("value", ["absent.ply", "{folder}/meshes/chair &amp; co.ply", "meshes"])
-def test_parameter_that_names_no_file_beside_the_scene_is_kept(value, scene, tmp_path):
-    value = value.format(folder=tmp_path)
-    text = CHOSEN.replace("meshes/chair &amp; co.ply", value)
-    scene.write_text(text, encoding="utf-8")
-    assert with_defaults(scene, {}, tmp_path / "elsewhere") == text
+@pytest.mark.parametrize("place", [".", "..", "meshes", "../elsewhere", "library"])
+@pytest.mark.parametrize("mesh", ["meshes/chair & co.ply", "other.ply", "/absolute"])
+def test_a_copy_names_the_files_of_the_scene_wherever_it_lies(house, place, mesh, tmp_path):
+    copy = house.parent / place / "copied.xml"
+    copy.parent.mkdir(exist_ok=True)
+    mesh = f"{tmp_path}/mesh.ply" if mesh == "/absolute" else mesh
+    (tmp_path / "mesh.ply").touch()
+    (tmp_path / "sofa.ply").touch()  # beside a copy that lies above
+    write_copy(house, {"mesh": mesh}, copy)
+    theirs = [file.resolve() for file in read_document(house, {"mesh": mesh}).files]
+    assert len(theirs) == 7
+    assert [file.resolve() for file in read_document(copy).files[1:]] == theirs[1:]
 
 
-def test_text_too_long_for_a_files_name_is_kept(scene, tmp_path):
-    text = SCENE.replace("a &gt; b", "long " * 1000)
-    scene.write_text(text, encoding="utf-8")
-    assert with_defaults(scene, {}, tmp_path) == text
+def test_a_file_that_would_be_taken_for_the_scenes_is_refused(house, tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "room.xml").write_text(ROOM)
+    with pytest.raises(SceneError, match=r"would take '.*/parts/room.xml' for a file of"):
+        write_copy(house, {}, tmp_path / "copied.xml")
 
 
 def test_what_is_no_text_is_refused(tmp_path):

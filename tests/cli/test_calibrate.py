@@ -137,7 +137,9 @@ def test_a_photograph_of_too_few_pixels_is_refused(refused, tmp_path):
     assert "too few" in refused(*arguments)
 
 
-def test_a_copy_that_would_not_load_is_refused_before_the_search(photograph, refused, tmp_path):
+def test_a_copy_that_would_name_other_files_is_refused_before_the_search(
+    photograph, refused, tmp_path
+):
     np.save(tmp_path / "y.npy", photograph)
     folder = tmp_path / "scenes"
     shutil.copytree(ps.find_scene("chair").parent / "meshes", folder / "meshes")
@@ -146,6 +148,7 @@ def test_a_copy_that_would_not_load_is_refused_before_the_search(photograph, ref
         '<scene version="3.0.0"><include filename="whole.xml"/></scene>'
     )
     (tmp_path / "elsewhere").mkdir()
+    shutil.copy(folder / "whole.xml", tmp_path / "elsewhere")
     options = ("-D", "resolution=32", "--hidden", "6x7", "--free", "occluder_dx")
     line = refused(
         "calibrate",
@@ -156,8 +159,8 @@ def test_a_copy_that_would_not_load_is_refused_before_the_search(photograph, ref
         "--out",
         "elsewhere/found.xml",
     )
-    assert "name a file beside the scene" in line
-    assert not list((tmp_path / "elsewhere").iterdir())
+    assert "name a file beside the scene" in line and "whole.xml' for a file of" in line
+    assert [file.name for file in (tmp_path / "elsewhere").iterdir()] == ["whole.xml"]
 
 
 @pytest.mark.parametrize(

@@ -103,8 +103,8 @@ def test_undeclared_parameter_is_answered_by_the_declared_ones(refused):
         ("=24", "-D '=24' is not of the form name=value"),
         ("resolution=", "-D 'resolution=' is not of the form name=value"),
         ("resolution=fine", 'could not parse integer value "fine"'),
-        ("resolution=-24", "-24"),
-        ("resolution=0", "0x0 pixels"),
+        ("resolution=-24", "has width -24; give it a whole number from 1 on"),
+        ("resolution=0", "has width 0; give it a whole number from 1 on"),
         ("occluder_dx=left", 'could not parse floating point value "left"'),
     ],
 )

@@ -1,9 +1,19 @@
-"""The XML of a scene file, read before Mitsuba reads it: its defaults, and what would never end."""
+"""The XML of a scene file, read before Mitsuba reads it: its defaults and the files that it names.
+
+This is the only reader of which files belong to a scene: rendering, digests and copies ask here. It
+searches as Mitsuba 3.9 does (`mi.load_file`), but for the folder that the process started in. An
+included file and a spectrum are found where the tag stands: beside the documents that include it,
+then in the ``<path>`` folders so far, the latest first; an include is looked for beside its own
+document first. What plugins read (meshes, textures, volumes) is found when all is parsed: in the
+scene's ``<path>`` folders, the latest first, then beside the scene.
+"""
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from periscopy_sim.errors import SceneError
@@ -14,43 +24,158 @@ MOST_FILES = 100
 DEEPEST = 100
 """Nodes within nodes. Mitsuba descends by recursion, and a stack ends."""
 
+LONGEST = 1 << 20
+"""Characters of a value whose ``$names`` are filled in: defaults may double and double again."""
 
-def declared_defaults(path: Path) -> dict[str, str]:
-    """List the ``<default>``s of a scene file and of the files it includes.
+
+@dataclass(frozen=True)
+class SceneDocument:
+    """What a scene file and those that it includes say.
+
+    Attributes
+    ----------
+    defaults
+        Name to value of each ``<default>``, the first of its name, whatever was given instead.
+    files
+        The scene and every file that exists and that belongs to it, in the order of the text, each
+        once.
+    folders
+        Where the files of plugins are searched, in this order.
+    missing
+        Names of includes, spectra and folders that are nowhere.
+    """
+
+    defaults: dict[str, str]
+    files: tuple[Path, ...]
+    folders: tuple[Path, ...]
+    missing: tuple[str, ...]
+
+    def find(self, name: str) -> Path | None:
+        """Return the file that a plugin's ``filename`` stands for, None if there is none."""
+        return _first(name, self.folders)
+
+
+def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
+    """Return what a scene file and those that it includes say.
 
     Parameters
     ----------
     path
         The scene file.
-
-    Returns
-    -------
-    dict
-        Name to default value.
+    parameters
+        Values given for its ``<default>``s.
 
     Raises
     ------
     SceneError
-        If a file does not exist, is not XML, is nested too deeply, or includes too many files.
+        If a file does not exist, is not XML, is nested too deeply, includes itself or too many
+        files, or if a value grows without end.
     """
-    defaults: dict[str, str] = {}
-    for count, document in enumerate(_documents(path, path, ())):
-        if count > MOST_FILES:
-            raise SceneError(f"scene '{path}' includes more than {MOST_FILES} files; merge some")
-        for element in document.iter("default"):
-            # The first one counts: so it is with Mitsuba.
-            defaults.setdefault(element.get("name", ""), element.get("value", ""))
-    return defaults
+    reader = _Reader(path, parameters or {})
+    folders = [path.parent]
+    reader.read(path, folders, ())
+    files: dict[Path, Path] = {}
+    for named in reader.named:
+        file = _first(named, folders) if isinstance(named, str) else named
+        if file is not None:
+            files.setdefault(file.resolve(), file)
+    return SceneDocument(
+        reader.defaults, tuple(files.values()), tuple(folders), tuple(reader.missing)
+    )
 
 
-def parsed(path: Path) -> ET.Element:
-    """Parse an XML file.
+def declared_defaults(path: Path) -> dict[str, str]:
+    """Return the ``<default>``s of a scene file and of the files it includes, name to value.
 
     Raises
     ------
     SceneError
-        If it does not exist, is not XML, or is nested too deeply.
+        As `read_document`.
     """
+    return read_document(path).defaults
+
+
+class _Reader:
+    """A walk through a scene's documents in the order of their text, as Mitsuba parses them."""
+
+    def __init__(self, scene: Path, parameters: Mapping[str, str]) -> None:
+        self._scene = scene
+        self._values = dict(parameters)
+        self.defaults: dict[str, str] = {}
+        self.named: list[Path | str] = []
+        """Files in order, and names that plugins look for once all is parsed."""
+        self.missing: list[str] = []
+        self._documents = 0
+
+    def read(self, document: Path, folders: list[Path], including: tuple[Path, ...]) -> None:
+        """Read a document, and those that it includes; its ``<path>`` tags join the folders."""
+        identity = document.resolve()
+        if identity in including:
+            raise SceneError(
+                f"scene '{self._scene}': '{document.name}' includes itself; leave that out"
+            )
+        self._documents += 1
+        if self._documents > 1 + MOST_FILES:
+            raise SceneError(
+                f"scene '{self._scene}' includes more than {MOST_FILES} files; merge some"
+            )
+        self.named.append(document)
+        for element in _parsed(document).iter():
+            nearer = [document.parent, *folders]
+            attributes = {name: self._filled(text) for name, text in element.attrib.items()}
+            match element.tag, attributes:
+                case "default", {"name": name, "value": value}:
+                    self.defaults.setdefault(name, value)
+                    self._values.setdefault(name, value)
+                case "path", {"value": name}:
+                    folders[:0] = self._found(name, nearer, Path.exists)
+                case "include", {"filename": name}:
+                    for included in self._found(name, nearer):
+                        self.read(included, nearer, (*including, identity))
+                case "spectrum", {"filename": name}:
+                    self.named += self._found(name, folders)
+                case "string", {"name": "filename", "value": name}:
+                    self.named.append(name)
+
+    def _found(
+        self, name: str, folders: Sequence[Path], kind: Callable[[Path], bool] = Path.is_file
+    ) -> list[Path]:
+        """Return the first file of a name, alone, or nothing, and note that it is missing."""
+        path = _first(name, folders, kind)
+        if path is None:
+            self.missing.append(name)
+        return [] if path is None else [path]
+
+    def _filled(self, text: str) -> str:
+        """Fill the values of parameters in, the longest names first, but for an escaped dollar."""
+        if "$" not in text:
+            return text
+        for name in sorted(self._values, key=len, reverse=True):
+            value = self._values[name]
+            if len(text) + text.count(f"${name}") * len(value) > LONGEST:
+                raise SceneError(
+                    f"scene '{self._scene}': with '${name}' filled in, a value has more than "
+                    f"{LONGEST} characters; shorten it"
+                )
+            text = re.sub(rf"(?<!\\)\${re.escape(name)}", value.replace("\\", r"\\"), text)
+        return text.replace("\\$", "$")
+
+
+def _first(
+    name: str, folders: Sequence[Path], kind: Callable[[Path], bool] = Path.is_file
+) -> Path | None:
+    """Return the first file of a name, or whatever else exists of it, in the folders."""
+    for folder in folders:
+        try:
+            if kind(folder / name):
+                return folder / name
+        except (OSError, ValueError):  # no file system has such a name
+            return None
+    return None
+
+
+def _parsed(path: Path) -> ET.Element:
+    """Return the root of an XML file."""
     if not path.is_file():
         raise SceneError(f"no scene file at '{path}'")
     root: ET.Element | None = None
@@ -63,27 +188,9 @@ def parsed(path: Path) -> ET.Element:
                 raise SceneError(f"scene '{path}' nests more than {DEEPEST} nodes; flatten it")
     except SceneError:
         raise
+    except OSError as error:
+        raise SceneError(f"scene '{path}' cannot be read: {error.strerror}") from None
     except (ET.ParseError, LookupError, ValueError) as error:
         raise SceneError(f"scene '{path}' is not well-formed XML: {error}") from None
     assert root is not None
     return root
-
-
-def _documents(path: Path, scene: Path, including: tuple[Path, ...]) -> Iterator[ET.Element]:
-    """Yield a document and those that it includes, once for each inclusion."""
-    document = parsed(path)
-    yield document
-    for element in document.iter("include"):
-        included = path.parent / element.get("filename", "")
-        if exists(included):
-            if included.resolve() in (*including, path.resolve()):
-                raise SceneError(f"scene '{scene}': '{included.name}' includes itself; mend that")
-            yield from _documents(included, scene, (*including, path.resolve()))
-
-
-def exists(path: Path) -> bool:
-    """Tell whether a name in a scene is that of a file; no file system has some names."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False

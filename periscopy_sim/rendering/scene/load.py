@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.nodes import SceneNodes, one_line
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.parsing import one_line
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario
 from periscopy_sim.shipped import find_scene

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
-from periscopy_sim.rendering.scene.document import declared_defaults, exists, parsed
-from periscopy_sim.rendering.scene.meshes import check_mesh
+from periscopy_sim.rendering.scene.parsing import one_line, parse, searching
 from periscopy_sim.scenario import EmissionProfile
 
 
@@ -35,8 +34,7 @@ class SceneNodes:
     Raises
     ------
     SceneError
-        If the file is missing or malformed, a parameter is not declared in it, a required id or a
-        mesh file is missing.
+        As `parse`, or if a required node is missing, or is no plain shape or sensor of the scene.
     """
 
     def __init__(
@@ -45,32 +43,16 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        import mitsuba as mi
-
         self.path = Path(path)
-        parameters = dict(parameters or {})
-        declared = declared_defaults(self.path)
-        for name in parameters:
-            if name not in declared:
-                known = ", ".join(f"{key} (default {value})" for key, value in declared.items())
-                raise SceneError(
-                    f"scene '{self.path}' declares no parameter '{name}'; "
-                    + (f"it declares {known}" if known else "it declares none")
-                )
-        self._config = mi.parser.ParserConfig(mi.variant())
-        # Merging meshes would lose their ids.
-        self._config.merge_meshes = False
-        self._config.merge_equivalent = False
-        values = {name: str(value) for name, value in parameters.items()}
-        try:
-            self._state = mi.parser.parse_file(self._config, str(self.path), **values)
-            mi.parser.transform_all(self._config, self._state)
-        except (RuntimeError, ValueError) as error:
-            raise SceneError(f"scene '{self.path}': {one_line(error)}") from None
-        self._resolve_files()
-        contract = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
-        for name, kind in (contract if required is None else required).items():
-            self._require(name, kind)
+        self._config, self._state = parse(self.path, parameters or {})
+        if required is None:
+            required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
+        found = {self._require(name, kind) for name, kind in required.items()}
+        if len(found) < len(required):
+            raise SceneError(
+                f"scene '{self.path}': two of the ids {', '.join(required)} name one node by an "
+                "alias; give each its own"
+            )
         self._straighten_monitor()
 
     # -- reading ---------------------------------------------------------------------------------
@@ -95,10 +77,8 @@ class SceneNodes:
 
     def wall_material(self) -> str:
         """Name the wall's BSDF plugin, for messages."""
-        for child in self._children(self._by_id("wall")):
-            if str(child.type).endswith("BSDF"):
-                return str(child.props.plugin_name())
-        return "default"
+        materials = self._children(self._by_id("wall"), "BSDF")
+        return str(materials[0][1].plugin_name()) if materials else "default"
 
     # -- editing ---------------------------------------------------------------------------------
 
@@ -150,14 +130,11 @@ class SceneNodes:
 
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""
-        kept = self._monitor_emitter()
+        monitor = self._by_id("monitor")
         for node in self._state.nodes:
-            for key in node.props.keys():  # noqa: SIM118 (Properties do not iterate)
-                child = self._child(node.props, key)
-                if child is None or not str(child.type).endswith("Emitter"):
-                    continue
-                if child.props is not kept and child.props != kept:
-                    del node.props[key]
+            lights = self._children(node.props, "Emitter")
+            for key, _ in lights[1:] if node.props is monitor else lights:
+                del node.props[key]
 
     def average_pixels(
         self, film_size: tuple[int, int] | None = None, *, sensor: str = "camera"
@@ -181,22 +158,16 @@ class SceneNodes:
         import mitsuba as mi
 
         film = self._film(sensor)
-        if film is None:
-            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
-        for key in list(film.keys()):
-            child = self._child(film, key)
-            if child is not None and str(child.type).endswith("ReconstructionFilter"):
-                del film[key]
+        for key, _ in self._children(film, "ReconstructionFilter"):
+            del film[key]
         film["rfilter"] = mi.load_dict({"type": "box"})
         film["pixel_format"] = "rgb"
         film["component_format"] = "float32"
         if film_size is not None:
             film["height"], film["width"] = film_size
         camera = self._by_id(sensor)
-        for key in list(camera.keys()):
-            child = self._child(camera, key)
-            if child is not None and str(child.type).endswith("Sampler"):
-                del camera[key]
+        for key, _ in self._children(camera, "Sampler"):
+            del camera[key]
         # Not ldsampler: its dimensions are correlated; its error on bounced light stalls at 1 %.
         camera["sampler"] = mi.load_dict({"type": "multijitter"})
 
@@ -217,7 +188,8 @@ class SceneNodes:
         state, self._state = self._state, None
         refused = ""
         try:
-            built = mi.parser.instantiate(self._config, state)
+            with searching():
+                built = mi.parser.instantiate(self._config, state)
         except (RuntimeError, ValueError) as error:
             refused = one_line(error)
         # What was built of a refused scene must go at once: Dr.Jit would trace an emitter that
@@ -235,27 +207,25 @@ class SceneNodes:
     def _by_id(self, name: str) -> Any:
         return self._state.nodes[self._state.id_to_index[name]].props
 
-    def _child(self, props: Any, key: str) -> Any:
+    def _children(self, props: Any, kind: str) -> list[tuple[str, Any]]:
+        """Return the children of a kind, each by the name under which the node holds it."""
         import mitsuba as mi
 
-        if props.type(key) != mi.Properties.Type.ResolvedReference:
-            return None
-        return self._state.nodes[props[key].index()]
-
-    def _children(self, props: Any) -> Iterator[Any]:
-        for key in props.keys():  # noqa: SIM118 (Properties do not iterate)
-            child = self._child(props, key)
-            if child is not None:
-                yield child
+        nodes = {
+            key: self._state.nodes[props[key].index()]
+            for key in props.keys()  # noqa: SIM118 (Properties do not iterate)
+            if props.type(key) == mi.Properties.Type.ResolvedReference
+        }
+        return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
 
     def _monitor_emitter(self) -> Any:
-        for child in self._children(self._by_id("monitor")):
-            if str(child.type).endswith("Emitter"):
-                return child.props
-        raise SceneError(
-            f"scene '{self.path}': shape 'monitor' has no emitter; "
-            'give it one, for example <emitter type="area"> with a radiance'
-        )
+        emitters = self._children(self._by_id("monitor"), "Emitter")
+        if not emitters:
+            raise SceneError(
+                f"scene '{self.path}': shape 'monitor' has no emitter; "
+                'give it one, for example <emitter type="area"> with a radiance'
+            )
+        return emitters[0][1]
 
     def _straighten_monitor(self) -> None:
         """Rewrite a flipped or mirrored rectangle as a plain one with the same emitting side.
@@ -272,7 +242,7 @@ class SceneNodes:
             return
         to_world = monitor.get("to_world", mi.ScalarTransform4f())
         if not np.isfinite(np.array(to_world.matrix)).all():
-            raise SceneError(f"scene '{self.path}': the monitor's to_world is not finite; mend it")
+            raise SceneError(f"scene '{self.path}': the monitor's to_world is not finite; fix it")
         if monitor.get("flip_normals", False):
             to_world = to_world @ type(to_world)().scale([1, 1, -1])
             del monitor["flip_normals"]
@@ -281,43 +251,39 @@ class SceneNodes:
         monitor["to_world"] = to_world
 
     def _film(self, sensor: str) -> Any:
-        for child in self._children(self._by_id(sensor)):
-            if str(child.type).endswith("Film") and child.props.plugin_name() == "hdrfilm":
-                return child.props
-        return None
-
-    def _require(self, name: str, kind: str) -> None:
-        found = self._state.id_to_index
-        if name in found and str(self._state.nodes[found[name]].type).endswith(kind):
-            return
-        others = ", ".join(f"'{props.id()}'" for props in self._of_type(kind)) or "none"
-        raise SceneError(
-            f"scene '{self.path}' has no {kind.lower()} with id '{name}' "
-            f"(its {kind.lower()}s: {others})"
-        )
-
-    def _resolve_files(self) -> None:
-        # Mitsuba looks beside the scene and in the folders of its <path> tags.
-        tags = parsed(self.path).iter("path")
-        folders = [self.path.parent, *(self.path.parent / tag.get("value", "") for tag in tags)]
-        for node in self._state.nodes:
-            if "filename" not in node.props:
-                continue
-            name = node.props["filename"]
-            file = next((f / name for f in folders if exists(f / name)), folders[0] / name)
-            what = f"{node.props.plugin_name()} '{node.props.id()}'"
-            if not exists(file):
-                raise SceneError(f"scene '{self.path}': {what} names a missing file '{file}'")
-            if file.stat().st_size == 0:
-                raise SceneError(f"scene '{self.path}': {what} names an empty file '{file}'")
-            try:
-                check_mesh(file, node.props.plugin_name())
-            except ValueError as error:
+        """Return a sensor's film, its sizes checked."""
+        films = [props for _, props in self._children(self._by_id(sensor), "Film")]
+        if not films or films[0].plugin_name() != "hdrfilm":
+            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
+        for name in ("width", "height", "crop_width", "crop_height"):
+            size = films[0].get(name, 1)
+            if not isinstance(size, int) or size < 1:
                 raise SceneError(
-                    f"scene '{self.path}': {what}: the file '{file}' {error}; export it again"
-                ) from None
-            # Absolute, since Mitsuba searches the folder that the process started in.
-            node.props["filename"] = str(file.resolve())
+                    f"scene '{self.path}': the film of sensor '{sensor}' has {name} {size}; give "
+                    "it a whole number from 1 on"
+                )
+        return films[0]
+
+    def _require(self, name: str, kind: str) -> int:
+        """Return the index of a node that the scene must have; its id becomes an alias's name."""
+        where, what = f"scene '{self.path}'", kind.lower()
+        index: int = self._state.id_to_index.get(name, -1)
+        if index < 0 or not str(self._state.nodes[index].type).endswith(kind):
+            others = ", ".join(f"'{props.id()}'" for props in self._of_type(kind)) or "none"
+            raise SceneError(f"{where} has no {what} with id '{name}' (its {what}s: {others})")
+        props = self._state.nodes[index].props
+        if props.plugin_name() in ("instance", "shapegroup", "merge"):
+            raise SceneError(
+                f"{where}: {what} '{name}' is of type '{props.plugin_name()}', which has no "
+                "surface of its own; give the id to a plain shape"
+            )
+        in_scene = self._children(self._state.root.props, kind)
+        if not any(child is props for _, child in in_scene):
+            raise SceneError(
+                f"{where}: {what} '{name}' lies within another shape; put it into the scene itself"
+            )
+        props.set_id(name)
+        return index
 
 
 def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
@@ -343,10 +309,3 @@ def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray
         if texture.shape[axis] == 1:
             texture = np.repeat(texture, 2, axis)
     return np.ascontiguousarray(texture)
-
-
-def one_line(error: BaseException) -> str:
-    """Give Mitsuba's reason without the source file that complains."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines)
-    return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

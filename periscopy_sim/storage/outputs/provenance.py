@@ -8,10 +8,8 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from string import Template
-from xml.etree import ElementTree
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import read_document
 
 _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
 
@@ -23,7 +21,7 @@ def provenance(
     command: Sequence[str],
     parameters: Mapping[str, str] | None = None,
 ) -> dict[str, object]:
-    """Record what a result was made from, ready for JSON.
+    """Return what a result was made from, ready for JSON.
 
     Parameters
     ----------
@@ -62,16 +60,15 @@ def provenance(
 
 
 def as_text(record: Mapping[str, object]) -> dict[str, str]:
-    """Text of a record for the metadata of an image, without its empty entries."""
+    """Return a record as text for the metadata of an image, without its empty entries."""
     return {name: str(value) for name, value in record.items() if value is not None}
 
 
 def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> str:
-    """Digest of a scene file and of every file it refers to.
+    """Return the digest of a scene file and of every file that it names.
 
-    These are its `filename` strings and includes, theirs in turn, in the order of the document
-    and relative to its folder or the scene's, with its defaults, or the parameters given instead,
-    filled in. Files that do not exist are skipped. The scene's own folder does not matter.
+    The order is that of the text, as `periscopy_sim.rendering.scene.document` reads it, with the
+    scene's defaults, or the parameters given instead. The scene's own folder does not matter.
 
     Raises
     ------
@@ -79,52 +76,14 @@ def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> st
         If a scene file cannot be read or is not well-formed XML.
     """
     digest = hashlib.sha256()
-    for path in _scene_files(scene, scene.parent, set(), parameters or {}):
+    for path in read_document(scene, parameters).files:
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
 
 
-def _scene_files(
-    document: Path, folder: Path, seen: set[Path], parameters: Mapping[str, str]
-) -> Iterator[Path]:
-    """Yield a scene document, then each existing file it refers to, each file once."""
-    seen.add(document.resolve())
-    try:
-        root = ElementTree.fromstring(document.read_bytes())
-    except (OSError, ElementTree.ParseError, LookupError, ValueError) as error:
-        raise SceneError(f"{document}: cannot be read as a scene: {error}; mend the XML") from error
-    yield document
-    for name, included in _references(root, parameters):
-        found = next((p for p in (document.parent / name, folder / name) if p.is_file()), None)
-        if found is None or found.resolve() in seen:
-            continue
-        if included:
-            yield from _scene_files(found, folder, seen, parameters)
-        else:
-            seen.add(found.resolve())
-            yield found
-
-
-def _references(
-    root: ElementTree.Element, parameters: Mapping[str, str]
-) -> Iterator[tuple[str, bool]]:
-    """File names in a scene document, and whether each is an included document."""
-    defaults = {e.get("name", ""): e.get("value", "") for e in root.iter("default")}
-    defaults |= parameters
-    for element in root.iter():
-        if element.tag == "include":
-            name = element.get("filename")
-        elif element.tag == "string" and element.get("name") == "filename":
-            name = element.get("value")
-        else:
-            continue
-        if name:
-            yield Template(name).safe_substitute(defaults), element.tag == "include"
-
-
 def _version(package: str) -> str:
-    """Version of an installed package, without importing it."""
+    """Return the version of an installed package, without importing it."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -142,5 +101,5 @@ def _without_output(command: Sequence[str]) -> Iterator[str]:
 
 
 def _printable(text: str) -> str:
-    """Text with undecodable bytes of file names spelled out, so that every format can hold it."""
+    """Return text with undecodable bytes of file names spelled out: every format can hold it."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -1,7 +1,11 @@
+import random
+
+import mitsuba as mi
+import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import declared_defaults
+from periscopy_sim.rendering.scene.document import declared_defaults, read_document
 
 ROOM = '<scene version="3.0.0">{}</scene>'
 
@@ -61,3 +65,109 @@ def test_what_is_no_xml_is_refused(tmp_path, text):
 def test_include_of_no_file_is_left_to_mitsuba(tmp_path, name):
     text = ROOM.format(f'<default name="a" value="1"/><include filename="{name}"/>')
     assert declared_defaults(written(tmp_path / "a.xml", text)) == {"a": "1"}
+
+
+def test_values_that_double_with_every_default_are_refused(tmp_path):
+    doubling = "".join(
+        f'<default name="l{k}." value="{f"$l{k - 1}." * 10}"/>' for k in range(1, 12)
+    )
+    text = ROOM.format('<default name="l0." value="ha"/>' + doubling)
+    assert "filled in, a value has more than" in refusal(written(tmp_path / "a.xml", text))
+
+
+def test_defaults_are_filled_in_longest_name_first_but_for_an_escaped_dollar(tmp_path):
+    text = (
+        '<default name="a" value="1"/><default name="ab" value="2\\1"/>'
+        '<default name="c" value="$ab$a\\$a$b"/>'
+    )
+    path = written(tmp_path / "a.xml", ROOM.format(text))
+    assert declared_defaults(path)["c"] == "2\\11$a$b"
+    # What is given is filled in; what is declared is told.
+    given = read_document(path, {"a": "3"}).defaults
+    assert given == {"a": "1", "ab": "2\\1", "c": "2\\13$a$b"}
+
+
+# -- which files, held against Mitsuba -------------------------------------------------------------
+
+FOLDERS = [".", "m", "m/n", "parts", "parts/m"]
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    "{0} 0 0\n0 1 0\n0 0 1\n3 0 1 2\n"
+)
+
+
+@pytest.fixture
+def library(tmp_path, variant):  # noqa: ARG001 (needs a variant)
+    """Files of the same names in several folders, each of its own content."""
+
+    def fill(chance):
+        for number, name in enumerate(FOLDERS, 1):
+            folder = tmp_path / name
+            folder.mkdir(exist_ok=True)
+            for k in range(2):
+                (folder / f"mesh{k}.ply").write_text(PLY.format(number + k / 2))
+                value = (number + k / 2) / 10
+                (folder / f"paint{k}.spd").write_text(f"300 {value}\n900 {value}\n")
+                (folder / f"part{k}.xml").write_text(ROOM.format(tags(chance, 1 + k)))
+            for path in list(folder.glob("*.*")):
+                if chance.random() < 0.4:
+                    path.unlink()
+        default = f'<default name="f" value="{chance.choice(FOLDERS)}"/>'
+        return written(tmp_path / "scene.xml", ROOM.format(default + tags(chance, 0)))
+
+    return fill
+
+
+def tags(chance, level):
+    """Random tags that name files; a part includes only parts of a higher number."""
+    ids = (f"n{chance.getrandbits(60)}" for _ in range(99))
+    found = []
+    for _ in range(chance.randrange(1, 5)):
+        folder = chance.choice(["", "", "$f/", *(f"{name}/" for name in FOLDERS)])
+        k = chance.randrange(2)
+        found += [
+            chance.choice(
+                [
+                    f'<path value="{chance.choice(FOLDERS)}"/>',
+                    f'<shape type="ply"><string name="filename" value="{folder}mesh{k}.ply"/>'
+                    "</shape>",
+                    f'<bsdf type="diffuse" id="{next(ids)}"><spectrum name="reflectance" '
+                    f'filename="{folder}paint{k}.spd"/></bsdf>',
+                    f'<include filename="{folder}part{chance.randrange(level, 2)}.xml"/>'
+                    if level < 2
+                    else "",
+                ]
+            )
+        ]
+    return "".join(found)
+
+
+def outcome(path):
+    """What Mitsuba makes of a scene, sorted, since it merges meshes in any order; or None."""
+    try:
+        scene = mi.load_file(str(path))
+    except RuntimeError:
+        return None
+    places = [str(np.ravel(shape.bbox().max)) for shape in scene.shapes()]
+    return sorted(places + str(scene).splitlines())
+
+
+def test_files_are_those_that_mitsuba_opens(library, tmp_path):
+    """Take each file away in turn: what Mitsuba makes of the scene changes if the file is named."""
+    loaded, named = 0, 0
+    for seed in range(40):
+        scene = library(random.Random(seed))
+        whole = outcome(scene)
+        if whole is None:
+            continue
+        loaded += 1
+        files = {file.resolve() for file in read_document(scene).files}
+        for path in sorted(tmp_path.rglob("*.*")):
+            if path == scene:
+                continue
+            named += path.resolve() in files
+            hidden = path.rename(path.with_suffix(".away"))
+            assert (outcome(scene) != whole) == (path.resolve() in files), (seed, path)
+            hidden.rename(path)
+    assert loaded > 6 and named > 15

@@ -374,3 +374,131 @@ def test_files_are_found_in_the_folders_that_the_scene_names(room, tmp_path):
     )
     path = room.write('<path value="m"/>' + mesh("sofa.ply"))
     assert [shape.name for shape in load_scenario(path, (1, 1)).occluders] == ["sofa"]
+
+
+def triangle(path, x):
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"{x} 0.5 0.2\n0.5 0.5 0.2\n0.4 0.5 0.3\n3 0 1 2\n"
+    )
+
+
+def test_a_folder_that_the_scene_names_comes_before_its_own_as_in_mitsuba(room, tmp_path):
+    import mitsuba as mi
+
+    triangle(tmp_path / "sofa.ply", 0.41)
+    triangle(tmp_path / "m" / "sofa.ply", 0.42)
+    path = room.write(mesh("sofa.ply") + '<path value="m"/>')
+    (sofa,) = load_scenario(path, (1, 1)).occluders
+    assert sofa.vertices[0, 0] == pytest.approx(0.42)
+    theirs = next(shape for shape in mi.load_file(str(path)).shapes() if shape.id() == "sofa")
+    assert theirs.bbox().min.x == pytest.approx(0.4)
+
+
+def test_folders_that_a_scene_names_are_its_own_alone(room, tmp_path):
+    import mitsuba as mi
+
+    before = [str(folder) for folder in mi.file_resolver()]
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "ball.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
+    include = '<include filename="ball.xml"/>'
+    assert SceneNodes(room.write('<path value="m"/>', include)).shape_names()[-1] == "ball"
+    assert [str(folder) for folder in mi.file_resolver()] == before
+    assert '"ball.xml" not found' in refusal(room.write(include))
+
+
+@pytest.mark.parametrize(
+    "tag",
+    [
+        '<include filename="work.xml"/>',
+        '<path value="folder"/>',
+        '<bsdf type="diffuse"><spectrum name="reflectance" filename="paint.spd"/></bsdf>',
+        mesh("sofa.ply"),
+    ],
+)
+def test_no_file_is_taken_from_the_folder_that_the_process_started_in(
+    room, tmp_path, monkeypatch, tag
+):
+    import mitsuba as mi
+
+    work = tmp_path / "work"
+    (work / "folder").mkdir(parents=True)
+    (work / "work.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
+    (work / "paint.spd").write_text("300 0.25\n900 0.25\n")
+    triangle(work / "sofa.ply", 0.4)
+    monkeypatch.chdir(work)
+    path = room.write(tag)
+    assert len(mi.load_file(str(path)).shapes()) >= 2
+    assert "names a missing file" in refusal(path)
+
+
+def test_spectrum_is_found_beside_the_scene(room, tmp_path, monkeypatch):
+    (tmp_path / "paint.spd").write_text("300 0.25\n900 0.25\n")
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    paint = '<bsdf type="diffuse"><spectrum name="reflectance" filename="paint.spd"/></bsdf>'
+    scenario = load_scenario(room.write(wall=room.wall(paint)), (1, 1))
+    np.testing.assert_allclose(scenario.wall_reflectance, 0.25, rtol=2e-3)
+
+
+# -- the id contract -----------------------------------------------------------------------------
+
+
+def test_an_alias_serves_as_the_wall(room):
+    wall = room.wall().replace('id="wall"', 'id="board"') + '<alias id="board" as="wall"/>'
+    aliased, plain = room.load(wall=wall), room.load()
+    np.testing.assert_array_equal(aliased.wall_points, plain.wall_points)
+    assert aliased.occluders == ()
+    camera = room.camera().replace('id="camera"', 'id="eye"') + '<alias id="eye" as="camera"/>'
+    np.testing.assert_array_equal(room.load(camera=camera).wall_points, plain.wall_points)
+
+
+def test_one_shape_by_two_names_is_refused(room):
+    path = room.write('<alias id="wall" as="monitor"/>', monitor="")
+    assert "two of the ids wall, monitor, camera name one node" in refusal(path)
+
+
+@pytest.mark.parametrize("part", ["wall", "monitor"])
+@pytest.mark.parametrize("holder", ["shapegroup", "merge"])
+def test_shape_within_another_is_refused_by_name(room, part, holder):
+    inner = getattr(room, part)()
+    group = f'<shape type="{holder}" id="group">{inner}</shape>'
+    shown = '<shape type="instance" id="shown"><ref id="group"/></shape>'
+    path = room.write(**{part: group + (shown if holder == "shapegroup" else "")})
+    assert f"shape '{part}' lies within another shape; put it into" in refusal(path)
+
+
+def test_instance_as_the_wall_is_refused_by_its_type(room):
+    group = f'<shape type="shapegroup" id="group">{room.wall()}</shape>'.replace("wall", "board")
+    wall = group + '<shape type="instance" id="wall"><ref id="group"/></shape>'
+    assert "shape 'wall' is of type 'instance', which has no surface" in refusal(
+        room.write(wall=wall)
+    )
+
+
+@pytest.mark.parametrize("size", [(-3, 6), (5, 0)])
+def test_film_without_pixels_is_refused(room, size):
+    nodes = SceneNodes(room.write(camera=room.camera(size)))
+    name, wrong = ("height", -3) if size[0] < 1 else ("width", 0)
+    with pytest.raises(SceneError, match=f"has {name} {wrong}; give it a whole number from 1 on"):
+        nodes.average_pixels()
+
+
+@pytest.mark.parametrize("crop", ["crop_width", "crop_height"])
+def test_crop_without_pixels_is_refused(room, crop):
+    camera = room.camera(inside_film=f'<integer name="{crop}" value="-1"/>')
+    with pytest.raises(SceneError, match=f"has {crop} -1; give it a whole number from 1 on"):
+        SceneNodes(room.write(camera=camera)).average_pixels()
+
+
+def test_mesh_format_that_mitsuba_does_not_read_is_refused_with_what_to_do(room, tmp_path):
+    (tmp_path / "sofa.stl").write_bytes(b"solid")
+    message = refusal(room.write(mesh("sofa.stl").replace("ply", "stl")))
+    assert "stl 'sofa': Mitsuba reads no STL files; convert 'sofa.stl' to PLY" in message
+
+
+def test_name_that_is_no_text_is_left_to_mitsuba(room):
+    odd = '<shape type="ply" id="sofa"><float name="filename" value="1"/></shape>'
+    assert "filename" in refusal(room.write(odd))

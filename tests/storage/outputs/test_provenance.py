@@ -1,3 +1,4 @@
+import hashlib
 import json
 import platform
 import shutil
@@ -12,33 +13,47 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 
 SCENE = """<scene version="3.0.0">
-  <default name="texture" value="hidden.png"/>
+  <path value="library"/>
+  <default name="texture" value="hidden"/>
   <include filename="parts/room.xml"/>
   <shape type="ply"><string name="filename" value="meshes/chair.ply"/></shape>
-  <texture type="bitmap"><string name="filename" value="$texture"/></texture>
+  <shape type="serialized" id="sofa"><string name="filename" value="sofa.serialized"/></shape>
+  <alias id="sofa" as="couch"/>
+  <texture type="bitmap"><string name="filename" value="$texture.png"/></texture>
+  <bsdf type="diffuse"><spectrum name="reflectance" filename="paint.spd"/></bsdf>
+  <volume type="gridvolume"><string name="filename" value="fog.vol"/></volume>
   <string name="note" value="notes.txt"/>
   <shape type="ply"><string name="filename" value="missing.ply"/></shape>
 </scene>"""
 ROOM = """<scene version="3.0.0">
-  <shape type="obj"><string name="filename" value="wall.obj"/></shape>
+  <default name="part" value="nook"/>
+  <shape type="obj"><string name="filename" value="parts/wall.obj"/></shape>
   <shape type="ply"><string name="filename" value="meshes/table.ply"/></shape>
   <shape type="ply"><string name="filename" value="meshes/chair.ply"/></shape>
-  <include filename="../chair.xml"/>
+  <include filename="$part.xml"/>
 </scene>"""
+NOOK = '<emitter version="3.0.0" type="envmap"><string name="filename" value="sky.exr"/></emitter>'
 REFERRED = [
     "parts/room.xml",
     "parts/wall.obj",
     "meshes/table.ply",
     "meshes/chair.ply",
+    "parts/nook.xml",
+    "sky.exr",
+    "library/sofa.serialized",
     "hidden.png",
+    "library/paint.spd",
+    "library/fog.vol",
 ]
+OTHERS = ["notes.txt", "parts/wall.mtl", "fog.vol", "parts/sky.exr", "$texture.png"]
+"""Mitsuba reads no materials of an OBJ file; the others have a name that lies elsewhere."""
 
 
 @pytest.fixture
 def scene(tmp_path):
     folder = tmp_path / "scenes"
-    files = dict.fromkeys([*REFERRED, "notes.txt"], "contents")
-    files |= {"chair.xml": SCENE, "parts/room.xml": ROOM}
+    files = dict.fromkeys([*REFERRED, *OTHERS], "contents")
+    files |= {"chair.xml": SCENE, "parts/room.xml": ROOM, "parts/nook.xml": NOOK}
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(content)
@@ -81,9 +96,17 @@ def test_digest_changes_with_every_file_of_the_scene(scene, name):
     assert scene_sha256(scene) != before
 
 
+def test_digest_is_that_of_the_files_in_the_order_of_the_text(scene):
+    digest = hashlib.sha256()
+    for name in ("chair.xml", *REFERRED):
+        digest.update(hashlib.sha256((scene.parent / name).read_bytes()).digest())
+    assert scene_sha256(scene) == digest.hexdigest()
+
+
 def test_digest_does_not_change_with_other_files_or_the_place(scene, tmp_path):
     before = scene_sha256(scene)
-    (scene.parent / "notes.txt").write_text("changed")
+    for name in OTHERS:
+        (scene.parent / name).write_text("changed")
     copy = shutil.copytree(scene.parent, tmp_path / "copy")
     assert scene_sha256(copy / "chair.xml") == before
 
@@ -121,7 +144,7 @@ def test_versions_are_found_without_importing_the_packages():
 def test_files_named_by_a_parameter_are_those_digested(scene):
     other = scene.with_name("other.png")
     other.write_text("other contents")
-    chosen = {"texture": "other.png"}
+    chosen = {"texture": "other"}
     digest = scene_sha256(scene, chosen)
     assert digest != scene_sha256(scene)
     other.write_text("changed contents")

@@ -1,0 +1,120 @@
+"""A scene file parsed by Mitsuba: its parameters known, its files found, its meshes sound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from threading import RLock
+from typing import Any
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import SceneDocument, read_document
+from periscopy_sim.rendering.scene.meshes import check_mesh
+
+OTHER_MESHES = ("stl", "off", "glb", "gltf", "dae", "fbx", "3ds")
+"""Mesh formats that Mitsuba does not read."""
+
+_SEARCH = RLock()
+"""Held while Mitsuba's search folders, which the process shares, are a scene's own."""
+
+
+def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
+    """Return Mitsuba's nodes of a scene file, with files by absolute names.
+
+    Parameters
+    ----------
+    path
+        The scene file.
+    parameters
+        Values for its ``<default>``s.
+
+    Returns
+    -------
+    configuration, state
+        What `mitsuba.parser.instantiate` takes.
+
+    Raises
+    ------
+    SceneError
+        If a file is missing or malformed, or a parameter is not declared in the scene.
+    """
+    import mitsuba as mi
+
+    document = read_document(path, parameters)
+    known = ", ".join(f"{name} (default {text})" for name, text in document.defaults.items())
+    for name in parameters:
+        if name not in document.defaults:
+            raise SceneError(
+                f"scene '{path}' declares no parameter '{name}'; it declares {known or 'none'}"
+            )
+    config = mi.parser.ParserConfig(mi.variant())
+    # Merging meshes would lose their ids.
+    config.merge_meshes = False
+    config.merge_equivalent = False
+    values = {name: str(value) for name, value in parameters.items()}
+    try:
+        with searching(path.parent):
+            state = mi.parser.parse_file(config, str(path), **values)
+        mi.parser.transform_all(config, state)
+    except (RuntimeError, ValueError) as error:
+        raise SceneError(f"scene '{path}': {one_line(error)}") from None
+    if document.missing:  # Mitsuba looks where the process started, too
+        raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
+    for node in state.nodes:
+        if isinstance(node.props.get("filename"), str):
+            # Absolute, since Mitsuba would search other folders, too.
+            node.props["filename"] = str(_file_of(node.props, document, path).resolve())
+    return config, state
+
+
+def _file_of(props: Any, document: SceneDocument, path: Path) -> Path:
+    """Return the file that a plugin reads."""
+    name, plugin = props["filename"], props.plugin_name()
+    where = f"scene '{path}': {plugin} '{props.id()}'"
+    if plugin in OTHER_MESHES:
+        raise SceneError(
+            f"{where}: Mitsuba reads no {plugin.upper()} files; convert '{name}' to PLY (pip "
+            "install trimesh; trimesh.load(...).export('mesh.ply')) and make its type 'ply'"
+        )
+    file = document.find(name)
+    if file is None:
+        raise SceneError(f"{where} names a missing file '{path.parent / name}'")
+    if file.stat().st_size == 0:
+        raise SceneError(f"{where} names an empty file '{file}'")
+    try:
+        check_mesh(file, plugin)
+    except ValueError as error:
+        raise SceneError(f"{where}: the file '{file}' {error}; export it again") from None
+    return file
+
+
+@contextmanager
+def searching(*folders: Path) -> Iterator[None]:
+    """Let Mitsuba search these folders and its own alone, not the one the process started in.
+
+    Its parser also leaves a scene's ``<path>`` folders behind for every scene that follows.
+    """
+    import mitsuba as mi
+
+    resolver = mi.file_resolver()
+    with _SEARCH:
+        before = [str(folder) for folder in resolver]
+        _search(resolver, [*map(str, folders), *mi.__path__])
+        try:
+            yield
+        finally:
+            _search(resolver, before)
+
+
+def _search(resolver: Any, folders: list[str]) -> None:
+    resolver.clear()
+    for folder in folders:
+        resolver.append(folder)
+
+
+def one_line(error: BaseException) -> str:
+    """Give Mitsuba's reason without the source file that complains."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = " ".join(lines)
+    return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text
