@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,7 +161,7 @@ def draw_certainty(
     standard_errors: Image,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a reconstruction beside how sure each of its patches is.
+    """Draw a reconstruction beside the standard errors of its patches, and what they assume.
 
     Parameters
     ----------
@@ -174,18 +175,22 @@ def draw_certainty(
     """
     from matplotlib.figure import Figure
 
+    from periscopy_sim.reconstruction.noise_aware.uncertainty import ASSUMPTIONS
+
     white = float(np.percentile(image, 99)) or 1.0
     errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
     aspect = image.shape[1] / image.shape[0]
-    figure = Figure(figsize=(5.2 * aspect + 1.0, 3.0), layout="constrained")
+    width = max(5.2 * aspect + 1.0, 4.5)
+    figure = Figure(figsize=(width, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
     top = float(errors.max()) or 1.0
-    shown = show(
-        right, "standard error, if the scene is right", errors, cmap="magma", vmin=0, vmax=top
-    )
+    shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
+    figure.supxlabel(
+        fill(f"Standard errors assume that {ASSUMPTIONS}.", int(15 * width)), fontsize=8
+    )
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 

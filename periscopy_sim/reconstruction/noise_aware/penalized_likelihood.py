@@ -43,11 +43,17 @@ class Evidence:
         (3,) standard deviation of y, likewise.
     level
         Root mean square of the photograph, range(B) projected out.
+    share
+        This over the root mean square of the photograph itself.
+    noise_to_signal
+        Energy of the noise in y over that of the signal.
     """
 
     coefficients: Array
     noise: Array
     level: float
+    share: float
+    noise_to_signal: float
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,13 @@ noise were white and alike in all patches (Eq. 10), where its covariance is σ²
 noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
 the norm over both directions and all three channels, so that the channels share their edges.
 
-`penalized_likelihood` minimizes it; `wall_gain` tells of a smooth gain over the wall.
+`penalized_likelihood` minimizes it, `wall_gain` finds a smooth gain over the wall, `uncertainty`
+has the errors of f̂.
+
+λ is `regularization` ‖A⊥‖_F/σ, and where the noise has more energy than the signal, the root of
+their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which brightens
+the image: without the root, natural images at 30 dB came out up to 1.2 times too bright, with two
+to five times the error. Images that are mostly black still come out 1.15 to 1.3 times too bright.
 """
 
 from __future__ import annotations
@@ -54,6 +60,16 @@ FIRST = 20
 """Iterations for the image that the gain over the wall is found from; more tell nothing more."""
 
 
+LEAST_SHARE = 1e-6
+"""Of a photograph, range(B) projected out: where less is left, it is no more than rounding."""
+
+SIGNIFICANT = 3
+"""Standard errors of noise: what A⊥ can explain of a photograph is more, or it is noise."""
+
+LEAST_EXPLAINED = 0.2
+"""Of what A⊥ can explain of a photograph: where the image explains less, it is mostly noise."""
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseAwareReconstruction:
     """A hidden image and how it came about.
@@ -74,8 +90,13 @@ class NoiseAwareReconstruction:
     tolerance
         What it was to be at most.
     gain
-        (rows, columns) gain over the wall that was found and corrected for; 1 where there is none
-        to tell of or none was looked for. (M,) where the photograph's shape is not known.
+        (rows, columns) gain over the wall that was found and corrected for; 1 where there is none,
+        or none was looked for. (M,) where the photograph's shape is not known.
+    evidence
+        Of the photograph, the gain corrected for.
+    doubt
+        Why the image may show nothing of a hidden scene; empty where nothing says so, and of a
+        frame of a video, where it is not looked for.
     """
 
     image: Array
@@ -85,6 +106,8 @@ class NoiseAwareReconstruction:
     residual: float
     tolerance: float
     gain: Array
+    evidence: Evidence
+    doubt: str = ""
 
     @property
     def has_gain(self) -> bool:
@@ -97,7 +120,7 @@ class NoiseAwareReconstruction:
         return self.residual <= self.tolerance
 
     def warn_unless_converged(self) -> None:
-        """Tell where the iterations did not suffice."""
+        """Warn where the iterations did not suffice."""
         if not self.converged:
             warnings.warn(
                 f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
@@ -112,7 +135,7 @@ class NoiseAware(StillMethod[np.float64]):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
     λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
-    photograph's noise and units.
+    photograph's noise and units; more where there is more noise than signal, see the module.
 
     Parameters
     ----------
@@ -201,18 +224,18 @@ class NoiseAware(StillMethod[np.float64]):
         return cls(A, B, **settings_of(scene), **settings)
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
-        """Recover the hidden image and tell how it came about; see `reconstruct`."""
-        planes = self._rejected(np.asarray(photograph)[None])
-        (evidence,) = self._evidence(planes)
+        """Return the hidden image and how it came about; see `reconstruct`."""
+        planes, shares = self._rejected(np.asarray(photograph)[None])
+        (evidence,) = self._evidence(planes, shares)
         if self._wall_gain is None:
             found, _ = self.recover(evidence)
         else:
             found = self._recover_with_gain(self._wall_gain, planes, evidence)
         found.warn_unless_converged()
-        return found
+        return replace(found, doubt=self._doubt(found))
 
     def evidence(self, photographs: Image) -> list[Evidence]:
-        """Take from photographs what the objective needs, Aᵀ applied to all in one product.
+        """Return what the objective needs of photographs, Aᵀ applied to all in one product.
 
         Parameters
         ----------
@@ -229,28 +252,29 @@ class NoiseAware(StillMethod[np.float64]):
         ValueError
             As `reconstruct`.
         """
-        return self._evidence(self._rejected(photographs))
+        return self._evidence(*self._rejected(photographs))
 
-    def _rejected(self, photographs: Image) -> Array:
-        """Project range(B) out of photographs, (K, 3, M')."""
+    def _rejected(self, photographs: Image) -> tuple[Array, Array]:
+        """Project range(B) out of photographs: (K, 3, M'), and the share that is left, (K,)."""
         planes = self._observation.planar(photographs, self.photograph_shape)
+        whole = _levels(planes)
         y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
-        return planes
+        return planes, _levels(planes) / np.where(whole > 0, whole, 1)
 
-    def _evidence(self, planes: Array) -> list[Evidence]:
-        """Take the evidence from (K, 3, M') planes, and divide them by their levels, in place."""
-        levels = np.sqrt(np.mean(planes**2, axis=(1, 2)))
+    def _evidence(self, planes: Array, shares: Array) -> list[Evidence]:
+        """Return the evidence of (K, 3, M') planes, and divide them by their levels, in place."""
+        levels = _levels(planes)
         levels[levels == 0] = 1
         planes /= levels[:, None, None]  # single precision needs numbers near 1
         y = planes.reshape(-1, planes.shape[-1]).astype(np.float32)
         h = times_rows(y, self._transport) * np.float32(1 / self._unit)
         products = times_rows(h, self._basis.rows).astype(np.float64)
+        coefficients = products.reshape(*planes.shape[:2], -1)
+        noises = map(self._noise, planes, coefficients)
         return [
-            Evidence(coefficients, self._noise(plane, coefficients), float(level))
-            for coefficients, plane, level in zip(
-                products.reshape(*planes.shape[:2], -1), planes, levels, strict=True
-            )
+            Evidence(d, noise, float(level), float(share), self._noise_to_signal(noise))
+            for d, noise, level, share in zip(coefficients, noises, levels, shares, strict=True)
         ]
 
     def recover(
@@ -285,25 +309,26 @@ class NoiseAware(StillMethod[np.float64]):
             schedule = self._schedule(self.max_iterations)
         unit = evidence.level / self._unit
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
-        objective = Objective(self._basis, self.hidden_shape, self.regularization, self.positive)
+        regularization = self.regularization * max(1.0, np.sqrt(evidence.noise_to_signal))
+        objective = Objective(self._basis, self.hidden_shape, regularization, self.positive)
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         found = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
             noise=evidence.level * evidence.noise,
-            weight=self.regularization
-            * self.norm
-            / (evidence.level * float(evidence.noise.mean())),
+            weight=regularization * self.norm / (evidence.level * float(evidence.noise.mean())),
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
             gain=np.ones(self._wall_shape),
+            evidence=evidence,
         )
         return found, minimum.split
 
     def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
-        """Tell how sure each patch of a recovered image is, see `uncertainty`.
+        """Return the standard error of each patch of a recovered image, see `uncertainty`.
 
-        A gain over the wall is taken as known.
+        They assume that A and B are right, that a gain over the wall is known, and that what the
+        wall hides of the image varies like what it shows.
 
         Parameters
         ----------
@@ -315,7 +340,9 @@ class NoiseAware(StillMethod[np.float64]):
         ndarray
             (R, C, 3) standard errors, in units of the image.
         """
-        return standard_errors(self._gram, found.noise, found.image, found.weight)
+        misfit = self._unexplained(found)[1]
+        rank = len(self._basis.curvatures[self._seen])
+        return standard_errors(self._gram, found.noise, found.image, found.weight, misfit, rank)
 
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence
@@ -326,7 +353,7 @@ class NoiseAware(StillMethod[np.float64]):
         image = first.image.reshape(-1, 3).T / evidence.level
         gain = wall_gain.estimate(planes[0], evidence.noise, image)
         if gain.accepted:
-            (even,) = self._evidence(planes - gain.added)
+            (even,) = self._evidence(planes - gain.added, np.array([evidence.share]))
             evidence = replace(even, level=evidence.level * even.level)
         rest = self._schedule(self.max_iterations - first.iterations)
         found, _ = self.recover(evidence, rest, split)
@@ -355,8 +382,40 @@ class NoiseAware(StillMethod[np.float64]):
             self._observation.mask,
         )
 
+    def _unexplained(self, found: NoiseAwareReconstruction) -> tuple[float, float]:
+        """Return the energy that A⊥ can explain of y, and what of it the image leaves, over σ²."""
+        evidence = found.evidence
+        images = found.image.reshape(-1, 3).T / (evidence.level * self._unit)
+        shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
+        scales = np.sqrt(self._basis.curvatures[self._seen]) * evidence.noise[:, None]
+        whole = evidence.coefficients[:, self._seen] / scales
+        left = whole - shown[:, self._seen] / scales
+        return float(np.sum(whole**2)), float(np.sum(left**2))
+
+    def _doubt(self, found: NoiseAwareReconstruction) -> str:
+        """Return what makes it doubtful that the image shows anything, if anything does."""
+        if found.evidence.share < LEAST_SHARE:
+            return "the photograph shows no hidden image: ambient light alone explains all of it"
+        whole, left = self._unexplained(found)
+        freedom = 3 * len(self._basis.curvatures[self._seen])
+        is_noise = whole - freedom < SIGNIFICANT * np.sqrt(2 * freedom)
+        if is_noise or whole - left < LEAST_EXPLAINED * whole:
+            return (
+                "the photograph hardly shows a hidden image: what the scene explains of it is no "
+                "more than noise"
+            )
+        return ""
+
+    def _noise_to_signal(self, noise: Array) -> float:
+        """Return the noise's energy over the signal's, of y of mean square 1."""
+        pixels = self._transport.shape[1]
+        energy = (pixels - len(self._background)) * float(np.sum(noise**2))
+        # A signal below its own standard error is none.
+        least = np.sqrt(2 * self._basis.curvatures[self._seen].size * np.sum(noise**4))
+        return float(energy / max(3 * pixels - energy, least))
+
     def _noise(self, y: Array, coefficients: Array) -> Array:
-        """Take the standard deviation of what is left by the least-squares hidden image."""
+        """Return the standard deviation of what the least-squares hidden image leaves."""
         curvatures = self._basis.curvatures[self._seen]
         explained = (coefficients[:, self._seen] ** 2 / curvatures).sum(axis=1)
         left = np.einsum("cm,cm->c", y, y) - explained
@@ -365,3 +424,8 @@ class NoiseAware(StillMethod[np.float64]):
         # Without noise there still is finite precision; and a black channel is no oracle.
         rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30
         return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))
+
+
+def _levels(planes: Array) -> Array:
+    """Return the root mean square of each of (K, 3, M') planes."""
+    return np.asarray(np.sqrt(np.mean(planes**2, axis=(1, 2))))

@@ -1,4 +1,21 @@
-"""How sure a penalized-likelihood estimate is of each patch."""
+"""Standard errors of a penalized-likelihood estimate: noise, and the pull of total variation.
+
+About f̂ the total variation is replaced by the quadratic function that touches it there, its
+gradients rounded off: λΣ‖∇f‖ by λΣ‖∇f‖²/(2√(‖∇f̂‖² + ε²)) = fᵀP f, but for a constant, with
+ε = 2 `ROUNDING`/λ. With noise n in the photograph and H = A⊥ᵀA⊥/σ² + P the estimate errs by
+
+    f̂ − f ≈ H⁻¹ (A⊥ᵀn/σ² − P f),
+
+of covariance, where images f have the covariance τ P⁻¹,
+
+    H⁻¹ (A⊥ᵀA⊥/σ² + τP) H⁻¹ = H⁻¹ + (τ − 1) H⁻¹P H⁻¹.
+
+For τ = 1 it is the posterior's (Laplace's approximation), λ being that of the image's prior. But λ
+follows the noise; images of more contrast than such a prior's are pulled farther off the
+photograph, and the photograph shows how far: with f_LS the least-squares image, X_c = P H_c⁻¹,
+
+    E Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² = Σ_c tr X_c² + τ Σ_c (tr X_c − tr X_c²).
+"""
 
 from __future__ import annotations
 
@@ -10,20 +27,32 @@ from scipy import linalg, sparse
 
 Array = NDArray[np.float64]
 
+ASSUMPTIONS = (
+    "the scene is right, and that what the wall hides of the image varies like what it shows"
+)
+"""What the standard errors assume, to be told with them."""
+
 ROUNDING = 0.5
 """Where gradients are rounded off, over the prior's scale: of the values tried (0.5 to 4) the one
 whose map agreed best with actual errors, in size and in place."""
 
+LEAST_SHOWN = 1e-3
+"""Degrees of freedom of the pull that the wall shows: where there are fewer, they are rounding."""
+
 
 def standard_errors(
-    gram: Array, noise: Array, image: NDArray[np.floating[Any]], weight: float
+    gram: Array,
+    noise: Array,
+    image: NDArray[np.floating[Any]],
+    weight: float,
+    misfit: float,
+    rank: int,
 ) -> Array:
-    """Approximate the posterior's standard deviations about a minimizer (Laplace's approximation).
+    """Return the standard error of each patch.
 
-    The misfit Σ ‖A⊥f_c − y⊥_c‖²/σ_c² is twice the negative logarithm of a likelihood, and λΣ‖∇f‖
-    that of a prior. About f̂ the total variation is replaced by the quadratic function that touches
-    it there, its gradients rounded off: ‖∇f‖ by ‖∇f‖²/(2√(‖∇f̂‖² + ε²)) and a constant, with
-    ε = 2 `ROUNDING`/λ. What f ≥ 0 excludes, and errors of A and B, are left out of account.
+    They assume that A and B are right, and that what the wall hides of the image varies like what
+    it shows: the pull of total variation on both is alike. What f ≥ 0 excludes is left out of
+    account, so that errors of images with much black are told too large.
 
     Parameters
     ----------
@@ -35,32 +64,63 @@ def standard_errors(
         (R, C, 3) f̂.
     weight
         λ > 0.
+    misfit
+        Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c².
+    rank
+        Of A⊥.
 
     Returns
     -------
     ndarray
         (R, C, 3), in units of the image.
     """
+    f = np.asarray(image, np.float64)
+    P = curvature_of_total_variation(f, weight)
+    variances, pulls = np.empty((2, len(gram), 3))
+    pulled = squared = 0.0
+    for channel, σ in enumerate(noise):
+        H = gram / σ**2 + P.toarray()
+        # A constant that no pixel shows is not known at all; a little keeps the factor finite.
+        H[np.diag_indices_from(H)] += 1e-12 * np.trace(H) / len(H)
+        factor, _ = linalg.lapack.dpotrf(H)
+        upper, _ = linalg.lapack.dpotri(factor)
+        inverse = np.triu(upper) + np.triu(upper, 1).T
+        X = P @ inverse
+        variances[:, channel] = np.diag(inverse)
+        pulls[:, channel] = np.sum(inverse * X, axis=0)
+        pulled += float(np.trace(X))
+        squared += float(np.sum(X * X.T))
+    unseen = 3 * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
+    τ = contrast(misfit, pulled - unseen, squared - unseen)
+    return np.asarray(np.sqrt(variances + (τ - 1) * pulls).reshape(f.shape))
+
+
+def contrast(misfit: float, pulled: float, squared: float) -> float:
+    """Return τ, from the misfit and the sums of tr X and tr X².
+
+    A τ below 1, which makes errors smaller than the posterior's, is believed up to the standard
+    error that noise gives it; where the wall shows nothing of the pull, τ is 1.
+    """
+    shown = pulled - squared
+    if shown < LEAST_SHOWN:
+        return 1.0
+    τ = max((misfit - squared) / shown, 0.0)
+    return max(τ, min(1.0, τ + float(np.sqrt(2 * squared)) / shown))
+
+
+def curvature_of_total_variation(image: Array, weight: float) -> Any:
+    """Return the sparse P of the module, (N, N), of an image of (R, C, 3)."""
     rows, columns, _ = image.shape
     down = sparse.kron(_differences(rows), sparse.eye(columns)).tocsr()
     across = sparse.kron(sparse.eye(rows), _differences(columns)).tocsr()
-    f = np.asarray(image, np.float64).reshape(-1, 3)
-    squared = sum((np.asarray(d @ f) ** 2).sum(axis=1) for d in (down, across))
-    precision = sparse.diags(weight / 2 / np.sqrt(squared + (2 * ROUNDING / weight) ** 2))
-    prior = sum(d.T @ precision @ d for d in (down, across)).toarray()
-    errors = np.empty_like(f)
-    for channel, σ in enumerate(noise):
-        curvature = gram / σ**2 + prior
-        # A constant that no pixel shows is not known at all; a little keeps the factor finite.
-        curvature[np.diag_indices_from(curvature)] += 1e-12 * np.trace(curvature) / len(curvature)
-        factor, _ = linalg.lapack.dpotrf(curvature)
-        inverse, _ = linalg.lapack.dpotri(factor)
-        errors[:, channel] = np.sqrt(np.diag(inverse))
-    return errors.reshape(image.shape)
+    f = image.reshape(-1, 3)
+    squares = sum((np.asarray(d @ f) ** 2).sum(axis=1) for d in (down, across))
+    precision = sparse.diags(weight / 2 / np.sqrt(squares + (2 * ROUNDING / weight) ** 2))
+    return (down.T @ precision @ down + across.T @ precision @ across).tocsr()
 
 
 def _differences(size: int) -> Any:
-    """Forward differences, zero in the last place, (size, size)."""
+    """Return forward differences, zero in the last place, (size, size)."""
     matrix = sparse.diags([-np.ones(size), np.ones(size - 1)], [0, 1], format="lil")
     matrix[size - 1, size - 1] = 0
     return matrix.tocsr()

@@ -1,10 +1,12 @@
 """The noise-aware method against brute-force minimization of its objective."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.still import LARGEST_RATIO, NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
 HIDDEN = (4, 5)
@@ -87,11 +89,66 @@ def test_weight_follows_the_noise():
     assert found.weight == pytest.approx(expected, rel=1e-6)
 
 
+def test_weight_grows_where_there_is_more_noise_than_signal():
+    rejected, Q = projected()
+    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    bright = SIGNAL.reshape(-1, 3) - Q @ (Q.T @ SIGNAL.reshape(-1, 3))
+    for noise in np.array([0.3, 1.0, 3.0]) * np.sqrt(np.mean(bright**2)):
+        weights, ratios = [], []
+        for seed in range(20):
+            y = SIGNAL + noise * np.random.default_rng(seed).standard_normal(SIGNAL.shape)
+            found = method.solve(y)
+            weights.append(found.weight / (0.02 * np.linalg.norm(rejected) / found.noise.mean()))
+            left = y.reshape(-1, 3) - Q @ (Q.T @ y.reshape(-1, 3))
+            energy = 176 * np.sum(found.noise**2)
+            least = np.sqrt(2 * 20 * np.sum(found.noise**4))
+            ratios.append(max(1, energy / max(np.sum(left**2) - energy, least)))
+        np.testing.assert_allclose(weights, np.sqrt(ratios), rtol=1e-4)
+        # The energies of 528 numbers scatter by 6 %, and so their roots' ratio.
+        assert np.median(weights) == pytest.approx(
+            max(1, noise**2 / np.mean(bright**2)) ** 0.5, rel=0.25
+        )
+
+
+def test_noise_above_the_signal_brightens_the_image_little():
+    """f ≥ 0 cuts off noise at zero: the more noise the weight leaves, the more light is added."""
+    rng = np.random.default_rng(5)
+    patches = np.mgrid[:4, :5].reshape(2, 20) / 4
+    points = rng.random((180, 2))
+    blurred = np.exp(-8 * ((points[:, :, None] - patches) ** 2).sum(axis=1))
+    smooth = np.column_stack([np.ones(180), points])
+    grey = 0.5 + 0.1 * rng.standard_normal((*HIDDEN, 3))
+    signal = blurred @ grey.reshape(-1, 3)
+    left = signal - smooth @ np.linalg.lstsq(smooth, signal, rcond=None)[0]
+    method = NoiseAware(blurred, smooth, hidden_shape=HIDDEN)
+    noise = 4 * np.sqrt(np.mean(left**2)) * rng.standard_normal((40, *signal.shape))
+    found = np.array(
+        [
+            [method.recover(each)[0].image for each in (one, replace(one, noise_to_signal=0.0))]
+            for one in method.evidence(signal + noise)
+        ]
+    )
+    light = found.mean(axis=(0, 2, 3, 4)) / grey.mean()
+    errors = np.mean((found - grey) ** 2, axis=(0, 2, 3, 4))
+    # As measured, 1.3 and 2.1 times the light, each to a tenth.
+    assert light[0] < 1.5 < 1.8 < light[1]
+    assert errors[0] < 0.5 * errors[1]
+
+
 def test_noise_of_each_channel_is_estimated():
     method = NoiseAware(A, B, hidden_shape=HIDDEN)
     estimates = np.array([method.solve(photograph(seed)).noise for seed in range(30)]) / NOISE
     # 156 degrees of freedom: each estimate's spread is 1/√312; 90 of them, 5 standard errors.
     assert abs((estimates**2).mean() - 1) < 5 * np.sqrt(2 / 156 / 90)
+
+
+def test_channel_of_less_noise_is_believed_up_to_a_ratio():
+    """A channel that is nearly exact, as a clipped or a synthetic one, does not rule the others."""
+    quiet = SIGNAL + np.array([1e-6, 0.1, 0.2]) * RNG.standard_normal(SIGNAL.shape)
+    noise = NoiseAware(A, B, hidden_shape=HIDDEN).solve(quiet).noise
+    assert noise[0] == pytest.approx(noise[2] / LARGEST_RATIO, rel=1e-9)
+    assert 10 < LARGEST_RATIO < 100
+    assert noise[1:] == pytest.approx([0.1, 0.2], rel=0.3)
 
 
 def test_it_errs_less_than_the_papers_method():
@@ -163,8 +220,27 @@ def test_patches_that_the_wall_does_not_show_take_their_neighbours_light():
     assert image[1, 2, 0] == pytest.approx(image[1, 1, 0], abs=0.3)
 
 
-def test_dark_photograph_gives_a_dark_image():
-    assert not NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(np.zeros((180, 3))).any()
+@pytest.mark.filterwarnings("ignore:noise-aware recovery stopped")
+@pytest.mark.parametrize("light", [0, 1, 1e9])
+def test_photograph_of_ambient_light_alone_is_doubted(light):
+    found = NoiseAware(A, B, hidden_shape=HIDDEN).solve(light * (B @ np.ones((4, 3))))
+    assert "ambient light alone" in found.doubt
+    assert found.image.max() <= 1e-3 * light
+
+
+def test_photograph_of_noise_or_of_one_bright_pixel_is_doubted():
+    noise = B @ np.ones((4, 3)) + 0.1 * np.random.default_rng(0).standard_normal((180, 3))
+    dot = np.zeros((180, 3))
+    dot[77] = 1
+    for y in (noise, dot):
+        found = NoiseAware(A, B, hidden_shape=HIDDEN).solve(y)
+        assert "no more than noise" in found.doubt
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1, 3])
+def test_photograph_that_shows_something_is_not_doubted(noise):
+    found = NoiseAware(A, B, hidden_shape=HIDDEN).solve(SIGNAL + noise * (photograph() - SIGNAL))
+    assert found.doubt == ""
 
 
 @pytest.mark.parametrize("hidden", [(1, 20), (20, 1), (2, 10)])
