@@ -105,6 +105,9 @@ class Scenario:
         The monitor's angular profile where a closed form is known, else None.
     occluders
         Every shape but the wall and the monitor.
+    blur
+        Radius of the largest spot of the wall that the camera's lens shows as one point, in metres;
+        0 of a pinhole.
     """
 
     path: Path
@@ -123,6 +126,7 @@ class Scenario:
     mirrored: bool
     emission: EmissionProfile | None
     occluders: tuple[Occluder, ...] = field(repr=False)
+    blur: float = 0.0
 
     @property
     def transport_shape(self) -> tuple[int, int]:

@@ -24,6 +24,9 @@ Progress = Callable[[float], None]
 FLATNESS = 1e-6
 """Deviation, relative to its extent, up to which a surface counts as planar."""
 
+SHARP = 0.5
+"""Largest blur by the camera's lens, in pixels, that the pixels' centres stand for."""
+
 
 def analytic_transport(
     scenario: Scenario, *, samples: int = 16, progress: Progress | None = None
@@ -125,11 +128,22 @@ def _check_closed_forms(scenario: Scenario) -> tuple[EmissionProfile, float]:
     """Angular profile of the monitor and albedo of the wall."""
     if scenario.wall_reflectance is None:
         raise _refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
+    if scenario.blur > SHARP * _pixel_side(scenario):
+        raise _refusal(
+            scenario, "wall", f"is blurred by {scenario.blur:.2g} m; focus the camera on it"
+        )
     if scenario.emission is None:
         raise _refusal(
             scenario, "monitor", "has no closed angular profile; give it an area or lcd emitter"
         )
     return scenario.emission, float(scenario.wall_reflectance.mean())
+
+
+def _pixel_side(scenario: Scenario) -> float:
+    """Metres between the wall points of neighbouring pixels, at most; 0 of a single pixel."""
+    grid = scenario.wall_points.reshape(*scenario.photograph_shape, 3)
+    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2) for axis in (0, 1)]
+    return float(max((step.max() for step in steps if step.size), default=0.0))
 
 
 def _wall_plane(scenario: Scenario) -> WallFrame:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
+from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
@@ -214,6 +215,7 @@ def render_place(
     """
     use_variant()
     nodes = SceneNodes(find_scene(path), parameters, required={"wide": "Sensor"})
+    check_media(nodes)
     nodes.average_pixels(size, sensor="wide")
     scene = nodes.instantiate()
     wide = next(sensor for sensor in scene.sensors() if sensor.id() == "wide")

@@ -27,6 +27,7 @@ from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
 from periscopy_sim.rendering.ambient.smoothing import chosen_sites
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.shipped import find_scene
@@ -222,6 +223,7 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
 
 def _ambient_scene(path: Path, parameters: Mapping[str, str] | None) -> Any:
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
+    check_media(nodes)
     nodes.average_pixels()
     return nodes.instantiate()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.parsing import one_line
+from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes, check_wall
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario
 from periscopy_sim.shipped import find_scene
@@ -34,6 +36,10 @@ def load_scenario(
     any sensor serves; the patches are an R x C grid in the monitor's UV square, so any shape with a
     UV parametrization serves.
 
+    Every pixel is averaged over its own area: a box of one pixel takes the place of the film's
+    reconstruction filter, in A and in photographs. Mitsuba's own ``mi.render`` of the file blurs by
+    a Gaussian unless its film asks for ``<rfilter type="box"/>``.
+
     Parameters
     ----------
     path
@@ -54,8 +60,10 @@ def load_scenario(
     Raises
     ------
     SceneError
-        If the contract is broken, a pixel misses the wall, the wall is textured or reflects nothing
-        to the camera, the monitor faces away, or the hidden size is not possible.
+        If the contract is broken, a pixel misses the wall, the wall is textured, partly a mirror or
+        reflects nothing to the camera, the monitor faces away or shines outside of its UV square,
+        a shape lets light through or holds a participating medium, or the hidden size is not
+        possible.
     """
     use_variant()
     path = find_scene(path)
@@ -71,6 +79,7 @@ def load_scenario(
     nodes = SceneNodes(path, values)
     nodes.show(None)
     nodes.average_pixels()
+    check_nodes(nodes)
     # Instantiating consumes the nodes.
     emission, material = nodes.emission_profile(), nodes.wall_material()
     scene = nodes.instantiate()
@@ -87,18 +96,13 @@ def load_scenario(
             f"{rows}x{columns} hidden patches are more than the {film_rows}x{film_columns} "
             "pixels of the photograph; no photograph could tell them apart"
         )
-    points, normals, views, albedo, color_varies = _shoot_camera_rays(
+    check_wall(shapes["wall"], material, nodes.path)
+    points, normals, views, albedo, diffuse, blur = _shoot_camera_rays(
         scene, shapes["wall"], (film_rows, film_columns), nodes.path, material
     )
     patches, mirrored = _patches(shapes["monitor"], hidden, nodes.path)
     centers, patch_normals, across, up = patches
     _check_facing(points, normals, centers, patch_normals, nodes.path)
-    diffuse = _is_diffuse(shapes["wall"])
-    if color_varies and not diffuse:
-        raise SceneError(
-            f"scene '{nodes.path}': the colour of the wall's reflection ({material}) "
-            "changes with direction; use a wall of one colour"
-        )
     return Scenario(
         path=nodes.path,
         parameters=values,
@@ -118,6 +122,7 @@ def load_scenario(
         occluders=tuple(
             _occluder(shape) for name, shape in shapes.items() if name not in ("wall", "monitor")
         ),
+        blur=blur,
     )
 
 
@@ -196,32 +201,40 @@ def patch_uv(
 
 def _shoot_camera_rays(
     scene: Any, wall: Any, photograph_shape: tuple[int, int], path: Path, material: str
-) -> tuple[Array, Array, Array, Array, bool]:
-    """Meet the wall at every pixel's centre; also measure its colour there."""
+) -> tuple[Array, Array, Array, Array, bool, float]:
+    """Meet the wall at every pixel's centre; find its colour, whether it is diffuse, the blur."""
     import drjit as dr
     import mitsuba as mi
 
     rows, columns = photograph_shape
     camera, bsdf, context = camera_of(scene), wall.bsdf(), mi.BSDFContext()
-    straight, oblique = mi.Vector3f(0, 0, 1), mi.Vector3f(0.8, 0, 0.6)
+    straight, slopes = (0, 0, 1), ((0.8, 0, 0.6), (0, 0.8, 0.6))
+    rim = ((0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)) if camera.needs_aperture_sample() else ()
 
-    def meet(position: Any) -> tuple[Any, ...]:
-        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
+    def met(position: Any, aperture: tuple[float, float]) -> tuple[Any, Any, Any]:
+        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(*aperture))
         si = scene.ray_intersect(ray)
         hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
+        return si, ray.d, hit
+
+    def meet(position: Any) -> tuple[Any, ...]:
+        si, direction, hit = met(position, (0.5, 0.5))
+        blur = mi.Float(0)
+        for aperture in rim:
+            off_axis, _, also_hit = met(position, aperture)
+            hit &= also_hit
+            blur = dr.maximum(blur, dr.norm(off_axis.p - si.p))
         toward_camera = mi.Vector3f(0, 0, dr.sign(si.wi.z))
         facing = bsdf.eval(context, si, toward_camera)
-        si.wi = straight
-        return (
-            si.p, si.n, -ray.d, hit, facing,
-            bsdf.eval(context, si, straight), bsdf.eval(context, si, oblique),
-        )  # fmt: skip
+        si.wi = mi.Vector3f(*straight)
+        colors = [bsdf.eval(context, si, mi.Vector3f(*to)) for to in (straight, *slopes)]
+        return si.p, si.n, si.sh_frame.n, -direction, hit, blur, facing, *colors
 
     column, row = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
     film = np.stack([column.ravel() / columns, row.ravel() / rows], axis=1)
     where = f"scene '{path}'"
     try:
-        points, normals, views, hit, facing, color, tilted = _map_points(meet, film)
+        points, normals, shading, views, hit, blur, facing, color, *tilted = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
@@ -244,10 +257,23 @@ def _shoot_camera_rays(
             f"{where}: the wall is textured ({material}); only a wall of one uniform "
             "material can be treated"
         )
+    # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
+    own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
+    normals = np.where(own, shading, normals)
     normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
-    slanted = tilted.mean(axis=0)
-    varies = np.abs(slanted / slanted.mean() - albedo / albedo.mean()).max() > 1e-4
-    return points, normals, views, albedo, bool(varies)
+    slanted = np.array([values.mean(axis=0) for values in tilted])
+    mean = slanted.mean(axis=1, keepdims=True) * albedo.mean()
+    if (np.abs(slanted * albedo.mean() - mean / albedo.mean() * albedo) > 1e-4 * mean).any():
+        raise SceneError(
+            f"{where}: the colour of the wall's reflection ({material}) changes with direction; "
+            "use a wall of one colour"
+        )
+    # Not so of a diffuse wall beneath a normal map.
+    falls_as_cosine = np.abs(slanted / 0.6 - albedo).max() <= 1e-4 * albedo.max()
+    return (
+        points, normals, views, albedo, bool(_is_diffuse(wall) and falls_as_cosine),
+        float(blur.max()),
+    )  # fmt: skip
 
 
 def _patches(
@@ -263,7 +289,7 @@ def _patches(
         return si.p, si.n, si.dp_du, si.dp_dv, si.is_valid()
 
     try:
-        _, normal, du, dv, _ = _map_points(locate, np.array([[0.5, 0.5]]))
+        _, normal, du, dv, _ = map_points(locate, np.array([[0.5, 0.5]]))
     except RuntimeError:
         raise SceneError(
             f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates, "
@@ -272,10 +298,11 @@ def _patches(
     area = np.linalg.norm(np.cross(du[0], dv[0]))
     if not (np.isfinite(area) and area > 0):
         raise SceneError(f"scene '{path}': the monitor has no area; check its to_world and its UV")
+    check_monitor(monitor, path)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
     u, v = patch_uv(row, column, hidden, mirrored, (0.5, 0.5))
-    centers, normals, du, dv, valid = _map_points(locate, np.stack([u, v], axis=1))
+    centers, normals, du, dv, valid = map_points(locate, np.stack([u, v], axis=1))
     if not valid.all():
         first = divmod(int(np.flatnonzero(valid[:, 0] == 0)[0]), columns)
         raise SceneError(
@@ -320,27 +347,3 @@ def _occluder(shape: Any) -> Occluder:
     vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
     faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
     return Occluder(shape.id(), vertices, faces)
-
-
-def _map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> list[Array]:
-    """Evaluate a function of a Point2f at (n, 2) points: at once, or one by one if scalar."""
-    import mitsuba as mi
-
-    if is_vectorized():
-        values = function(mi.Point2f(points.T.astype(np.float32)))
-        return [_columns(value, len(points)) for value in values]
-    each = [function(mi.Point2f(float(x), float(y))) for x, y in points]
-    return [
-        np.array([np.ravel(row) for row in rows], dtype=np.float64)
-        for rows in zip(*each, strict=True)
-    ]
-
-
-def _columns(value: Any, count: int) -> Array:
-    import drjit as dr
-
-    components = value if dr.depth_v(value) > 1 else [value]
-    # Components that are the same everywhere have length 1.
-    return np.stack(
-        [np.broadcast_to(np.array(c, dtype=np.float64), count) for c in components], axis=1
-    )

@@ -57,9 +57,24 @@ class SceneNodes:
 
     # -- reading ---------------------------------------------------------------------------------
 
+    def of_type(self, kind: str) -> Iterator[Any]:
+        """Return the properties of all nodes of a kind, such as ``Shape``, in file order."""
+        return (node.props for node in self._state.nodes if str(node.type).endswith(kind))
+
+    def children(self, props: Any, kind: str) -> list[tuple[str, Any]]:
+        """Return the children of a kind, each by the name under which the node holds it."""
+        import mitsuba as mi
+
+        nodes = {
+            key: self._state.nodes[props[key].index()]
+            for key in props.keys()  # noqa: SIM118 (Properties do not iterate)
+            if props.type(key) == mi.Properties.Type.ResolvedReference
+        }
+        return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
+
     def shape_names(self) -> list[str]:
         """Ids of the shapes, in the order of the file."""
-        return [props.id() for props in self._of_type("Shape")]
+        return [props.id() for props in self.of_type("Shape")]
 
     def emission_profile(self) -> EmissionProfile | None:
         """Give the monitor's angular profile if it is known in closed form."""
@@ -77,7 +92,7 @@ class SceneNodes:
 
     def wall_material(self) -> str:
         """Name the wall's BSDF plugin, for messages."""
-        materials = self._children(self._by_id("wall"), "BSDF")
+        materials = self.children(self._by_id("wall"), "BSDF")
         return str(materials[0][1].plugin_name()) if materials else "default"
 
     # -- editing ---------------------------------------------------------------------------------
@@ -132,7 +147,7 @@ class SceneNodes:
         """Remove every emitter but the monitor's."""
         monitor = self._by_id("monitor")
         for node in self._state.nodes:
-            lights = self._children(node.props, "Emitter")
+            lights = self.children(node.props, "Emitter")
             for key, _ in lights[1:] if node.props is monitor else lights:
                 del node.props[key]
 
@@ -158,7 +173,7 @@ class SceneNodes:
         import mitsuba as mi
 
         film = self._film(sensor)
-        for key, _ in self._children(film, "ReconstructionFilter"):
+        for key, _ in self.children(film, "ReconstructionFilter"):
             del film[key]
         film["rfilter"] = mi.load_dict({"type": "box"})
         film["pixel_format"] = "rgb"
@@ -166,7 +181,7 @@ class SceneNodes:
         if film_size is not None:
             film["height"], film["width"] = film_size
         camera = self._by_id(sensor)
-        for key, _ in self._children(camera, "Sampler"):
+        for key, _ in self.children(camera, "Sampler"):
             del camera[key]
         # Not ldsampler: its dimensions are correlated; its error on bounced light stalls at 1 %.
         camera["sampler"] = mi.load_dict({"type": "multijitter"})
@@ -201,25 +216,11 @@ class SceneNodes:
 
     # -- nodes -----------------------------------------------------------------------------------
 
-    def _of_type(self, kind: str) -> Iterator[Any]:
-        return (node.props for node in self._state.nodes if str(node.type).endswith(kind))
-
     def _by_id(self, name: str) -> Any:
         return self._state.nodes[self._state.id_to_index[name]].props
 
-    def _children(self, props: Any, kind: str) -> list[tuple[str, Any]]:
-        """Return the children of a kind, each by the name under which the node holds it."""
-        import mitsuba as mi
-
-        nodes = {
-            key: self._state.nodes[props[key].index()]
-            for key in props.keys()  # noqa: SIM118 (Properties do not iterate)
-            if props.type(key) == mi.Properties.Type.ResolvedReference
-        }
-        return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
-
     def _monitor_emitter(self) -> Any:
-        emitters = self._children(self._by_id("monitor"), "Emitter")
+        emitters = self.children(self._by_id("monitor"), "Emitter")
         if not emitters:
             raise SceneError(
                 f"scene '{self.path}': shape 'monitor' has no emitter; "
@@ -252,7 +253,7 @@ class SceneNodes:
 
     def _film(self, sensor: str) -> Any:
         """Return a sensor's film, its sizes checked."""
-        films = [props for _, props in self._children(self._by_id(sensor), "Film")]
+        films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
             raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
         for name in ("width", "height", "crop_width", "crop_height"):
@@ -269,7 +270,7 @@ class SceneNodes:
         where, what = f"scene '{self.path}'", kind.lower()
         index: int = self._state.id_to_index.get(name, -1)
         if index < 0 or not str(self._state.nodes[index].type).endswith(kind):
-            others = ", ".join(f"'{props.id()}'" for props in self._of_type(kind)) or "none"
+            others = ", ".join(f"'{props.id()}'" for props in self.of_type(kind)) or "none"
             raise SceneError(f"{where} has no {what} with id '{name}' (its {what}s: {others})")
         props = self._state.nodes[index].props
         if props.plugin_name() in ("instance", "shapegroup", "merge"):
@@ -277,7 +278,7 @@ class SceneNodes:
                 f"{where}: {what} '{name}' is of type '{props.plugin_name()}', which has no "
                 "surface of its own; give the id to a plain shape"
             )
-        in_scene = self._children(self._state.root.props, kind)
+        in_scene = self.children(self._state.root.props, kind)
         if not any(child is props for _, child in in_scene):
             raise SceneError(
                 f"{where}: {what} '{name}' lies within another shape; put it into the scene itself"

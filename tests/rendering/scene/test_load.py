@@ -62,7 +62,7 @@ def test_more_patches_than_pixels_are_refused(room):
     [
         (TEXTURED, "the wall is textured (diffuse)"),
         (VARNISHED, "the colour of the wall's reflection (roughplastic) changes with direction"),
-        (MIRROR, "the wall (conductor) reflects nothing to the camera"),
+        (MIRROR, "the wall (conductor) reflects as a mirror does"),
     ],
 )
 def test_wall_without_one_uniform_reflection_is_refused(room, bsdf, reason):

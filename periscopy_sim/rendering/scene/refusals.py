@@ -1,0 +1,202 @@
+"""Refuse what the light transport matrix would get wrong in silence.
+
+A holds the light that goes straight from the monitor to the wall and is then reflected to the
+camera, past shapes that let nothing through. So does `render_photograph` with a single bounce, and
+with it any path tracer that samples the emitters: only all bounces, or sampling by the BSDF alone,
+show what is missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.pointwise import map_points
+
+OPAQUE = {
+    "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",
+    "measured", "measured_polarized", "twosided", "blendbsdf", "bumpmap", "normalmap",
+}  # fmt: skip
+"""BSDF plugins that let no light through unless they are told to; of a ``twosided`` one Mitsuba
+makes sure."""
+
+GRID = 64
+"""Points of the monitor's UV square that are looked at, along each side."""
+
+SHARE = 5e-3
+"""Part of the monitor's surface that its UV square may lack; the grid resolves about as much."""
+
+UV_ERROR = 1e-3
+"""UV coordinates that a point may be off."""
+
+
+def check_nodes(nodes: SceneNodes) -> None:
+    """Refuse what light passes or is changed by on its way, and a monitor turned inside out.
+
+    Parameters
+    ----------
+    nodes
+        The scene.
+
+    Raises
+    ------
+    SceneError
+        Naming the shape or the sensor, and what is wrong with it.
+    """
+    check_media(nodes)
+    _check_opaque(nodes)
+    _check_outside(nodes)
+
+
+def check_media(nodes: SceneNodes) -> None:
+    """Refuse participating media: no light is scattered or absorbed on its way.
+
+    Parameters
+    ----------
+    nodes
+        The scene.
+
+    Raises
+    ------
+    SceneError
+        Naming the shape or the sensor that has the medium.
+    """
+    for kind in ("Shape", "Sensor"):
+        for props in nodes.of_type(kind):
+            for _, medium in nodes.children(props, "Medium"):
+                raise SceneError(
+                    f"scene '{nodes.path}': {kind.lower()} '{props.id()}' holds a participating "
+                    f"medium ({medium.plugin_name()}), and light is taken to travel through empty "
+                    "space; remove the medium"
+                )
+
+
+def _check_opaque(nodes: SceneNodes) -> None:
+    """Refuse shapes that let light through, wherever they stand: A counts them as opaque."""
+    for props in nodes.of_type("Shape"):
+        for name in _see_through(nodes, props):
+            raise SceneError(
+                f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
+                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
+                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
+                "own goes into a twosided one)"
+            )
+
+
+def check_wall(wall: Any, material: str, path: Path) -> None:
+    """Refuse a wall that is partly a mirror: shadow rays never find a mirror's direction.
+
+    Parameters
+    ----------
+    wall
+        The Mitsuba shape.
+    material, path
+        Its BSDF plugin and the scene file, for the message.
+
+    Raises
+    ------
+    SceneError
+        If its BSDF has a delta component.
+    """
+    import mitsuba as mi
+
+    if int(wall.bsdf().flags()) & (int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)):
+        raise SceneError(
+            f"scene '{path}': the wall ({material}) reflects as a mirror does, in part or "
+            "entirely; use a rough material, such as diffuse or roughplastic"
+        )
+
+
+def check_monitor(monitor: Any, path: Path) -> None:
+    """Refuse a monitor whose surface is not that of its UV square, once.
+
+    What lies outside of the square, or under the same coordinates as another part, would shine in
+    the scene but not in A. Mitsuba's own textured emitters miss it as well.
+
+    Parameters
+    ----------
+    monitor
+        The Mitsuba shape.
+    path
+        The scene file, for the message.
+
+    Raises
+    ------
+    SceneError
+        If parts of its surface lie elsewhere, or Mitsuba finds no or another point at some
+        coordinates, as on a turned sphere.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    def locate(uv: Any) -> tuple[Any, Any]:
+        si = monitor.eval_parameterization(uv, +mi.RayFlags.All)
+        found = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
+        return found, dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0)
+
+    if monitor.class_name() == "Rectangle":  # always right
+        return
+    row, column = np.divmod(np.arange(GRID**2), GRID)
+    # Off the middle, where meshes have their edges.
+    found, area = map_points(locate, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
+    if not monitor.is_mesh() and not found.all():
+        raise SceneError(
+            f"scene '{path}': Mitsuba finds no point of the monitor, or a wrong one, at "
+            f"{1 - found.mean():.1%} of its UV coordinates; turn it otherwise, or use a mesh with "
+            "UV coordinates"
+        )
+    share = area.mean() / float(np.ravel(monitor.surface_area())[0])
+    if not abs(share - 1) <= SHARE:
+        raise SceneError(
+            f"scene '{path}': the monitor's patches would hold {share:.1%} of its surface; give "
+            "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
+            "be shapes of their own (of a box, its front alone is the monitor)"
+        )
+
+
+def _check_outside(nodes: SceneNodes) -> None:
+    """Refuse a sphere or a cylinder as a monitor that shines inwards.
+
+    Its light would stay within; of a mirrored one Mitsuba's rays and UV lookups report different
+    normals.
+    """
+    import mitsuba as mi
+
+    monitor = next(props for props in nodes.of_type("Shape") if props.id() == "monitor")
+    if monitor.plugin_name() not in ("sphere", "cylinder"):
+        return
+    to_world = np.array(monitor.get("to_world", mi.ScalarTransform4f()).matrix)
+    if monitor.get("flip_normals", False) or np.linalg.det(to_world) < 0:
+        raise SceneError(
+            f"scene '{nodes.path}': the monitor is a {monitor.plugin_name()} turned inside out; "
+            "remove its flip_normals, and do not mirror it in to_world"
+        )
+
+
+def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
+    """Name the BSDFs within a node that may let light through."""
+    for _, inner in nodes.children(props, "BSDF"):
+        name = inner.plugin_name()
+        if name == "mask":
+            opaque = "opacity" in inner and _numbers(inner["opacity"]).min() >= 1
+        elif name == "principled":
+            opaque = "spec_trans" not in inner or _numbers(inner["spec_trans"]).max() <= 0
+        else:
+            opaque = name in OPAQUE
+        if not opaque:
+            yield str(name)
+        elif name != "twosided":
+            yield from _see_through(nodes, inner)
+
+
+def _numbers(value: Any) -> Any:
+    """Values of a number, a colour or a spectrum; NaN, which no comparison passes, of a texture."""
+    try:
+        return np.array(getattr(value, "values", value), dtype=np.float64)
+    except (TypeError, ValueError, RuntimeError):
+        return np.array(np.nan)

@@ -1,0 +1,488 @@
+"""What A would get wrong is refused by name; what looks like it and is not is rendered right.
+
+The truth is Mitsuba's own, of the file as it stands: sampled by the BSDF alone, or of all bounces.
+With emitter sampling and one bounce it would share the blind spots of A.
+"""
+
+import re
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.ambient.background import render_background
+from periscopy_sim.rendering.photograph import render_place
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+SEEDS = 8
+GLASS = '<bsdf type="dielectric"/>'
+FOG = (
+    '<medium type="homogeneous" name="{}"><float name="sigma_t" value="2"/>'
+    '<float name="albedo" value="0.9"/></medium>'
+)
+PLACE = '<scale value="0.15"/><rotate x="1" angle="90"/><rotate z="1" angle="{}"/>'
+FRONT, BACK = (PLACE.format(angle) + '<translate x="0.2" z="0.3"/>' for angle in (180, 0))
+ROUND = '<scale value="0.1"/><translate x="0.2" z="0.3"/>'
+
+
+def masked(opacity, inner='<bsdf type="diffuse"/>'):
+    return f'<bsdf type="mask">{opacity}{inner}</bsdf>'
+
+
+def number(name, value, tag="float"):
+    return f'<{tag} name="{name}" value="{value}"/>'
+
+
+def grouped(shape):
+    """The shape, not in the scene itself but as an instance."""
+    return (
+        f'<shape type="shapegroup" id="group">{shape}</shape>'
+        '<shape type="instance" id="copy"><ref id="group"/></shape>'
+    )
+
+
+def with_light(room, kind, inside="", to_world=FRONT):
+    return (
+        f'<shape type="{kind}" id="monitor">{inside}<transform name="to_world">{to_world}'
+        f"</transform>{room.area}{room.black}</shape>"
+    )
+
+
+@pytest.fixture
+def box_camera(room):
+    """A camera whose pixels Mitsuba, too, averages over their area."""
+    return room.camera(inside_film='<rfilter type="box"/>')
+
+
+def mitsubas(path, *, seeds=SEEDS, samples=1 << 14, **integrator):
+    """Pictures of the file by Mitsuba alone, in grey."""
+    import mitsuba as mi
+
+    scene = mi.load_file(str(path))
+    traced = mi.load_dict(integrator)
+    return [
+        np.array(mi.render(scene, integrator=traced, spp=samples, seed=seed)).mean(axis=2)
+        for seed in range(seeds)
+    ]
+
+
+BY_BSDF = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
+ALL_BOUNCES = {"type": "path"}
+
+
+def is_right(room, same_mean, *extra, samples=16, pixel_samples=16, **parts):
+    """Assert that A of a white monitor is the file's photograph, sampled by the BSDF alone."""
+    parts = {"monitor": room.monitor(room.area)} | parts
+    path = room.write(*extra, **parts)
+    seen = room.load(*extra, **parts)
+    options = {"samples": samples, "pixel_samples": pixel_samples}
+    found = [render_transport(seen, seed=s, **options).sum(axis=1) for s in range(SEEDS)]
+    truth = [(picture.ravel() / seen.channel_gain.mean()) for picture in mitsubas(path, **BY_BSDF)]
+    same_mean(truth, found)
+
+
+def refusal(room, *extra, **parts):
+    with pytest.raises(SceneError) as caught:
+        room.load(*extra, **parts)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+# -- what lets light through ---------------------------------------------------------------------
+
+SEE_THROUGH = {
+    "mask": masked(""),
+    "mask of 0.9": masked(number("opacity", 0.9)),
+    "coloured mask": masked(number("opacity", "1, 1, 0.5", "rgb")),
+    "pattern": masked('<texture type="checkerboard" name="opacity"/>'),
+    "null": '<bsdf type="null"/>',
+    "thindielectric": '<bsdf type="thindielectric"/>',
+    "dielectric": GLASS,
+    "roughdielectric": '<bsdf type="roughdielectric"/>',
+    "principledthin": '<bsdf type="principledthin"/>',
+    "principled": f'<bsdf type="principled">{number("spec_trans", 0.7)}</bsdf>',
+    "blend": f'<bsdf type="blendbsdf">{number("weight", 0.5)}<bsdf type="diffuse"/>'
+    '<bsdf type="thindielectric"/></bsdf>',
+    "mask of glass": masked(number("opacity", 1), GLASS),
+}
+NAMES = {
+    "mask of 0.9": "mask",
+    "coloured mask": "mask",
+    "pattern": "mask",
+    "blend": "thindielectric",
+    "mask of glass": "dielectric",
+}
+
+
+@pytest.mark.parametrize("kind", SEE_THROUGH)
+@pytest.mark.parametrize("group", [str, grouped], ids=["shape", "instance"])
+def test_shape_that_lets_light_through_is_refused_with_its_bsdf(room, kind, group):
+    message = refusal(room, group(room.blocker(bsdf=SEE_THROUGH[kind])))
+    assert f"shape 'ball' may let light through (bsdf '{NAMES.get(kind, kind)}')" in message
+    assert "remove the shape, or give it an opaque bsdf" in message
+
+
+@pytest.mark.usefixtures("jit")
+def test_glass_between_monitor_and_wall_would_be_counted_as_opaque(room, box_camera):
+    """Why they are refused: only with all bounces the light comes through."""
+    black, glass, one_bounce = (
+        np.mean(
+            mitsubas(
+                room.write(
+                    room.blocker(bsdf=bsdf), camera=box_camera, monitor=room.monitor(room.area)
+                ),
+                **integrator,
+                samples=1024,
+            )
+        )
+        for bsdf, integrator in (
+            (room.black, ALL_BOUNCES),
+            (SEE_THROUGH["thindielectric"], ALL_BOUNCES),
+            (SEE_THROUGH["thindielectric"], {"type": "path", "max_depth": 2}),
+        )
+    )
+    assert glass > 1.2 * black
+    assert one_bounce == pytest.approx(black, rel=1e-3)
+
+
+@pytest.mark.parametrize("center", ["0.7, 0.93, 0.3", "0.2, 0.1, 0.3", "5, -5, 5"])
+def test_glass_is_refused_before_the_camera_about_the_monitor_and_elsewhere(room, center):
+    assert "shape 'ball'" in refusal(room, room.blocker(center, 0.02, GLASS))
+
+
+@pytest.mark.parametrize("part", ["wall", "monitor"])
+def test_wall_and_monitor_may_not_let_light_through_either(room, part):
+    thin = SEE_THROUGH["mask of 0.9"]
+    shape = room.wall(thin) if part == "wall" else room.monitor(inside=thin)
+    assert f"shape '{part}' may let light through (bsdf 'mask')" in refusal(room, **{part: shape})
+
+
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        masked(number("opacity", 1)),
+        masked(number("opacity", "1, 1, 1", "rgb")),
+        masked(number("opacity", 1, "spectrum")),
+        masked(number("opacity", 1), '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf>'),
+        '<bsdf type="twosided"><bsdf type="plastic"/></bsdf>',
+        f'<bsdf type="principled">{number("spec_trans", 0)}</bsdf>',
+        '<bsdf type="conductor"/>',
+        "",
+    ],
+)
+@pytest.mark.usefixtures("jit")
+def test_opaque_shape_casts_the_shadow_of_a_black_one(room, bsdf):
+    shadow = render_transport(room.load(room.blocker()))
+    assert render_transport(room.load(room.blocker(bsdf=bsdf))).tobytes() == shadow.tobytes()
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("group", [str, grouped], ids=["shape", "instance"])
+def test_shadow_of_a_shape_and_of_an_instance_is_right(room, same_mean, box_camera, group):
+    is_right(room, same_mean, group(room.blocker()), camera=box_camera)
+
+
+def test_twosided_makes_sure_of_an_unknown_bsdf(room):
+    import mitsuba as mi
+
+    class Paint(mi.BSDF):
+        def __init__(self, props):
+            super().__init__(props)
+            self.m_flags = int(mi.BSDFFlags.DiffuseReflection) | int(mi.BSDFFlags.FrontSide)
+            self.m_components = [self.m_flags]
+
+        def to_string(self):
+            return "Paint"
+
+    mi.register_bsdf("paint", Paint)
+    paint = '<bsdf type="paint"/>'
+    assert "(bsdf 'paint')" in refusal(room, room.blocker(bsdf=paint))
+    room.load(room.blocker(bsdf=f'<bsdf type="twosided">{paint}</bsdf>'))
+
+
+# -- participating media -------------------------------------------------------------------------
+
+
+def test_medium_within_a_shape_is_refused(room):
+    fog = f'<shape type="cube" id="cloud">{FOG.format("interior")}<bsdf type="diffuse"/></shape>'
+    assert "shape 'cloud' holds a participating medium (homogeneous)" in refusal(room, fog)
+
+
+def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(room):
+    camera = room.camera().replace("<film", FOG.format("medium") + "<film")
+    assert "sensor 'camera' holds a participating medium" in refusal(room, camera=camera)
+    with pytest.raises(SceneError, match="sensor 'camera' holds a participating medium"):
+        render_background(room.write(camera=camera), room.load())
+    path = room.write(camera=camera.replace('id="camera"', 'id="wide"'))
+    with pytest.raises(SceneError, match="sensor 'wide' holds a participating medium"):
+        render_place(path, samples=1, size=(2, 2))
+
+
+# -- the wall ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        '<bsdf type="plastic"/>',
+        '<bsdf type="twosided"><bsdf type="plastic"/></bsdf>',
+        '<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse"/>'
+        '<bsdf type="conductor"/></bsdf>',
+    ],
+)
+def test_wall_with_a_mirrors_part_is_refused(room, bsdf):
+    assert "reflects as a mirror does, in part or entirely" in refusal(room, wall=room.wall(bsdf))
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("bsdf", ["roughplastic", "principled", "normalmap"])
+def test_wall_that_is_rough_is_right(room, same_mean, box_camera, bsdf):
+    inside = ""
+    if bsdf == "normalmap":
+        write_slope(room)
+        inside = SLOPE
+    is_right(
+        room, same_mean, wall=room.wall(f'<bsdf type="{bsdf}">{inside}</bsdf>'), camera=box_camera
+    )
+
+
+SLOPE = (
+    '<texture type="bitmap" name="normalmap"><string name="filename" value="slope.exr"/>'
+    '<boolean name="raw" value="true"/></texture><bsdf type="diffuse"/>'
+)
+
+
+def write_slope(room, normal=(0, 0.3, 0.954)):
+    import mitsuba as mi
+
+    slope = np.tile(np.float32(normal) / 2 + 0.5, (2, 2, 1)).astype(np.float32)
+    mi.Bitmap(slope).write(str(room.folder / "slope.exr"))
+
+
+@pytest.mark.parametrize("normal", [(0.3, 0, 0.954), (0, 0.3, 0.954)])
+def test_diffuse_wall_beneath_a_normal_map_has_no_closed_form(room, normal):
+    write_slope(room, normal)
+    seen = room.load(wall=room.wall(f'<bsdf type="normalmap">{SLOPE}</bsdf>'))
+    assert seen.wall_reflectance is None
+
+
+def test_normals_that_a_mesh_brings_are_the_walls(room, same_mean, variant, box_camera):
+    corners = [(-0.3, -0.7), (1.7, -0.7), (1.7, 1.3), (-0.3, 1.3)]
+    rows = "\n".join(f"{x} 1 {z} 0.6 -0.8 0" for x, z in corners)
+    (room.folder / "wall.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\n"
+        + "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+        + "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+        + rows
+        + "\n3 0 1 2\n3 0 2 3\n"
+    )
+    wall = (
+        '<shape type="ply" id="wall"><string name="filename" value="wall.ply"/>'
+        f"{room.diffuse}</shape>"
+    )
+    seen = room.load(wall=wall)
+    np.testing.assert_allclose(seen.wall_normals, np.tile([0.6, -0.8, 0], (30, 1)), atol=1e-6)
+    if not variant.startswith("scalar"):
+        is_right(room, same_mean, wall=wall, camera=box_camera)
+
+
+# -- the monitor's UV square ---------------------------------------------------------------------
+
+
+def screen(room, faces, name="screen"):
+    """A monitor of quads: (x0, x1) of each, and the (u0, u1, v0, v1) of its corners."""
+    vertices, triangles = [], []
+    for (left, right), (u0, u1, v0, v1) in faces:
+        first = len(vertices)
+        vertices += [
+            (left, 0, 0.15, u0, v0), (right, 0, 0.15, u1, v0),
+            (right, 0, 0.45, u1, v1), (left, 0, 0.45, u0, v1),
+        ]  # fmt: skip
+        triangles += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
+    (room.folder / f"{name}.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n"
+        + "".join(f"property float {key}\n" for key in "xyzuv")
+        + f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+        + "\n".join(" ".join(map(str, row)) for row in vertices)
+        + "\n"
+        + "\n".join("3 " + " ".join(map(str, row)) for row in triangles)
+        + "\n"
+    )
+    return (
+        f'<shape type="ply" id="monitor"><string name="filename" value="{name}.ply"/>'
+        f"{room.area}{room.black}</shape>"
+    )
+
+
+WHOLE, LEFT, RIGHT = (0.4, 0.0), (0.4, 0.2), (0.2, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("faces", "share"),
+    [
+        ([(LEFT, (0, 1, 0, 1)), (RIGHT, (0, 1, 0, 1))], "50.0%"),
+        ([(WHOLE, (0, 2, 0, 1))], "50.0%"),
+        ([(WHOLE, (-0.25, 1, 0, 1.25))], "64.0%"),
+        ([(WHOLE, (0, 1.02, 0, 1))], "98"),
+        ([(LEFT, (0, 1, 0, 1)), (RIGHT, (0, 0, 0, 0))], "50.0%"),
+        ([(LEFT, (0, 0.6, 0, 1)), (RIGHT, (0.5, 1, 0, 1))], "9"),
+    ],
+    ids=["twice", "up to 2", "off the square", "just off", "without UV", "overlap"],
+)
+def test_monitor_with_light_outside_of_its_uv_square_is_refused(room, faces, share):
+    message = refusal(room, monitor=screen(room, faces), hidden=(2, 2))
+    assert f"the monitor's patches would hold {share}" in message
+    assert "UV coordinates of its own, from 0 to 1" in message
+
+
+@pytest.mark.parametrize("turn", [180, 0])
+def test_box_is_refused_as_a_monitor(room, turn):
+    box = with_light(room, "cube", to_world='<scale z="0.1"/>' + (FRONT if turn else BACK))
+    assert "of a box, its front alone is the monitor" in refusal(room, monitor=box)
+
+
+@pytest.mark.usefixtures("jit")
+def test_light_of_a_screen_of_two_quads_is_right(room, same_mean, box_camera):
+    two = screen(room, [(LEFT, (0, 0.5, 0, 1)), (RIGHT, (0.5, 1, 0, 1))])
+    is_right(room, same_mean, monitor=two, camera=box_camera)
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize(
+    ("kind", "inside", "to_world"),
+    [
+        ("disk", "", FRONT),
+        ("disk", '<boolean name="flip_normals" value="true"/>', BACK),
+        ("disk", "", '<scale x="-1"/>' + FRONT),
+        ("sphere", "", ROUND),
+        ("sphere", "", '<rotate x="1" angle="40"/>' + ROUND),
+        ("cylinder", "", ROUND),
+    ],
+)
+def test_light_of_a_curved_monitor_is_right(room, same_mean, box_camera, kind, inside, to_world):
+    monitor = with_light(room, kind, inside, to_world)
+    is_right(room, same_mean, monitor=monitor, camera=box_camera, samples=64, pixel_samples=4)
+
+
+@pytest.mark.parametrize("turn", ['x="1" angle="90"', 'y="1" angle="90"', 'x="1" angle="180"'])
+def test_sphere_whose_points_mitsuba_misses_is_refused(room, turn):
+    monitor = with_light(room, "sphere", to_world=f"<rotate {turn}/>{ROUND}")
+    message = refusal(room, monitor=monitor, hidden=(2, 2))
+    assert "Mitsuba finds no point of the monitor, or a wrong one, at" in message
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+@pytest.mark.parametrize("inside_out", ["flip", "mirror"])
+def test_round_monitor_turned_inside_out_is_refused(room, kind, inside_out):
+    flip = '<boolean name="flip_normals" value="true"/>' if inside_out == "flip" else ""
+    to_world = ROUND if flip else '<scale x="-1"/>' + ROUND
+    message = refusal(room, monitor=with_light(room, kind, flip, to_world))
+    assert f"the monitor is a {kind} turned inside out; remove its flip_normals" in message
+
+
+# -- a thin lens ---------------------------------------------------------------------------------
+
+
+def lens(radius, distance, size=(5, 6)):
+    return (
+        '<sensor type="thinlens" id="camera"><float name="fov" value="17"/>'
+        f'<float name="aperture_radius" value="{radius}"/>'
+        f'<float name="focus_distance" value="{distance}"/><transform name="to_world">'
+        '<lookat origin="1.2, 0, 0.3" target="0.7, 1, 0.3" up="0, 0, 1"/></transform>'
+        f'<film type="hdrfilm"><integer name="height" value="{size[0]}"/>'
+        f'<integer name="width" value="{size[1]}"/><rfilter type="box"/></film></sensor>'
+    )
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("pixel_samples", [1, 4])
+def test_blur_of_a_lens_is_in_the_matrix(room, same_mean, pixel_samples):
+    """Pixels of 4 mm, so that their centres stand for them, blurred by 70 mm at a shadow's edge."""
+    camera = lens(0.05, 0.5, (12, 12)).replace('value="17"', 'value="2.5"')
+    options = {"camera": camera, "monitor": room.monitor(room.area, scale=(0.02, 0.02))}
+    ball = room.blocker("0.48, 0.5, 0.3", 0.03)
+    seen = room.load(ball, **options)
+    # The spot at a right angle; the wall is slanted by 27 degrees.
+    spot, cosine = 0.05 * (np.sqrt(1.25) - 0.5) / 0.5, 1 / np.sqrt(1.25)
+    assert spot / cosine < seen.blur < spot / cosine**2
+    found = [
+        render_transport(seen, seed=s, pixel_samples=pixel_samples).sum(axis=1)
+        for s in range(SEEDS)
+    ]
+    one_bounce = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+    truth = [x.ravel() for x in mitsubas(room.write(ball, **options), **one_bounce)]
+    assert np.mean(truth, axis=0).min() > 0.2 * np.max(truth)
+    pinhole = room.load(ball, **options | {"camera": camera.replace("0.05", "1e-6")})
+    assert render_transport(pinhole).sum(axis=1).min() == 0
+    same_mean(truth, found)
+
+
+@pytest.mark.usefixtures("jit")
+def test_midpoints_through_a_lens_do_not_depend_on_the_seed(room):
+    seen = room.load(room.blocker(), camera=lens(0.05, 0.5))
+    one, other = (render_transport(seen, strata="midpoint", seed=s) for s in (0, 1))
+    assert one.tobytes() == other.tobytes()
+    many = np.mean([render_transport(seen, samples=64, seed=s) for s in range(20)], axis=0)
+    np.testing.assert_allclose(one.sum(axis=1), many.sum(axis=1), rtol=0.1)
+
+
+def test_lens_whose_rim_sees_past_the_wall_is_refused(room):
+    assert "30 of 30 camera pixels miss the wall" in refusal(room, camera=lens(0.5, 0.3))
+
+
+def test_closed_form_takes_a_lens_in_focus_alone(room):
+    from periscopy_sim.analytic.transport import analytic_transport
+
+    sharp = room.load(camera=lens(0.01, 1.12))
+    assert analytic_transport(sharp, samples=1).any()
+    with pytest.raises(SceneError, match=r"shape 'wall' is blurred by 0\.1\d* m; focus the camera"):
+        analytic_transport(room.load(camera=lens(0.05, 0.4)))
+
+
+# -- without LLVM --------------------------------------------------------------------------------
+
+MESSAGES = """
+import sys
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import load_scenario
+for path in sys.argv[1:]:
+    try:
+        load_scenario(path, (2, 2))
+    except SceneError as error:
+        print(error)
+    else:
+        print("none")
+"""
+
+
+def test_scalar_variant_refuses_the_same_with_the_same_words(room, scalar):
+    one = room.camera((2, 2))
+    paths = [
+        room.write(camera=one),
+        room.write(room.blocker(bsdf=SEE_THROUGH["mask"]), camera=one),
+        room.write(grouped(room.blocker(bsdf=GLASS)), camera=one),
+        room.write(camera=one.replace("<film", FOG.format("medium") + "<film")),
+        room.write(wall=room.wall('<bsdf type="plastic"/>'), camera=one),
+        room.write(monitor=screen(room, [(WHOLE, (0, 2, 0, 1))], "far"), camera=one),
+        room.write(monitor=screen(room, [(LEFT, (0, 1, 0, 1)), (RIGHT, (0, 1, 0, 1))]), camera=one),
+        room.write(
+            monitor=with_light(room, "sphere", to_world='<rotate x="1" angle="90"/>' + ROUND),
+            camera=one,
+        ),
+        room.write(monitor=with_light(room, "cube"), camera=one),
+        room.write(camera=lens(0.5, 0.3, (2, 2))),
+    ]
+    said = scalar(MESSAGES, *paths).splitlines()
+    assert said[0] == "none"
+    from periscopy_sim.rendering.scene.load import load_scenario
+
+    for path, message in zip(paths[1:], said[1:], strict=True):
+        with pytest.raises(SceneError) as caught:
+            load_scenario(path, (2, 2))
+        # Which points of a sphere are missed is a matter of rounding.
+        said_here, said_there = (
+            re.sub(r"at [\d.]+% of its UV", "at some of its UV", text)
+            for text in (str(caught.value), message)
+        )
+        assert said_here == said_there
