@@ -23,7 +23,7 @@ from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
 from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.variant import INSTALL_LLVM, is_vectorized
+from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
@@ -198,7 +198,7 @@ def calibrate(
     held = uncertain_parameters(path, tuple(free), given, uncertain or {})
     first = load_scenario(path, hidden, given)
     if not is_vectorized():
-        raise VariantError("calibration renders thousands of photographs: " + INSTALL_LLVM)
+        raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = _checked(photograph, mask, first.photograph_shape)
     in_front = InFront(first)
     resolutions = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))

@@ -12,7 +12,12 @@ from periscopy_sim.cli.arguments import say
 
 def doctor() -> None:
     """Show versions, which Mitsuba variants work here, and why the others do not."""
-    from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, use_variant
+    from periscopy_sim.rendering.variant import (
+        LLVM_FILE,
+        OVERRIDE,
+        examine_variants,
+        use_variant,
+    )
 
     say(f"python       {platform.python_version()} ({sys.executable})")
     for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):
@@ -20,6 +25,7 @@ def doctor() -> None:
     say(f"cores        {os.cpu_count()}")
     for report in examine_variants():
         say(f"{report.name:12} {'works' if report.works else 'does not work'}: {report.reason}")
-    if os.environ.get(OVERRIDE):
-        say(f"{OVERRIDE} is set to {os.environ[OVERRIDE]}")
+    for name in (LLVM_FILE, OVERRIDE):
+        if os.environ.get(name):
+            say(f"{name} is set to {os.environ[name]}")
     say(f"rendering    with {use_variant()}")

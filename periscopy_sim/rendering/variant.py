@@ -5,9 +5,13 @@ This is the only module that calls `mi.set_variant`.
 
 from __future__ import annotations
 
+import ctypes
 import os
+import platform
 import warnings
+from ctypes.util import find_library
 from dataclasses import dataclass
+from pathlib import Path
 
 from periscopy_sim.errors import VariantError
 
@@ -18,11 +22,8 @@ OLDEST_LLVM = 17
 """LLVM 15 and 16 load, but abort the process when they compile the path tracer: their x86 backend
 cannot select the instruction fminimum."""
 
-INSTALL_LLVM = (
-    f"install LLVM {OLDEST_LLVM} or newer (Debian, Ubuntu: apt-get install libllvm19; macOS: brew "
-    "install llvm; elsewhere set DRJIT_LIBLLVM_PATH to its libLLVM) to render about 100 times "
-    "faster"
-)
+LLVM_FILE = "DRJIT_LIBLLVM_PATH"
+"""The environment variable by which Dr.Jit is told which libLLVM to load."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class VariantReport:
     works
         Whether scenes can be rendered with it here.
     reason
-        What makes it work, or what is missing and how to mend it.
+        What makes it work, or what is missing and how to get it.
     """
 
     name: str
@@ -45,7 +46,7 @@ class VariantReport:
 
 
 def examine_variants() -> list[VariantReport]:
-    """Report on the variants that this package prefers, best first.
+    """Return what there is to say of the variants that this package prefers, best first.
 
     Returns
     -------
@@ -60,9 +61,9 @@ def examine_variants() -> list[VariantReport]:
     if version >= OLDEST_LLVM:
         llvm = f"libLLVM {version} was found"
     elif found:
-        llvm = f"libLLVM {version} is too old for Mitsuba's path tracer: {INSTALL_LLVM}"
+        llvm = f"libLLVM {version} is too old for Mitsuba's path tracer; {install_llvm()}"
     else:
-        llvm = f"no libLLVM was found, or one too old for Dr.Jit: {INSTALL_LLVM}"
+        llvm = f"{_why_no_llvm()}; {install_llvm()}"
     return [
         VariantReport(
             "cuda_ad_rgb",
@@ -72,6 +73,52 @@ def examine_variants() -> list[VariantReport]:
         VariantReport("llvm_ad_rgb", version >= OLDEST_LLVM, llvm),
         VariantReport("scalar_rgb", True, "needs nothing; about 100 times slower than LLVM"),
     ]
+
+
+def install_llvm() -> str:
+    """Return how a libLLVM that serves is installed on this system."""
+    if platform.system() == "Windows":
+        way = (
+            "run the installer from github.com/llvm/llvm-project/releases, then set "
+            f"{LLVM_FILE} to its LLVM-C.dll, such as C:\\Program Files\\LLVM\\bin\\LLVM-C.dll"
+        )
+    elif conda := os.environ.get("CONDA_PREFIX"):
+        way = (
+            f"conda install -c conda-forge libllvm19, then set {LLVM_FILE} to the libLLVM in "
+            f"{conda}/lib"
+        )
+    elif platform.system() == "Darwin":
+        way = (
+            f"brew install llvm; if it is not found, set {LLVM_FILE} to "
+            "$(brew --prefix llvm)/lib/libLLVM.dylib"
+        )
+    else:
+        way = (
+            "Debian, Ubuntu: apt-get install libllvm19; elsewhere by its package manager, then set "
+            f"{LLVM_FILE} to its libLLVM.so"
+        )
+    return f"install LLVM {OLDEST_LLVM} or newer to render about 100 times faster ({way})"
+
+
+def _why_no_llvm() -> str:
+    """Return why Dr.Jit has no libLLVM, as the system's loader says of the file it was to take."""
+    if named := os.environ.get(LLVM_FILE):
+        file = named
+        what = f"{LLVM_FILE} names '{named}', which"
+    else:
+        # Where Dr.Jit looks on Debian and Ubuntu; elsewhere it asks the loader.
+        there = sorted(map(str, Path("/usr/lib").glob("*-linux-gnu/libLLVM*.so.*")))
+        file = there[-1] if there else find_library("LLVM") or ""
+        what = f"'{file}'"
+    if not file:
+        return "no libLLVM was found"
+    try:
+        library = ctypes.CDLL(file)
+    except OSError as error:
+        return f"{what} does not load ({error})"
+    if not hasattr(library, "LLVMGetHostCPUName"):
+        return f"{what} is no libLLVM"
+    return f"{what} loads, but not for Dr.Jit: it is older than LLVM 15, or the processor lacks FMA"
 
 
 def use_variant(name: str | None = None) -> str:
@@ -104,9 +151,11 @@ def use_variant(name: str | None = None) -> str:
 
     asked = name or os.environ.get(OVERRIDE) or mi.variant()
     if asked is None:
-        asked = next(report.name for report in examine_variants() if report.works)
+        reports = {report.name: report for report in examine_variants()}
+        asked = next(name for name, report in reports.items() if report.works)
         if asked == "scalar_rgb":
-            warnings.warn(f"rendering with scalar_rgb: {INSTALL_LLVM}", RuntimeWarning, 2)
+            why = reports["llvm_ad_rgb"].reason
+            warnings.warn(f"rendering with scalar_rgb: {why}", RuntimeWarning, 2)
     _check(asked)
     if mi.variant() != asked:
         mi.set_variant(asked)
@@ -117,7 +166,7 @@ def use_variant(name: str | None = None) -> str:
 
 
 def is_vectorized() -> bool:
-    """Tell whether the variant now set evaluates whole arrays at once (LLVM or CUDA)."""
+    """Return whether the variant now set evaluates whole arrays at once (LLVM or CUDA)."""
     import mitsuba as mi
 
     return not mi.variant().startswith("scalar")

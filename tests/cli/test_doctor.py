@@ -1,3 +1,4 @@
+import ctypes.util
 import os
 import subprocess
 import sys
@@ -51,6 +52,27 @@ def test_wrong_variant_is_refused_after_the_report():
     assert ended.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("content", [None, b"", b"no library"])
+def test_why_the_named_llvm_does_not_load_is_told_as_the_loader_says_it(tmp_path, content):
+    library = tmp_path / "libLLVM.so"
+    if content is not None:
+        library.write_bytes(content)
+    with pytest.raises(OSError) as caught:
+        ctypes.CDLL(str(library))
+    ended = examine(PERISCOPY_VARIANT="scalar_rgb", DRJIT_LIBLLVM_PATH=str(library))
+    assert ended.returncode == 0
+    line = next(line for line in ended.stdout.splitlines() if line.startswith("llvm_ad_rgb"))
+    why = f"DRJIT_LIBLLVM_PATH names '{library}', which does not load ({caught.value}); install"
+    assert f"does not work: {why} LLVM 17 or newer" in line
+    assert f"DRJIT_LIBLLVM_PATH is set to {library}" in ended.stdout.splitlines()
+
+
+def test_a_library_that_is_no_llvm_is_called_that():
+    other = ctypes.util.find_library("m")
+    ended = examine(PERISCOPY_VARIANT="scalar_rgb", DRJIT_LIBLLVM_PATH=other)
+    assert f"DRJIT_LIBLLVM_PATH names '{other}', which is no libLLVM; install" in ended.stdout
+
+
 def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
     if any(report.works for report in examine_variants() if report.name.startswith("cuda")):
         pytest.skip("CUDA works here, which is preferred to LLVM")
@@ -60,4 +82,6 @@ def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
     # Dr.Jit itself complains of the path that we gave.
     warned = [line for line in ended.stderr.splitlines() if line.startswith("periscopy: ")]
     assert len(warned) == 1 and warned[0] == ended.stderr.splitlines()[-1]
-    assert warned[0].startswith("periscopy: warning: rendering with scalar_rgb: install LLVM")
+    assert warned[0].startswith("periscopy: warning: rendering with scalar_rgb: DRJIT_LIBLLVM_PATH")
+    assert "which does not load (no-such-library: " in warned[0]
+    assert "; install LLVM 17 or newer" in warned[0]

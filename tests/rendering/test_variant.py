@@ -1,5 +1,6 @@
 import sys
 import warnings
+from ctypes.util import find_library
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ from periscopy_sim.rendering.variant import (
     OVERRIDE,
     PREFERENCE,
     examine_variants,
+    install_llvm,
     is_vectorized,
     use_variant,
 )
@@ -139,7 +141,7 @@ def test_a_variant_without_rgb_is_refused(backends, name):
 def test_a_variant_that_does_not_work_here_is_refused_with_the_reason(backends):
     fake = backends()
     assert "no NVIDIA device" in refusal("cuda_ad_rgb")
-    assert "no libLLVM was found" in refusal("llvm_ad_rgb")
+    assert "; install LLVM 17 or newer" in refusal("llvm_ad_rgb")
     assert fake.events == []
 
 
@@ -150,6 +152,51 @@ def test_an_llvm_that_would_abort_the_path_tracer_is_called_too_old(backends, ve
     assert not reports["llvm_ad_rgb"].works
     assert f"libLLVM {version} is too old" in reports["llvm_ad_rgb"].reason
     assert "install LLVM 17 or newer" in refusal("llvm_ad_rgb")
+
+
+@pytest.mark.parametrize(
+    ("named", "installed", "why"),
+    [
+        (None, None, "no libLLVM was found; install"),
+        ("none.so", None, "DRJIT_LIBLLVM_PATH names 'none.so', which does not load (none.so: "),
+        (None, "none.so", "'none.so' does not load (none.so: "),
+        ("m", None, ", which is no libLLVM; install"),
+    ],
+)
+def test_why_there_is_no_llvm_is_told(backends, monkeypatch, named, installed, why):
+    backends()
+    named = find_library(named) if named == "m" else named
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", named or "")
+    monkeypatch.setattr("pathlib.Path.glob", lambda *_: iter(()))
+    monkeypatch.setattr("periscopy_sim.rendering.variant.find_library", lambda _: installed)
+    assert why in examine_variants()[1].reason
+
+
+def test_an_llvm_that_loads_but_does_not_serve_is_told_apart(backends, monkeypatch):
+    backends()
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "old.so")
+    library = SimpleNamespace(LLVMGetHostCPUName=None)
+    monkeypatch.setattr("periscopy_sim.rendering.variant.ctypes.CDLL", lambda _: library)
+    assert (
+        "names 'old.so', which loads, but not for Dr.Jit: it is older"
+        in examine_variants()[1].reason
+    )
+
+
+@pytest.mark.parametrize(
+    ("system", "conda", "way"),
+    [
+        ("Linux", "", "apt-get install libllvm19"),
+        ("Darwin", "", "brew install llvm"),
+        ("Windows", "C:\\conda", "LLVM-C.dll"),
+        ("Linux", "/conda", "the libLLVM in /conda/lib"),
+        ("Darwin", "/conda", "conda install -c conda-forge libllvm19"),
+    ],
+)
+def test_every_system_has_its_own_way_to_llvm(monkeypatch, system, conda, way):
+    monkeypatch.setattr("platform.system", lambda: system)
+    monkeypatch.setenv("CONDA_PREFIX", conda)
+    assert way in install_llvm() and "\n" not in install_llvm()
 
 
 def test_report_names_every_preferred_variant_best_first(backends):
