@@ -22,9 +22,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from periscopy_sim.dataset.archive.completion import is_finished
-from periscopy_sim.dataset.archive.layout import MAKING, digest_of, layout_of, read_attributes
+from periscopy_sim.dataset.archive.layout import layout_of, read_attributes
 from periscopy_sim.errors import DatasetError
+from periscopy_sim.storage.outputs.completion import MAKING, digest_of, is_complete
 
 CONFIGURATION = """
 seed: 7
@@ -126,7 +126,7 @@ def check_marks(archive: Path, expected: dict[str, str], tally: Counter[str]) ->
     found = files_of(archive)
     for mark in marks(archive):
         block = int(mark.stem)
-        if not is_finished(archive, layout, digest, block):
+        if not is_complete(archive, digest, layout.block(block)):
             tally["damaged blocks recognized"] += 1
             continue
         tally["finished blocks checked"] += 1

@@ -1,9 +1,6 @@
-"""The results of a sweep on disk: a Zarr v3 store that knows which of its trials are complete.
+"""The results of a sweep on disk: a `BlockStore` whose blocks are trials.
 
-Each trial, that is one photograph reconstructed by every method, has chunks of its own. A chunk
-appears whole, by a rename, and the trial's mark in ``complete`` appears last, so that a sweep
-killed at any moment leaves nothing that is believed but not true. Nothing measured, such as times,
-lies in the store: the same sweep gives the same bytes, however often it was stopped.
+A trial is one photograph reconstructed by every method.
 """
 
 from __future__ import annotations
@@ -17,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.resume import check_settings
-from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
+from periscopy_sim.storage.outputs.completion import Block
+from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs.store import BlockStore
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,6 +65,71 @@ class Outcome(NamedTuple):
     failure: str
 
 
+class SweepLayout:
+    """How a sweep's results are laid out, a `StoreLayout`; each trial is a block.
+
+    Parameters
+    ----------
+    labels
+        The values of each of `LABELS`.
+    hidden_shape
+        (R, C) of the images.
+    """
+
+    what = "sweep"
+    count = None
+
+    def __init__(self, labels: Mapping[str, Sequence[Any]], hidden_shape: tuple[int, int]) -> None:
+        self.labels, self.hidden_shape = labels, hidden_shape
+        self.trials = [Trial(*place) for place in product(*(labels[n] for n in LABELS[1:]))]
+        self._shape = tuple(len(labels[name]) for name in LABELS)
+
+    @property
+    def blocks(self) -> int:
+        """Number of trials."""
+        return len(self.trials)
+
+    def block(self, number: int) -> Block:
+        """Return the block of a trial: a file of each variable."""
+        place = [int(i) for i in np.unravel_index(number, self._shape[1:])]
+        chunk = "/".join(map(str, (0, *place)))
+        files = {name: f"{name}/c/{chunk}" for name in (*METRICS, "failure")}
+        files["reconstruction"] = f"reconstruction/c/{chunk}/0/0/0"
+        slices = [slice(i, i + 1) for i in place]
+        return Block(number, dict(zip(LABELS[1:], slices, strict=True)), files)
+
+    def variables(self) -> dict[str, dict[str, Any]]:
+        """Return how each variable is laid out."""
+        from zarr.codecs import Crc32cCodec, ZstdCodec
+
+        one_trial = (len(self.labels["method"]), 1, 1, 1)
+        pixels = (*self.hidden_shape, 3)
+        # A checksum, so that a damaged chunk is an error, not a result.
+        common: dict[str, Any] = {
+            "shape": self._shape, "chunks": one_trial, "dimension_names": LABELS,
+            "compressors": [ZstdCodec(), Crc32cCodec()],
+        }  # fmt: skip
+        metric = {**common, "dtype": np.float64, "fill_value": np.nan}
+        return {
+            **{name: {**metric, "attributes": notes} for name, notes in METRICS.items()},
+            "reconstruction": {
+                **common, "shape": (*self._shape, *pixels), "chunks": (*one_trial, *pixels),
+                "dimension_names": (*LABELS, *PIXELS), "dtype": np.float32, "fill_value": np.nan,
+                "attributes": {
+                    "long_name": "hidden image, linear light", "units": "photograph's over A's"
+                },
+            },
+            "failure": {
+                **common, "dtype": str, "fill_value": "",
+                "attributes": {"long_name": "why the method failed, or nothing"},
+            },
+        }  # fmt: skip
+
+    def recognizes(self, attributes: Mapping[str, Any]) -> bool:
+        """Return whether a store's attributes are those of a sweep."""
+        return "base_seed" in attributes
+
+
 class SweepStore:
     """A sweep's results, in the making or complete.
 
@@ -95,45 +157,32 @@ class SweepStore:
         hidden_shape: tuple[int, int],
         configuration: Mapping[str, Any],
     ) -> None:
-        import zarr
-
-        self.path = path
-        if path.exists():
-            try:
-                held = zarr.open_group(path, mode="r", zarr_format=3).attrs.asdict()
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                raise OutputError(f"{path}: is no sweep's store; remove it") from error
-            check_settings(held, configuration, str(path), "sweep")
-            for torn in path.rglob("*.partial"):  # of a write that was killed
-                torn.unlink()
-        else:
-            with staged_folder(path) as staged:
-                _create(staged, labels, hidden_shape, configuration)
-        self._group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
-        self._position = {
-            name: {label: i for i, label in enumerate(labels[name])} for name in LABELS
-        }
+        self.path, self._layout = path, SweepLayout(labels, hidden_shape)
+        pixels = {"row": range(hidden_shape[0]), "column": range(hidden_shape[1])}
+        coordinates = {**labels, **pixels, "channel": ["red", "green", "blue"]}
+        self._store = BlockStore(
+            path, self._layout, configuration,
+            {name: (name, values) for name, values in coordinates.items()},
+        )  # fmt: skip
 
     def missing(self) -> list[Trial]:
-        """List the trials that are not complete yet."""
-        places = product(*(self._position[name] for name in LABELS[1:]))
-        complete = np.asarray(self._group["complete"][:]).ravel()
-        return [Trial(*place) for place, done in zip(places, complete, strict=True) if not done]
+        """Return the trials that are not complete yet."""
+        return [self._layout.trials[number] for number in self._store.missing()]
 
     def write(self, trial: Trial, outcomes: Sequence[Outcome]) -> None:
-        """Keep what every method, in order, made of a trial, and mark the trial complete."""
-        labels = zip(LABELS[1:], trial, strict=True)
-        place = tuple(self._position[name][label] for name, label in labels)
-        cell = (slice(None), *place)
-        self._group["reconstruction"][cell] = np.stack([outcome.image for outcome in outcomes])
-        for i, metric in enumerate(METRICS):
-            self._group[metric][cell] = np.array([outcome.metrics[i] for outcome in outcomes])
-        failures = [outcome.failure for outcome in outcomes]
-        self._group["failure"][cell] = np.array(failures, np.dtypes.StringDType())
-        self._group["complete"][place] = True  # last: all of the above is there
+        """Keep what every method, in order, made of a trial, and record that it is complete."""
+        of_methods: dict[str, NDArray[Any]] = {
+            "reconstruction": np.stack([outcome.image for outcome in outcomes]),
+            "failure": np.array([o.failure for o in outcomes], np.dtypes.StringDType()),
+        }
+        metrics = np.array([outcome.metrics for outcome in outcomes])
+        of_methods |= dict(zip(METRICS, metrics.T, strict=True))
+        number = self._layout.trials.index(trial)
+        cell = {name: values[:, None, None, None] for name, values in of_methods.items()}
+        self._store.write(number, cell)
 
     def load(self) -> xr.Dataset:
-        """Read the results into memory, without the marks."""
+        """Read the results into memory."""
         import xarray as xr
 
         with xr.open_dataset(self.path, engine="zarr", consolidated=False) as dataset:
@@ -167,44 +216,3 @@ def write_table(path: Path, results: xr.Dataset) -> None:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow((*LABELS, *columns))
         table.writerows((*place, *row) for place, *row in zip(places, *values, strict=True))
-
-
-def _create(
-    path: Path,
-    labels: Mapping[str, Sequence[Any]],
-    hidden_shape: tuple[int, int],
-    configuration: Mapping[str, Any],
-) -> None:
-    """Lay out an empty store; xarray reads it."""
-    import zarr
-    from zarr.codecs import Crc32cCodec, ZstdCodec
-
-    group = zarr.create_group(path, zarr_format=3, attributes=dict(configuration))
-    coordinates = {**labels, "row": range(hidden_shape[0]), "column": range(hidden_shape[1])}
-    for name, values in {**coordinates, "channel": ["red", "green", "blue"]}.items():
-        is_text = isinstance(values[0], str)
-        array = np.array(values, np.dtypes.StringDType() if is_text else None)
-        group.create_array(name, data=array, dimension_names=(name,))
-    shape = tuple(len(labels[name]) for name in LABELS)
-    one_trial = (shape[0], 1, 1, 1)
-    # A checksum, so that a damaged chunk is an error, not a result.
-    checked: dict[str, Any] = {"compressors": [ZstdCodec(), Crc32cCodec()]}
-    for name, attributes in METRICS.items():
-        group.create_array(
-            name, shape=shape, chunks=one_trial, dtype=np.float64, fill_value=np.nan,
-            dimension_names=LABELS, attributes=attributes, **checked,
-        )  # fmt: skip
-    group.create_array(
-        "reconstruction", shape=(*shape, *hidden_shape, 3), chunks=(*one_trial, *hidden_shape, 3),
-        dtype=np.float32, fill_value=np.nan, dimension_names=(*LABELS, *PIXELS),
-        attributes={"long_name": "hidden image, linear light", "units": "photograph's over A's"},
-        **checked,
-    )  # fmt: skip
-    group.create_array(
-        "failure", shape=shape, chunks=one_trial, dtype=str, fill_value="", dimension_names=LABELS,
-        attributes={"long_name": "why the method failed, or nothing"}, **checked,
-    )  # fmt: skip
-    group.create_array(
-        "complete", shape=shape[1:], chunks=(1, 1, 1), dtype=bool, fill_value=False,
-        dimension_names=LABELS[1:], compressors=[Crc32cCodec()],
-    )  # fmt: skip

@@ -45,7 +45,7 @@ def test_sweep_killed_twice_ends_in_the_same_bytes(
         ended = subprocess.run([sys.executable, "-c", code], cwd=sweep_input, capture_output=True)
         assert ended.returncode == -signal.SIGKILL, ended.stderr
         assert not (sweep_input / "out" / "sweep.csv").exists()
-    marks = list((sweep_input / "out" / "sweep.zarr" / "complete").rglob("[0-9]"))
+    marks = list((sweep_input / "out/sweep.zarr/making/finished").glob("*.json"))
     assert 0 < len(marks) < 16
     succeeds(*sweep_command())
     assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "whole")

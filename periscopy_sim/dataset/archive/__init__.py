@@ -1,1 +1,1 @@
-"""A data set on disk: its Zarr layout, completion, reading, export."""
+"""A data set on disk: its layout, reading, export."""

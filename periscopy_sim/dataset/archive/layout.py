@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
+
+import numpy as np
 
 from periscopy_sim.errors import DatasetError
-
-MAKING = "making"
-"""Folder (and empty Zarr group) of what belongs to the making alone."""
+from periscopy_sim.storage.outputs.completion import Block
+from periscopy_sim.storage.outputs.store import attributes_of
 
 KIND = "periscopy data set"
 
@@ -61,13 +60,13 @@ LABELS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Layout:
-    """The sizes of a data set.
+    """The sizes of a data set, a `StoreLayout`.
 
     Attributes
     ----------
     count
         Samples.
-    block
+    block_size
         Samples in a block.
     photograph_shape, hidden_shape
         (rows, columns) and (R, C).
@@ -77,27 +76,69 @@ class Layout:
         Whether there is a variable `background`.
     """
 
+    what: ClassVar[str] = "data set"
+
     count: int
-    block: int
+    block_size: int
     photograph_shape: tuple[int, int]
     hidden_shape: tuple[int, int]
     photograph_type: str
     keep_background: bool
 
     @property
-    def variables(self) -> tuple[str, ...]:
-        """Names of the variables that every sample has."""
-        stacks = ("photograph", "hidden", *(("background",) if self.keep_background else ()))
-        return (*stacks, *LABELS)
-
-    @property
     def blocks(self) -> int:
         """Number of blocks; the last may be cut short."""
-        return -(-self.count // self.block)
+        return -(-self.count // self.block_size)
 
-    def samples_in(self, block: int) -> slice:
-        """Give the indices of a block's samples."""
-        return slice(block * self.block, min((block + 1) * self.block, self.count))
+    def samples_in(self, number: int) -> slice:
+        """Return the indices of a block's samples."""
+        return slice(number * self.block_size, min((number + 1) * self.block_size, self.count))
+
+    def block(self, number: int) -> Block:
+        """Return a block: a file of each variable."""
+        files = {name: f"{name}/c/{number}" for name in LABELS}
+        files |= {name: f"{name}/c/{number}/0/0/0" for name in self._stacks()}
+        return Block(number, {"sample": self.samples_in(number)}, files)
+
+    def variables(self) -> dict[str, dict[str, Any]]:
+        """Return how each variable that every sample has is laid out."""
+        from zarr.codecs import BloscCodec, Crc32cCodec
+
+        laid_out: dict[str, dict[str, Any]] = {}
+        for name, (shape, dimensions, dtype) in self._stacks().items():
+            # Shuffled bits compress what noise leaves alike: signs and exponents.
+            blosc = BloscCodec(
+                cname="zstd", clevel=1, shuffle="bitshuffle",
+                typesize=np.dtype(dtype).itemsize, blocksize=0,
+            )  # fmt: skip
+            laid_out[name] = {
+                "shape": (self.count, *shape), "chunks": (1, *shape),
+                "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
+                "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
+            }  # fmt: skip
+        for name, dtype in LABELS.items():
+            fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
+            laid_out[name] = {
+                "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
+                "fill_value": fill, "dimension_names": ("sample",),
+                "compressors": [Crc32cCodec()],
+            }  # fmt: skip
+        return {name: {**each, "attributes": VARIABLES[name]} for name, each in laid_out.items()}
+
+    def recognizes(self, attributes: Mapping[str, Any]) -> bool:
+        """Return whether attributes are those of a data set."""
+        return recognizes(attributes)
+
+    def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
+        """Return shape, dimensions and type of a sample's pictures."""
+        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
+        return {**stacks, **({"background": pixels} if self.keep_background else {})}
+
+
+def recognizes(attributes: Mapping[str, Any]) -> bool:
+    """Return whether a store's attributes are those of a data set."""
+    return attributes.get("kind") == KIND and isinstance(attributes.get("count"), int)
 
 
 def read_attributes(path: Path) -> dict[str, Any]:
@@ -112,21 +153,12 @@ def read_attributes(path: Path) -> dict[str, Any]:
     if not file.is_file():
         what = "is no data set" if path.exists() else "no such data set"
         raise DatasetError(f"{path}: {what}; name a folder that 'periscopy dataset' has written")
-    try:
-        attributes = dict(json.loads(file.read_text("utf-8"))["attributes"])
-        if attributes["kind"] == KIND and isinstance(attributes["count"], int):
-            return attributes
-    except (ValueError, KeyError, TypeError, OSError):
-        pass
+    attributes = attributes_of(path)
+    if recognizes(attributes):
+        return attributes
     raise DatasetError(
         f"{file}: is damaged, or of no data set; run 'periscopy dataset' into another folder"
     )
-
-
-def digest_of(attributes: Mapping[str, Any]) -> str:
-    """Tell data sets apart by all that their samples depend on; the count is not of it."""
-    fixed = {name: value for name, value in attributes.items() if name != "count"}
-    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def layout_of(attributes: Mapping[str, Any]) -> Layout:
@@ -134,7 +166,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
     sizes = attributes["layout"]
     return Layout(
         count=attributes["count"],
-        block=sizes["block"],
+        block_size=sizes["block"],
         photograph_shape=tuple(sizes["photograph_shape"]),
         hidden_shape=tuple(sizes["hidden_shape"]),
         photograph_type=sizes["photograph_type"],

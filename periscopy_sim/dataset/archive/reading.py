@@ -11,9 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive.completion import checksum, is_marked, mark_of, read_mark
-from periscopy_sim.dataset.archive.layout import Layout, digest_of, layout_of, read_attributes
+from periscopy_sim.dataset.archive.layout import Layout, layout_of, read_attributes
 from periscopy_sim.errors import DatasetError
+from periscopy_sim.storage.outputs.completion import (
+    Block,
+    checksum,
+    digest_of,
+    is_recorded,
+    read_record,
+    record_file,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,10 +53,10 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     path = Path(path)
     attributes = read_attributes(path)
     layout, digest = layout_of(attributes), digest_of(attributes)
-    marked = 0
-    while marked < layout.blocks and is_marked(path, layout, digest, marked):
-        marked += 1
-    ready = min(marked * layout.block, layout.count)
+    recorded = 0
+    while recorded < layout.blocks and is_recorded(path, digest, layout.block(recorded)):
+        recorded += 1
+    ready = min(recorded * layout.block_size, layout.count)
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -115,41 +122,36 @@ def verify_dataset(
     group, reason = _opened(path, layout)
     if reason:
         return 0, [Damage((0, layout.count), reason)]
-    for block in range(layout.blocks):
-        place = layout.samples_in(block)
-        if not mark_of(path, block).is_file():
+    for block in map(layout.block, range(layout.blocks)):
+        first, after = block.place["sample"].start, block.place["sample"].stop
+        if not record_file(path, block.number).is_file():
             reason = "missing"
-        elif not is_marked(path, layout, digest, block):
-            reason = "its mark is damaged, or of another count or configuration"
+        elif not is_recorded(path, digest, block):
+            reason = "its record is damaged, or of another count or configuration"
         else:
-            reason = _fault(path, group, block, place)
-        if (
-            reason
-            and damaged
-            and damaged[-1] == Damage((damaged[-1].samples[0], place.start), reason)
-        ):
-            damaged[-1] = Damage((damaged[-1].samples[0], place.stop), reason)
-        elif reason:
-            damaged.append(Damage((place.start, place.stop), reason))
+            reason = _fault(path, group, block)
+        if not reason:
+            whole += block.size
+        elif damaged and damaged[-1] == Damage((damaged[-1].samples[0], first), reason):
+            damaged[-1] = Damage((damaged[-1].samples[0], after), reason)
         else:
-            whole += place.stop - place.start
+            damaged.append(Damage((first, after), reason))
         if progress is not None:
-            progress(block + 1, layout.blocks)
+            progress(block.number + 1, layout.blocks)
     return whole, damaged
 
 
-def _fault(path: Path, group: Any, block: int, place: slice) -> str:
-    """Say what is wrong with a block; empty where nothing is."""
-    mark = read_mark(path, block)
-    expected = {} if mark is None else mark["crc32c"]
-    for name in expected:
+def _fault(path: Path, group: Any, block: Block) -> str:
+    """Return what is wrong with a block; empty where nothing is."""
+    record = read_record(path, block.number)
+    for name, expected in ({} if record is None else record["crc32c"]).items():
         try:
-            if checksum(path, name, block) != expected[name]:
+            if checksum(path / block.files[name]) != expected:
                 return f"{name}: another checksum"
         except OSError as error:
             return f"{name}: {error.strerror}"
         try:
-            values = np.asarray(group[name][place])
+            values = np.asarray(group[name][block.place["sample"]])
         except Exception as error:  # whatever a codec says of bytes it cannot decode
             return f"{name}: {type(error).__name__}: {error}"
         if values.dtype.kind == "f" and name != "sbr" and not np.isfinite(values).all():
@@ -171,7 +173,7 @@ def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
                 np.asarray(array[:])
             elif array.shape[0] != layout.count:
                 return None, f"{name}: has {array.shape[0]} samples, not {layout.count}"
-        missing = [each for each in layout.variables if each not in group]
+        missing = [each for each in layout.variables() if each not in group]
     except Exception as error:  # whatever a codec says of bytes it cannot decode
         return None, f"{name}: {type(error).__name__}: {error}"
     return group, f"{missing[0]}: is missing" if missing else ""
@@ -198,15 +200,12 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes = read_attributes(path)
     layout, digest = layout_of(attributes), digest_of(attributes)
-    places = [
-        layout.samples_in(block)
-        for block in range(layout.blocks)
-        if is_marked(path, layout, digest, block)
-    ]
+    blocks = map(layout.block, range(layout.blocks))
+    finished = sum(block.size for block in blocks if is_recorded(path, digest, block))
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": sum(place.stop - place.start for place in places),
+        "finished": finished,
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
         "bytes": size,
@@ -214,7 +213,7 @@ def describe(path: str | Path) -> dict[str, Any]:
         "versions": attributes["versions"],
     }
     data = open_dataset(path, incomplete=True)
-    missing = [name for name in layout.variables if name not in data.variables]
+    missing = [name for name in layout.variables() if name not in data.variables]
     if missing:
         raise DatasetError(f"{path}: its variable '{missing[0]}' is lost; make it again")
     for name in ("split", "hidden_kind", "ambient"):

@@ -100,7 +100,7 @@ def attributes_of(settings: Configuration, layout: Layout) -> dict[str, Any]:
         "kind": KIND,
         "configuration": entries,
         "layout": {
-            "block": layout.block,
+            "block": layout.block_size,
             "photograph_shape": list(layout.photograph_shape),
             "hidden_shape": list(layout.hidden_shape),
             "photograph_type": layout.photograph_type,
@@ -121,10 +121,13 @@ def _sha256(files: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def geometry_variables(
+def labels_of(
     settings: Configuration, draws: Sequence[GeometryDraw]
-) -> dict[str, list[Any]]:
-    """Name each geometry's scene, split and parameters: variables of the archive."""
+) -> dict[str, tuple[str, list[Any]]]:
+    """Return dimension and values of what is known before any sample is made.
+
+    That is each geometry's scene, split and parameters, and the channels' names.
+    """
     variables: dict[str, list[Any]] = {
         "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],
         "geometry_split": [draw.split for draw in draws],
@@ -132,7 +135,8 @@ def geometry_variables(
     for name in sorted({name for scene in settings.scenes for name in scene.parameters}):
         texts = [draw.parameters.get(name, "") for draw in draws]
         variables[f"parameter_{name}"] = _numbers(texts) or texts
-    return variables
+    of_geometries = {name: ("geometries", values) for name, values in variables.items()}
+    return {**of_geometries, "channel": ("channel", ["red", "green", "blue"])}
 
 
 def _numbers(texts: list[str]) -> list[float] | None:

@@ -10,18 +10,19 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from periscopy_sim.dataset.archive.archive import Archive, check_place
-from periscopy_sim.dataset.archive.layout import MAKING, Layout
+from periscopy_sim.dataset.archive.layout import Layout, recognizes
 from periscopy_sim.dataset.configuration.document import Configuration
 from periscopy_sim.dataset.configuration.light_sources import Pictures
 from periscopy_sim.dataset.making.backgrounds import Rendering, backgrounds_of, given_picture
 from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
 from periscopy_sim.dataset.making.geometry import Backgrounds, as_json, geometry_of, scenario_of
-from periscopy_sim.dataset.making.inputs import attributes_of, geometry_variables, resolved
+from periscopy_sim.dataset.making.inputs import attributes_of, labels_of, resolved
 from periscopy_sim.dataset.making.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.outputs.completion import MAKING
+from periscopy_sim.storage.outputs.store import BlockStore, check_place
 
 SHARES_PER_THREAD = 4
 """Tasks for each thread of a Dask cluster, so that none waits long for the last."""
@@ -89,29 +90,28 @@ def make_dataset(
     out, report = Path(out), progress or (lambda *_: None)
     if count is not None:
         configuration = _of_count(configuration, count)
-    check_place(out)
+    check_place(out, Layout.what, recognizes)
     settings = resolved(configuration)
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = _checked_scenes(settings, draws)
     layout = _layout(settings, first)
     attributes = attributes_of(settings, layout)
     with alone_in(out / MAKING):
-        archive = Archive(out, layout, attributes, geometry_variables(settings, draws))
-        shares = _by_geometry(settings, archive.unfinished())
-        missing = sum(len(blocks) for blocks in shares.values())
-        done = layout.count - sum(_length(layout, b) for blocks in shares.values() for b in blocks)
+        store = BlockStore(out, layout, attributes, labels_of(settings, draws))
+        shares = _by_geometry(settings, store.missing())
+        made = sum(layout.block(number).size for blocks in shares.values() for number in blocks)
+        done = layout.count - made
         report(done, layout.count)
-        if missing:
+        if made:
             backgrounds = backgrounds_of(settings, shares, first, out / MAKING, rendering)
             for block, values in _made(
                 settings, shares, layout.photograph_shape, backgrounds, scheduler
             ):
                 # Before it is kept: who interrupts may have stopped Mitsuba in the midst of it.
                 report(done, layout.count)
-                archive.write(block, values)
-                done += _length(layout, block)
+                store.write(block, values)
+                done += layout.block(block).size
             report(done, layout.count)
-    made = sum(_length(layout, block) for blocks in shares.values() for block in blocks)
     return Made(layout.count, made, len(shares))
 
 
@@ -200,7 +200,7 @@ def _by_geometry(settings: Configuration, blocks: Iterable[int]) -> dict[int, li
 def _layout(settings: Configuration, scenario: Scenario) -> Layout:
     return Layout(
         count=settings.count,
-        block=settings.samples_per_shard,
+        block_size=settings.samples_per_shard,
         photograph_shape=scenario.photograph_shape,
         hidden_shape=settings.hidden,
         photograph_type=settings.photograph_type,
@@ -248,7 +248,3 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
             "geometry {} has photographs of {} pixels, geometry 0 of {}; give all scenes films of "
             "one size".format(geometry, *sizes)
         )
-
-
-def _length(layout: Layout, block: int) -> int:
-    return len(range(*layout.samples_in(block).indices(layout.count)))

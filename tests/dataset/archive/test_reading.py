@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.archive.completion import file_of, mark_of
 from periscopy_sim.dataset.archive.reading import Damage, describe, verify_dataset
 from periscopy_sim.dataset.making.make import make_dataset
 from periscopy_sim.errors import DatasetError
+from periscopy_sim.storage.outputs.completion import record_file
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_labels_select_samples(whole):
 
 
 def test_unfinished_data_set_is_refused_unless_asked_for(data, configured):
-    mark_of(data, 2).unlink()
+    record_file(data, 2).unlink()
     with pytest.raises(DatasetError, match="not finished, 20 of 46"):
         ps.open_dataset(data)
     assert ps.open_dataset(data, incomplete=True).sizes["sample"] == 20
@@ -57,7 +57,7 @@ def test_data_set_that_grows_never_passes_for_whole_before_it_is(data, configure
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("periscopy_sim.dataset.making.make.Archive.write", stop)
+    monkeypatch.setattr("periscopy_sim.dataset.making.make.BlockStore.write", stop)
     with pytest.raises(KeyboardInterrupt):
         make_dataset(configured(), data, count=50)
     with pytest.raises(DatasetError, match="not finished, 40 of 50"):
@@ -82,7 +82,7 @@ def test_variable_that_is_lost_is_told(data):
 
 
 def test_damaged_chunk_is_an_error_not_a_sample(data):
-    file = file_of(data, "photograph", 4, 1)
+    file = data / "photograph/c/1/0/0/0"
     content = bytearray(file.read_bytes())
     content[100] ^= 4
     file.write_bytes(content)
@@ -100,11 +100,11 @@ def test_whole_data_set_is_verified(whole):
 
 @pytest.mark.parametrize("name", ["photograph", "hidden", "sbr", "ambient"])
 def test_verification_names_damaged_and_missing_blocks(data, name):
-    file = file_of(data, name, 4 if name in ("photograph", "hidden") else 1, 3)
+    file = data / name / ("c/3/0/0/0" if name in ("photograph", "hidden") else "c/3")
     content = bytearray(file.read_bytes())
     content[-1] ^= 1
     file.write_bytes(content)
-    mark_of(data, 1).unlink()
+    record_file(data, 1).unlink()
     whole, damaged = verify_dataset(data)
     assert whole == 26
     assert [d.samples for d in damaged] == [(10, 20), (30, 40)]
@@ -113,7 +113,7 @@ def test_verification_names_damaged_and_missing_blocks(data, name):
 
 def test_neighbouring_blocks_that_miss_are_told_as_one(data):
     for block in (1, 2, 4):
-        mark_of(data, block).unlink()
+        record_file(data, block).unlink()
     _, damaged = verify_dataset(data)
     assert [(d.samples, d.reason) for d in damaged] == [
         ((10, 30), "missing"),
@@ -127,7 +127,7 @@ def test_description_counts_what_there_is(data):
     assert sum(found["split"].values()) == sum(found["ambient"].values()) == 46
     assert found["photograph"] == [16, 16] and found["hidden"] == [3, 4]
     assert found["snr"][0] >= 20 and found["snr"][1] <= 60
-    mark_of(data, 4).unlink()
+    record_file(data, 4).unlink()
     assert describe(data)["finished"] == 40
     assert sum(describe(data)["split"].values()) == 40
 

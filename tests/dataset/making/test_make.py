@@ -58,7 +58,7 @@ class Stopped(BaseException):
 @pytest.mark.parametrize("after", [0, 1, 3])
 def test_stopped_run_goes_on_where_it_was(configured, undisturbed, tmp_path, monkeypatch, after):
     path, written = tmp_path / "data.zarr", []
-    write = making.Archive.write
+    write = making.BlockStore.write
 
     def stop(archive, block, values):
         if len(written) == after:
@@ -66,7 +66,7 @@ def test_stopped_run_goes_on_where_it_was(configured, undisturbed, tmp_path, mon
         written.append(block)
         write(archive, block, values)
 
-    monkeypatch.setattr(making.Archive, "write", stop)
+    monkeypatch.setattr(making.BlockStore, "write", stop)
     with pytest.raises(Stopped):
         make_dataset(configured(), path)
     monkeypatch.undo()

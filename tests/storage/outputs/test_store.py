@@ -1,18 +1,21 @@
+"""A store that no crash can spoil, laid out as a small data set."""
+
 import json
 
 import numpy as np
 import pytest
 
-from periscopy_sim.dataset.archive.archive import Archive, check_place
-from periscopy_sim.dataset.archive.completion import file_of, is_finished, mark_of
-from periscopy_sim.dataset.archive.layout import MAKING, Layout, digest_of, read_attributes
+from periscopy_sim.dataset.archive.layout import Layout, read_attributes, recognizes
 from periscopy_sim.errors import DatasetError, OutputError
+from periscopy_sim.storage.outputs import store
+from periscopy_sim.storage.outputs.completion import MAKING, digest_of, is_complete, record_file
+from periscopy_sim.storage.outputs.store import BlockStore
 
 ATTRIBUTES = {"kind": "periscopy data set", "configuration": {"seed": 1}}
 
 
 def layout(count=7, **changes):
-    sizes = {"block": 3, "photograph_shape": (4, 5), "hidden_shape": (2, 3)}
+    sizes = {"block_size": 3, "photograph_shape": (4, 5), "hidden_shape": (2, 3)}
     return Layout(count=count, **sizes, photograph_type="float32", keep_background=False, **changes)
 
 
@@ -32,14 +35,23 @@ def block(number, size=3):
     }
 
 
+def file_of(path, name, number):
+    return path / layout().block(number).files[name]
+
+
+def check_place(path):
+    store.check_place(path, Layout.what, recognizes)
+
+
 def archive(path, count=7, attributes=ATTRIBUTES):
     (path / MAKING).mkdir(parents=True, exist_ok=True)
-    return Archive(path, layout(count), attributes, {"geometry_scene": ["chair"]})
+    labels = {"geometry_scene": ("geometries", ["chair"]), "channel": ("channel", list("rgb"))}
+    return BlockStore(path, layout(count), attributes, labels)
 
 
 def filled(path, count=7):
     made = archive(path, count)
-    for number in made.unfinished():
+    for number in made.missing():
         made.write(number, block(number))
     return made
 
@@ -53,11 +65,11 @@ def contents(path):
 
 def test_new_archive_has_all_blocks_to_make_and_a_filled_one_none(tmp_path):
     made = archive(tmp_path / "d")
-    assert list(made.unfinished()) == [0, 1, 2]
+    assert list(made.missing()) == [0, 1, 2]
     made.write(1, block(1))
-    assert list(made.unfinished()) == [0, 2]
-    assert list(filled(tmp_path / "d").unfinished()) == []
-    assert list(archive(tmp_path / "d").unfinished()) == []
+    assert list(made.missing()) == [0, 2]
+    assert list(filled(tmp_path / "d").missing()) == []
+    assert list(archive(tmp_path / "d").missing()) == []
 
 
 def test_what_is_written_is_read_and_the_last_block_is_cut_short(tmp_path):
@@ -81,7 +93,7 @@ def test_order_of_writing_and_a_second_writing_leave_the_same_bytes(tmp_path):
 def test_growing_makes_the_last_block_anew_and_ends_in_the_same_bytes(tmp_path):
     filled(tmp_path / "d", 7)
     grown = archive(tmp_path / "d", 11)
-    assert list(grown.unfinished()) == [2, 3]
+    assert list(grown.missing()) == [2, 3]
     for number in (2, 3):
         grown.write(number, block(number))
     filled(tmp_path / "e", 11)
@@ -98,8 +110,8 @@ def test_fewer_samples_than_there_are_are_refused(tmp_path):
 def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     filled(tmp_path / "d")
     rng = np.random.default_rng(0)
-    for name, values in block(1).items():
-        file = file_of(tmp_path / "d", name, values.ndim, 1)
+    for name in block(1):
+        file = file_of(tmp_path / "d", name, 1)
         content = file.read_bytes()
         if damage == "remove":
             file.unlink()
@@ -109,16 +121,16 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
             file.write_bytes(flipped)
         else:
             file.write_bytes(content[: 0 if damage == "empty" else len(content) // 2])
-        assert list(archive(tmp_path / "d").unfinished()) == [1], name
+        assert list(archive(tmp_path / "d").missing()) == [1], name
         file.write_bytes(content)
-    assert list(archive(tmp_path / "d").unfinished()) == []
+    assert list(archive(tmp_path / "d").missing()) == []
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"samples": 3}', "null", '{"of": "x"}'])
-def test_damaged_mark_makes_its_block_unfinished(tmp_path, content):
+def test_damaged_record_makes_its_block_unfinished(tmp_path, content):
     filled(tmp_path / "d")
-    mark_of(tmp_path / "d", 0).write_text(content)
-    assert list(archive(tmp_path / "d").unfinished()) == [0]
+    record_file(tmp_path / "d", 0).write_text(content)
+    assert list(archive(tmp_path / "d").missing()) == [0]
 
 
 def test_damaged_heads_are_written_anew(tmp_path):
@@ -130,7 +142,7 @@ def test_damaged_heads_are_written_anew(tmp_path):
     for head in heads:
         for content in (b"", b"{", head.read_bytes().replace(b"1", b"2")):
             head.write_bytes(content)
-            assert list(archive(tmp_path / "d").unfinished()) == []
+            assert list(archive(tmp_path / "d").missing()) == []
             assert contents(tmp_path / "d") == before, head
 
 
@@ -158,17 +170,17 @@ def test_samples_of_other_attributes_are_neither_added_to_nor_believed(tmp_path)
 
 @pytest.mark.parametrize("change", [{"of": "0" * 16}, {"samples": 9}, {"samples": -1}])
 @pytest.mark.parametrize("number", [0, 2])
-def test_mark_that_contradicts_the_head_is_made_anew(tmp_path, change, number):
+def test_record_that_contradicts_the_head_is_made_anew(tmp_path, change, number):
     filled(tmp_path / "d")
     before = contents(tmp_path / "d")
-    mark = mark_of(tmp_path / "d", number)
-    mark.write_text(json.dumps({**json.loads(mark.read_text()), **change}))
-    assert list(archive(tmp_path / "d").unfinished()) == [number]
+    file = record_file(tmp_path / "d", number)
+    file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
+    assert list(archive(tmp_path / "d").missing()) == [number]
     filled(tmp_path / "d")
     assert contents(tmp_path / "d") == before
 
 
-def test_growth_that_is_stopped_leaves_no_mark_of_fewer_samples(tmp_path):
+def test_growth_that_is_stopped_leaves_no_record_of_fewer_samples(tmp_path):
     filled(tmp_path / "d", 7)
     archive(tmp_path / "d", 9)
     assert sorted(f.name for f in (tmp_path / "d/making/finished").iterdir()) == [
@@ -185,22 +197,21 @@ def test_fewer_samples_of_the_same_blocks_are_refused_too(tmp_path):
 def test_archive_without_samples_is_laid_out_anew_for_others(tmp_path):
     archive(tmp_path / "d", 11)
     other = {**ATTRIBUTES, "configuration": {"seed": 2}}
-    assert list(archive(tmp_path / "d", 7, other).unfinished()) == [0, 1, 2]
+    assert list(archive(tmp_path / "d", 7, other).missing()) == [0, 1, 2]
 
 
-def test_mark_that_names_not_every_variable_is_none(tmp_path):
+def test_record_that_names_not_every_variable_is_none(tmp_path):
     made = filled(tmp_path / "d")
-    mark = mark_of(tmp_path / "d", 0)
-    record = json.loads(mark.read_text())
-    mark.write_text(json.dumps({**record, "crc32c": {}}))
-    assert not is_finished(tmp_path / "d", layout(), made.digest, 0)
+    file = record_file(tmp_path / "d", 0)
+    record = json.loads(file.read_text())
+    file.write_text(json.dumps({**record, "crc32c": {}}))
+    assert not is_complete(tmp_path / "d", made.digest, layout().block(0))
 
 
 def test_leftovers_of_killed_runs_go_and_files_of_others_stay(tmp_path):
     filled(tmp_path / "d")
     before = contents(tmp_path / "d")
-    (tmp_path / "d/making/head/photograph").mkdir(parents=True)
-    (tmp_path / "d/making/head/zarr.json").write_text("x")
+    (tmp_path / "d/photograph/c/0/0/0/0.1234.partial").write_text("x")
     (tmp_path / "d/making/finished/.00000000-abc.json").write_text("x")
     archive(tmp_path / "d")
     assert contents(tmp_path / "d") == before
@@ -212,24 +223,24 @@ def test_leftovers_of_killed_runs_go_and_files_of_others_stay(tmp_path):
 
 def test_folder_in_the_place_of_a_chunk_is_told(tmp_path):
     made = filled(tmp_path / "d")
-    mark_of(tmp_path / "d", 1).unlink()
-    file = file_of(tmp_path / "d", "sbr", 1, 1)
+    record_file(tmp_path / "d", 1).unlink()
+    file = file_of(tmp_path / "d", "sbr", 1)
     file.unlink()
     file.mkdir()
     with pytest.raises(OutputError, match="remove what stands there"):
         made.write(1, block(1))
 
 
-def test_write_that_fails_leaves_the_block_unmarked(tmp_path, monkeypatch):
+def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
     made = filled(tmp_path / "d")
     monkeypatch.setattr(
-        "periscopy_sim.dataset.archive.archive.checksum",
+        "periscopy_sim.storage.outputs.completion.checksum",
         lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
     )
     with pytest.raises(OutputError, match="No space left"):
         made.write(1, block(1))
     monkeypatch.undo()
-    assert list(archive(tmp_path / "d").unfinished()) == [1]
+    assert list(archive(tmp_path / "d").missing()) == [1]
 
 
 def test_places_of_other_things_are_refused_and_left_alone(tmp_path):
@@ -270,6 +281,6 @@ def test_digest_is_of_everything_but_the_count():
 
 def test_block_is_finished_for_its_own_data_set_alone(tmp_path):
     made = filled(tmp_path / "d")
-    assert is_finished(tmp_path / "d", layout(), made.digest, 0)
-    assert not is_finished(tmp_path / "d", layout(), "0" * 16, 0)
-    assert not is_finished(tmp_path / "d", layout(8), made.digest, 2)
+    assert is_complete(tmp_path / "d", made.digest, layout().block(0))
+    assert not is_complete(tmp_path / "d", "0" * 16, layout().block(0))
+    assert not is_complete(tmp_path / "d", made.digest, layout(8).block(2))
