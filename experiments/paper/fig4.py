@@ -145,13 +145,13 @@ def _bounds(setting: Setting) -> dict[str, list[float]]:
 
 
 def _mean(results: xr.Dataset, method: str, sbr: float) -> float:
-    cell = results["mean_squared_error"].sel({"method": method, "sbr": sbr})
+    cell = results["mean_squared_error"].sel(algorithm=method, sbr=sbr)
     return float(cell.mean())
 
 
 def _growth(results: xr.Dataset, method: str, low: float, high: float = 10.0) -> Array:
     """Error at a low SBR over that at a high one, for each background."""
-    error = results["mean_squared_error"].sel({"method": method}).mean("seed")
+    error = results["mean_squared_error"].sel(algorithm=method).mean("seed")
     return np.asarray(error.sel(sbr=low) / error.sel(sbr=high))
 
 
@@ -219,7 +219,7 @@ def _table(results: dict[str, xr.Dataset]) -> Table:
         [
             (kind, method, *(f"{_mean(found, method, sbr):.4f}" for sbr in SBRS))
             for kind, found in results.items()
-            for method in found["method"].values.tolist()
+            for method in found["algorithm"].values.tolist()
         ],
     )
 
@@ -274,7 +274,7 @@ def _draw(
             show_light(row[0], ps.composite(measured.signal, ambient, sbr))
             row[0].set_title(f"measurement\nSBR {sbr:g}")
             for ax, method in zip(row[1:-1], METHODS, strict=True):
-                cell = found.sel({"method": method, "background": EXAMPLE, "sbr": sbr, "seed": 0})
+                cell = found.sel(algorithm=method, background=EXAMPLE, sbr=sbr, seed=0)
                 image = ps.gain_matched(cell["reconstruction"].values, measured.truth)
                 show_light(ax, image, 1)
                 ax.set_title(f"{method}\nMSE {float(cell['mean_squared_error']):.3f}")
@@ -304,7 +304,7 @@ def _curves(ax: Any, results: xr.Dataset, title: str) -> None:
 
     for method in METHODS:
         error = (
-            results["mean_squared_error"].sel({"method": method}).stack(all=["background", "seed"])
+            results["mean_squared_error"].sel(algorithm=method).stack(all=["background", "seed"])
         )
         low, high = (error.quantile(q, "all").values for q in (0.1, 0.9))
         ax.fill_between(SBRS, low, high, color=COLORS[method], alpha=0.2, linewidth=0)

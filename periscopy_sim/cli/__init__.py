@@ -1,10 +1,11 @@
 """The `periscopy` command.
 
-Exit codes: 0; 2 with one clear line for what a user can mend; 130 after Ctrl-C.
+Exit codes: 0; 2 with one clear line for what a user can fix; 130 after Ctrl-C.
 """
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import signal
@@ -30,15 +31,17 @@ from periscopy_sim.cli import (
     transport,
     video,
 )
-from periscopy_sim.cli.arguments import EXTRAS, missing, warn
+from periscopy_sim.cli.arguments import EXTRAS, missing
+from periscopy_sim.cli.output import warn
 from periscopy_sim.errors import PeriscopyError
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C. Newer versions of typer return it, older ones raise Abort."""
 
+OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 app = typer.Typer(
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
-    add_completion=False,
     rich_markup_mode=None,
     invoke_without_command=True,
     pretty_exceptions_enable=False,
@@ -70,7 +73,7 @@ app.add_typer(dataset.app, name="dataset")
 
 
 def main() -> None:
-    """Run the command line; turn what a user can mend into one line and exit code 2."""
+    """Run the command line; turn what a user can fix into one line and exit code 2."""
     warnings.showwarning = _one_line_warning
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -79,6 +82,7 @@ def main() -> None:
     try:
         arguments = sys.argv[1:] or ["--help"]
         code = app(arguments, prog_name="periscopy", standalone_mode=False)
+        sys.stdout.flush()
     except PeriscopyError as error:
         _fail(str(error), 2)
     except ModuleNotFoundError as error:
@@ -89,6 +93,11 @@ def main() -> None:
         _fail(f"not enough memory: {error}; take fewer pixels or patches", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
+    except OSError as error:
+        if error.errno not in OUT_OF_SPACE:
+            raise
+        sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115  Python flushes it at its end
+        _fail(f"cannot print: {error.strerror}; free some space", 2)
     except Exception as error:
         # What the option parser refuses: an unknown option, a missing argument.
         message = getattr(error, "format_message", None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +10,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli import scene as scenes
-from periscopy_sim.cli.arguments import Define, SceneOption, Seed, progress, say
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli.arguments import Define, SceneOption, Seed
+from periscopy_sim.cli.output import progress, say, to_be_continued
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
@@ -42,15 +42,11 @@ def ambient(
 
     chosen = names or [*REALISTIC, *ADVERSARIAL]
     # Ambient light needs no hidden patches; one is the least that a scene can have.
-    scenario = scenes.load(scene, "1x1", define)
+    scenario = inputs.load(scene, "1x1", define)
     files = [out / f"{Path(name).stem}.exr" for name in chosen]
     held_before = {file for file in files if file.is_file()}
-    try:
+    with to_be_continued():
         ambient_photographs(chosen, scenario, out, seed, target=target)
-    except KeyboardInterrupt:
-        message = "interrupted; the same command goes on where it stopped"
-        print(f"periscopy: error: {message}", file=sys.stderr)
-        raise SystemExit(130) from None
     for file in files:
         held = read_exr(file)[1]
         error, common = (float(held[key]) for key in ("relative_error", "brightness_error"))

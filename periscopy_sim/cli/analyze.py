@@ -7,20 +7,17 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import masks
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 from periscopy_sim.cli.arguments import (
     Define,
     Hidden,
+    MaskOption,
     Out,
     Samples,
     SceneArgument,
     Seed,
-    mendable,
-    progress,
-    say,
-    write_json,
 )
+from periscopy_sim.cli.output import fixable, progress, say, write_json
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
@@ -30,11 +27,11 @@ def analyze(
     hidden: Hidden,
     out: Out,
     samples: Samples = 16,
-    model: scenes.ModelOption = scenes.Model.rendered,
+    model: inputs.ModelOption = inputs.Model.rendered,
     rank_tolerance: Annotated[
         float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
     ] = 1e-10,
-    mask: masks.MaskOption = None,
+    mask: MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -46,11 +43,11 @@ def analyze(
     from periscopy_sim.storage.outputs.staging import staged_folder
 
     with staged_folder(out) as folder:
-        scenario = scenes.load(scene, hidden, define)
-        used = masks.read(mask, scenario)
-        A = scenes.transport(scenario, samples, seed, model)
+        scenario = inputs.load(scene, hidden, define)
+        used = inputs.read_mask(mask, scenario)
+        A = inputs.render_transport(scenario, samples, seed, model)
         B = point_light_backgrounds(scenario)
-        with mendable(f"scene '{scenario.path}'"), progress("analyzing") as report:
+        with fixable(f"scene '{scenario.path}'"), progress("analyzing") as report:
             found = diagnostics.diagnose(
                 A,
                 B,
@@ -66,7 +63,7 @@ def analyze(
             for number, tolerance in enumerate(TOLERANCES, 1):
                 table.append(diagnostics.rank_row(A, B, tolerance))
                 report(0.4 + 0.6 * number / len(TOLERANCES))
-        provenance = scenes.provenance_of(scenario, seed)
+        provenance = inputs.provenance_of(scenario, seed)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(A.sum(axis=1).mean())
         maps = {
@@ -94,7 +91,7 @@ def analyze(
             "model": model.value,
             "samples": samples,
             "rank_tolerance": rank_tolerance,
-            **masks.record(mask, used),
+            **inputs.mask_record(mask, used),
         }
         record = {**settings, **numbers, "rank_table": table, "provenance": provenance}
         write_json(folder / "summary.json", record)

@@ -1,19 +1,19 @@
-"""What the commands have in common: the forms of their arguments, messages and progress."""
+"""The forms of the commands' arguments, and what is read from them."""
 
 from __future__ import annotations
 
+import math
 import re
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 import typer
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 EXTRAS = {
     "xarray": "sweep",
@@ -25,17 +25,24 @@ EXTRAS = {
 """Modules that the core install lacks, and the extra that brings each."""
 
 Out = Annotated[
-    Path, typer.Option("--out", help="Folder to write; appears complete or not at all.")
+    Path,
+    typer.Option(
+        "--out", metavar="FOLDER", help="Folder to write; appears complete or not at all."
+    ),
 ]
 OutFile = Annotated[
-    Path, typer.Option("--out", help="File to write; appears complete or not at all.")
+    Path,
+    typer.Option("--out", metavar="FILE", help="File to write; appears complete or not at all."),
 ]
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A Mitsuba XML file, or the name of a shipped scene.")
+PhotoArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="PHOTO", help="EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
+    ),
 ]
-SceneOption = Annotated[
-    str, typer.Option("--scene", help="A Mitsuba XML file, or the name of a shipped scene.")
-]
+_SCENE = "A Mitsuba XML file, or the name of a shipped scene."
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
+SceneOption = Annotated[str, typer.Option("--scene", metavar="SCENE", help=_SCENE)]
 Hidden = Annotated[
     str,
     typer.Option(
@@ -46,12 +53,42 @@ Define = Annotated[
     list[str] | None,
     typer.Option("-D", metavar="NAME=VALUE", help="Set one of the scene's <default>s; repeatable."),
 ]
-Samples = Annotated[int, typer.Option(min=1, help="Samples of a patch for each wall point.")]
+MaskOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--mask",
+        metavar="FILE",
+        help="A grey picture of the photograph's size (PNG, TIFF, JPEG, EXR, NPY or NPZ with key "
+        "mask): bright where the wall is used, black where it is left out.",
+    ),
+]
+MatrixOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--transport", metavar="FILE", help="Take A from this NPY file rather than render it."
+    ),
+]
+Samples = Annotated[
+    int,
+    # More would be hours in one kernel, which nothing can interrupt.
+    typer.Option(
+        min=1, max=65536, metavar="NUMBER", help="Samples of a patch for each wall point."
+    ),
+]
 # Mitsuba takes seeds of 32 bits; twice this still fits, for renderings in two passes.
-Seed = Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of every random draw.")]
+Seed = Annotated[
+    int, typer.Option(min=0, max=2**31 - 1, metavar="NUMBER", help="Seed of every random draw.")
+]
 
 
-def _within_bounds(snr: float | None) -> float | None:
+def not_nan(value: float | None) -> float | None:
+    """Refuse NaN, which the parsers' versions take to be within any bounds, or not."""
+    if value is not None and math.isnan(value):
+        raise typer.BadParameter("nan is not a number")
+    return value
+
+
+def _decibels(snr: float | None) -> float | None:
     # Not by the option's own bounds: the parsers' versions differ in what they say of NaN.
     if snr is not None and not -100 <= snr <= 300:
         raise typer.BadParameter(f"{snr:g} is not a finite number of dB from -100 to 300")
@@ -60,7 +97,8 @@ def _within_bounds(snr: float | None) -> float | None:
 
 _snr = typer.Option(
     "--snr",
-    callback=_within_bounds,
+    metavar="DB",
+    callback=_decibels,
     help="Gaussian noise at this signal-to-noise ratio, -100 to 300 dB.",
 )
 Snr = Annotated[float, _snr]
@@ -121,72 +159,104 @@ def missing(module: str) -> str:
     )
 
 
-@contextmanager
-def mendable(what: str) -> Iterator[None]:
-    """Report a ValueError about the user's data as the user's mistake."""
-    try:
-        yield
-    except PeriscopyError:
-        raise
-    except ValueError as error:
-        raise PeriscopyError(f"{what}: {error}") from error
+# -- lists ---------------------------------------------------------------------------------------
+
+GROUPS = {"all": REALISTIC, "adversarial": ADVERSARIAL}
+"""What ``--ambient`` takes for several shipped lighting conditions."""
+
+SPACINGS: Mapping[str, Callable[..., np.ndarray[tuple[int], np.dtype[np.float64]]]] = {
+    "log": np.geomspace,
+    "lin": np.linspace,
+}
+MOST_RATIOS = 1000
 
 
-def say(message: str) -> None:
-    """Print one line to the user."""
-    print(message, flush=True)
+def parse_list(option: str, text: str) -> list[str]:
+    """Read names separated by commas.
 
-
-def warn(message: str) -> None:
-    """Print one warning line."""
-    print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def progress(label: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal while a long computation reports the fraction done.
-
-    Yields
+    Raises
     ------
-    callable
-        Takes the fraction done, 0 to 1.
+    PeriscopyError
+        If one is empty or given twice.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
-    console = Console(stderr=True)
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task(label, total=1.0)
-        yield lambda fraction: bar.update(task, completed=fraction)
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise PeriscopyError(f"{option} '{text}' has an empty name; separate names by one comma")
+    _refuse_doubles(option, names)
+    return names
 
 
-class Stopwatch:
-    """Seconds that the stages of a command took, by name."""
+def parse_ratios(text: str) -> list[float]:
+    """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps).
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+    Raises
+    ------
+    PeriscopyError
+        If the text is of another form, or a ratio is not positive or given twice.
+    """
+    first, *rest = text.split(":")
+    try:
+        if rest:
+            last, spacing, count = rest
+            ends, number = (float(first), float(last)), int(count)
+            if not (_all_positive(ends) and 1 <= number <= MOST_RATIOS):
+                raise ValueError
+            ratios = [float(f"{ratio:.6g}") for ratio in SPACINGS[spacing](*ends, number)]
+        else:
+            ratios = [float(ratio) for ratio in text.split(",")]
+        if not _all_positive(ratios):
+            raise ValueError
+    except (ValueError, KeyError):
+        raise PeriscopyError(
+            f"--sbr '{text}' is no list of positive ratios; write 0.1,1,10 or 0.1:10:log:9"
+        ) from None
+    _refuse_doubles("--sbr", [f"{ratio:g}" for ratio in ratios])
+    return ratios
 
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time a block."""
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = round(time.perf_counter() - start, 4)
+
+def parse_ambient(text: str) -> dict[str, Path | None]:
+    """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
+
+    Returns
+    -------
+    dict
+        Name to EXR file; None for a shipped condition, which is yet to be rendered.
+
+    Raises
+    ------
+    PeriscopyError
+        If there is no such condition, file or EXR file in a folder, or a name is given twice.
+    """
+    found = [light for entry in parse_list("--ambient", text) for light in _lights(entry)]
+    _refuse_doubles("--ambient", [name for name, _ in found])
+    return dict(found)
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write a JSON file, human-readable, with arrays as lists and no NaN."""
-    import json
+def _lights(entry: str) -> list[tuple[str, Path | None]]:
+    shipped = (*REALISTIC, *ADVERSARIAL)
+    if entry in GROUPS:
+        return [(name, None) for name in GROUPS[entry]]
+    if entry in shipped:
+        return [(entry, None)]
+    path = Path(entry)
+    if path.is_dir():
+        files = sorted(path.glob("*.exr"))
+        if not files:
+            raise PeriscopyError(f"--ambient {entry}: the folder holds no EXR file")
+        return [(file.stem, file) for file in files]
+    if path.suffix == ".exr":
+        return [(path.stem, path)]
+    raise PeriscopyError(
+        f"--ambient '{entry}' is no lighting condition; use an EXR file, a folder of them, all, "
+        f"adversarial, or {', '.join(shipped)}"
+    )
 
-    import numpy as np
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, np.ndarray | np.generic):
-            return value.tolist()
-        return str(value)
+def _all_positive(values: tuple[float, ...] | list[float]) -> bool:
+    return all(np.isfinite(value) and value > 0 for value in values)
 
-    path.write_text(json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n")
+
+def _refuse_doubles(option: str, names: list[str]) -> None:
+    doubles = sorted({name for name in names if names.count(name) > 1})
+    if doubles:
+        raise PeriscopyError(f"{option} has {', '.join(doubles)} twice; name each once")

@@ -9,23 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import masks
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 from periscopy_sim.cli.arguments import (
     Define,
     Hidden,
+    MaskOption,
     OutFile,
+    PhotoArgument,
     Samples,
     SceneOption,
     Seed,
-    Stopwatch,
     parse_definitions,
     parse_size,
-    progress,
-    say,
-    warn,
-    write_json,
 )
+from periscopy_sim.cli.output import Stopwatch, progress, say, warn, write_json
 from periscopy_sim.errors import OutputError, SceneError
 
 if TYPE_CHECKING:
@@ -40,12 +37,7 @@ TIED = 0.8
 
 
 def calibrate(
-    photo: Annotated[
-        Path,
-        typer.Argument(
-            metavar="PHOTO", help="EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
-        ),
-    ],
+    photo: PhotoArgument,
     scene: SceneOption,
     hidden: Hidden,
     free: Annotated[
@@ -65,7 +57,7 @@ def calibrate(
         ),
     ] = None,
     samples: Samples = 16,
-    mask: masks.MaskOption = None,
+    mask: MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -76,7 +68,6 @@ def calibrate(
     """
     from periscopy_sim.calibration.calibrate import calibrate as search
     from periscopy_sim.figures.calibration import draw_calibration
-    from periscopy_sim.photographs.defects import defective_pixels
     from periscopy_sim.shipped import find_scene
     from periscopy_sim.storage.outputs.provenance import as_text
     from periscopy_sim.storage.outputs.staging import staged_file
@@ -84,23 +75,23 @@ def calibrate(
     if out.suffix != ".xml":
         raise OutputError(f"--out {out}: the scene is written as .xml; name a file that ends so")
     path, given = find_scene(scene), parse_definitions(define)
-    inputs = [photo, path, *([mask] if mask else [])]
+    files = [photo, path, *([mask] if mask else [])]
     if out.exists() and out.samefile(path):
         raise OutputError(f"--out {out} is the scene itself, which stays as it is; name another")
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
     for beside in (record, picture):
-        if any(beside.exists() and file.exists() and beside.samefile(file) for file in inputs):
+        if any(beside.exists() and file.exists() and beside.samefile(file) for file in files):
             raise OutputError(f"--out {out}: {beside.name} beside it is an input; name another")
     names = [name.strip() for name in free.split(",") if name.strip()]
     errors = _numbers(parse_definitions(uncertain, "--uncertain"))
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
-        scenario = scenes.load(scene, hidden, define)
-        used = masks.read(mask, scenario)
-        given_photograph = scenes.read_photograph(photo, scenario, used)
+        scenario = inputs.load(scene, hidden, define)
+        used = inputs.read_mask(mask, scenario)
+        given_photograph = inputs.read_photograph(photo, scenario, used)
         _write_copy(scene_file, path, given, hidden, out)  # proves now that it can be written
-        defects = defective_pixels(given_photograph.values, used)
-        warnings = [*given_photograph.warnings, *masks.warn_of(defects, str(photo))]
+        defects = inputs.look_for_defects(given_photograph.values, used, str(photo))
+        warnings = [*given_photograph.warnings, *defects.warnings]
         with timed("calibrate"), progress("calibrating") as report:
             found = search(
                 given_photograph.values,
@@ -116,12 +107,12 @@ def calibrate(
             )
         values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
         _write_copy(scene_file, path, values, hidden, out)
-        provenance = scenes.provenance_of(scenario, seed)
+        provenance = inputs.provenance_of(scenario, seed)
         summary = {
             "photograph": str(photo),
             "scene": str(path),
             "hidden_shape": scenario.hidden_shape,
-            **masks.record(mask, used),
+            **inputs.mask_record(mask, used),
             "samples": samples,
             "warnings": warnings,
             **_told(found),

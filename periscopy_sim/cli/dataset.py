@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out, progress, require, say, warn
+from periscopy_sim.cli.arguments import Out, require
+from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 
 if TYPE_CHECKING:
@@ -77,31 +77,30 @@ def make(
     require("sweep", "dataset")
     settings = load_configuration(configuration)
     start = time.perf_counter()
-    try:
-        with _sample_progress("samples") as report, _between_blocks() as check:
+    with (
+        to_be_continued(),
+        counted_progress("making samples", "samples") as report,
+        _between_blocks() as check,
+    ):
 
-            def blocks(done: int, total: int) -> None:
-                report(done, total)
-                check()
+        def blocks(done: int, total: int) -> None:
+            report(done, total)
+            check()
 
-            @contextmanager
-            def rendering(name: str) -> Iterator[Callable[[float], None]]:
-                with progress(name) as show:
+        @contextmanager
+        def rendering(name: str) -> Iterator[Callable[[float], None]]:
+            with progress(name, lines=False) as show:
 
-                    def fraction_done(fraction: float) -> None:
-                        show(fraction)
-                        check()
+                def fraction_done(fraction: float) -> None:
+                    show(fraction)
+                    check()
 
-                    yield fraction_done
+                yield fraction_done
 
-            made = make_dataset(
-                settings, out, count=count, scheduler=scheduler, progress=blocks,
-                rendering=rendering,
-            )  # fmt: skip
-    except KeyboardInterrupt:
-        message = "interrupted; the same command goes on where it stopped"
-        print(f"periscopy: error: {message}", file=sys.stderr)
-        raise SystemExit(130) from None
+        made = make_dataset(
+            settings, out, count=count, scheduler=scheduler, progress=blocks,
+            rendering=rendering,
+        )  # fmt: skip
     seconds = time.perf_counter() - start
     _warn_of_empty_splits(out, settings.splits)
     if not made.made:
@@ -136,7 +135,7 @@ def verify(data: Archive) -> None:
     """Check every file against its checksum and decode every chunk; exit 2 if one is damaged."""
     from periscopy_sim.dataset.archive.reading import verify_dataset
 
-    with _sample_progress("blocks") as report:
+    with counted_progress("verifying", "blocks") as report:
         whole, damaged = verify_dataset(data, report)
     for damage in damaged:
         first, after = damage.samples
@@ -144,7 +143,7 @@ def verify(data: Archive) -> None:
     if damaged:
         raise DatasetError(
             f"{data}: {whole} samples are whole, the others not; run 'periscopy dataset' with its "
-            "configuration again to mend it"
+            "configuration again to repair it"
         )
     say(f"{data}: all {whole} samples are whole")
 
@@ -166,7 +165,7 @@ def export(
     count = describe(data)["finished"]
     if data.resolve() in (out.resolve(), *out.resolve().parents):
         raise OutputError(f"{out} lies within the data set; name another folder")
-    with staged_folder(out) as folder, _sample_progress("samples") as report:
+    with staged_folder(out) as folder, counted_progress("exporting", "samples") as report:
         written = export_samples(data, folder, parse_indices(samples, count), report)
     say(f"wrote {out}: {len(written)} files, and among them sheet.png")
 
@@ -256,31 +255,3 @@ def _between_blocks() -> Iterator[Callable[[], None]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def _sample_progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show on a terminal what is done, how fast, and when the rest will be."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"), Remaining(),
-    )  # fmt: skip
-    console = Console(stderr=True)
-    begun: list[tuple[float, int]] = []
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task(what, total=None, rate="")
-
-        def report(done: int, total: int) -> None:
-            begun.append((time.perf_counter(), done)) if not begun else None
-            start, before = begun[0]
-            rate = (done - before) / max(time.perf_counter() - start, 1e-9)
-            text = f"{rate:.1f}/s" if done > before else ""
-            bar.update(task, completed=done, total=total, rate=text)
-
-        yield report

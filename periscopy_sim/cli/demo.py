@@ -1,4 +1,4 @@
-"""`periscopy demo`: the main job, end to end, on shipped scenes."""
+"""`periscopy demo`: the main job, end to end, on shipped inputs."""
 
 from __future__ import annotations
 
@@ -8,17 +8,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from periscopy_sim.cli import scene as scenes
-from periscopy_sim.cli.arguments import (
-    Out,
-    Seed,
-    Stopwatch,
-    mendable,
-    parse_size,
-    progress,
-    say,
-    write_json,
-)
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli.arguments import Out, Seed, parse_size
+from periscopy_sim.cli.output import Stopwatch, fixable, progress, say, write_json
 
 SBR = 0.5
 SNR = 60.0
@@ -69,12 +61,12 @@ def demo(
         patches = hidden or ("29x36" if fast else "14x18")
         pixels = resolution or (126 if fast else 63)
         definitions = [f"resolution={pixels}"]
-        scenario = scenes.load("chair", patches, definitions)
+        scenario = inputs.load("chair", patches, definitions)
         truth = read_hidden_image(find_image(image), parse_size(patches))
         with timed("transport matrix"):
-            A = scenes.transport(scenario, 16, seed)
+            A = inputs.render_transport(scenario, 16, seed)
         with timed("photograph"):
-            signal = scenes.photograph(scenario, truth, samples(8192, 512), seed)
+            signal = inputs.photograph(scenario, truth, samples(8192, 512), seed)
         with timed("ambient light"), progress("path tracing the ambient light") as report:
             background = render_background(
                 "ambient/ceiling_panels",
@@ -85,7 +77,7 @@ def demo(
             )
         photograph = add_noise(composite(signal, background.photograph, SBR), SNR, seed)
         B = point_light_backgrounds(scenario)
-        with timed("form the preconditioner"), mendable(f"scene '{scenario.path}'"):
+        with timed("form the preconditioner"), fixable(f"scene '{scenario.path}'"):
             periscope = Periscope.for_scene(scenario, A, B)
         with timed("factor for the noise-aware method"):
             method = NoiseAware.for_scene(scenario, A, B)
@@ -95,7 +87,7 @@ def demo(
             by_paper = periscope.reconstruct(photograph)
         with timed("reconstruct"):
             recovered = method.reconstruct(photograph)
-        provenance = scenes.provenance_of(scenario, seed)
+        provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
         matched = metrics.gain_matched(recovered, truth)
         psnr, psnr_by_paper = (metrics.psnr(image, truth) for image in (recovered, by_paper))

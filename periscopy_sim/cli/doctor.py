@@ -7,7 +7,7 @@ import platform
 import sys
 from importlib import metadata
 
-from periscopy_sim.cli.arguments import say
+from periscopy_sim.cli.output import say
 
 
 def doctor() -> None:

@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 from periscopy_sim.cli.arguments import (
     Define,
     OptionalSnr,
     OutFile,
     SceneArgument,
     Seed,
-    mendable,
     parse_size,
-    say,
 )
+from periscopy_sim.cli.output import fixable, say
 from periscopy_sim.errors import OutputError, PeriscopyError
 
 if TYPE_CHECKING:
@@ -92,13 +91,13 @@ def photograph(
     }  # fmt: skip
     sensor = _sensor(electrons, {name: x for name, x in chosen.items() if x is not None})
     with staged_file(out) as file:
-        scenario = scenes.load(scene, hidden, define)
+        scenario = inputs.load(scene, hidden, define)
         shown = read_hidden_image(find_image(image), parse_size(hidden))
         background = None
         if ambient is not None:
-            background = scenes.read_photograph(ambient, scenario).values
-        y = scenes.photograph(scenario, shown, samples, seed)
-        with mendable("photograph"):
+            background = inputs.read_photograph(ambient, scenario).values
+        y = inputs.photograph(scenario, shown, samples, seed)
+        with fixable("photograph"):
             if background is not None and sbr is not None:
                 y = measurement.composite(y, background, sbr)
             if snr is not None:
@@ -116,7 +115,7 @@ def photograph(
         }
         if sensor is not None:
             settings |= {**asdict(sensor), "saturated": saturated}
-        write_exr(file, y, as_text({**settings, **scenes.provenance_of(scenario, seed)}))
+        write_exr(file, y, as_text({**settings, **inputs.provenance_of(scenario, seed)}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
     if sensor is not None:
         say(f"saturated {saturated} of {y.size} values; SNR {sensor.snr:.1f} dB at mean light")
@@ -139,5 +138,5 @@ def _sensor(electrons: float | None, chosen: Mapping[str, Any]) -> Sensor | None
                 "--electrons MEAN"
             )
         return None
-    with mendable("sensor"):
+    with fixable("sensor"):
         return Sensor(electrons, **chosen)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,24 +11,23 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli import masks
+from periscopy_sim.cli import inputs
 from periscopy_sim.cli import photograph as photographs
-from periscopy_sim.cli import scene as scenes
 from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.arguments import (
     Define,
     Hidden,
+    MaskOption,
     Samples,
     SceneArgument,
     Seed,
     Snr,
-    mendable,
-    progress,
+    parse_ambient,
+    parse_list,
+    parse_ratios,
     require,
-    say,
-    write_json,
 )
-from periscopy_sim.cli.sweep_lists import parse_ambient, parse_list, parse_ratios
+from periscopy_sim.cli.output import progress, say, to_be_continued, write_json
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.storage.outputs.lock import alone_in
 
@@ -89,7 +87,7 @@ def sweep(
         typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine's cores."),
     ] = None,
     samples: Samples = 16,
-    mask: masks.MaskOption = None,
+    mask: MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
@@ -99,7 +97,6 @@ def sweep(
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
     from periscopy_sim.figures import panels
-    from periscopy_sim.photographs.defects import defective_pixels
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.outputs.provenance import as_text
     from periscopy_sim.storage.outputs.staging import staged_file
@@ -113,15 +110,15 @@ def sweep(
     names = parse_list("--methods", methods)
     for name in names:
         find_method(name)
-    scenario = scenes.load(scene, hidden, define)
+    scenario = inputs.load(scene, hidden, define)
     shown = read_hidden_image(find_image(truth or hidden_image or ""), scenario.hidden_shape)
-    used = masks.read(mask, scenario)
+    used = inputs.read_mask(mask, scenario)
     signal = None
     if photograph is not None:
-        signal = scenes.read_photograph(photograph, scenario, used).values
-        masks.warn_of(defective_pixels(signal, used), str(photograph))
+        signal = inputs.read_photograph(photograph, scenario, used).values
+        inputs.look_for_defects(signal, used, str(photograph))
     backgrounds = {
-        name: scenes.read_photograph(path, scenario, used).values if path else None
+        name: inputs.read_photograph(path, scenario, used).values if path else None
         for name, path in lights.items()
     }
     settings = {
@@ -146,57 +143,51 @@ def sweep(
     if scheduler is not None:
         with workers.connect(scheduler):  # does it answer?
             pass
-    try:
-        with alone_in(out):
-            _claim_folder(out, settings)
-            if not (out / "A.npy").is_file():
-                matrices.transport(
-                    scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
-                )
-            A = scenes.read_transport(out / "A.npy", scenario)
-            B = point_light_backgrounds(scenario)
-            with mendable(f"scene '{scenario.path}'"):
-                fitted = fit_methods(names, scenario, A, B, used)
-            if signal is None:
-                file = out / "photograph.exr"
-                if not file.is_file():
-                    photographs.photograph(
-                        scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
-                    )
-                signal = scenes.read_photograph(file, scenario).values
-            lit = _rendered(backgrounds, scenario, out / "ambient", seed)
-            whole = sweeps.Sweep(
-                signal=signal,
-                truth=shown,
-                backgrounds=sweeps.flips(lit) if flips else lit,
-                methods=fitted,
-                sbrs=ratios,
-                snr=snr,
-                seeds=range(seeds),
-                seed=seed,
-                mask=used,
-                conditions={
-                    "settings": settings,
-                    "A_sha256": sweeps.array_sha256(A),
-                    "B_sha256": sweeps.array_sha256(B),
-                },
+    with to_be_continued(), alone_in(out):
+        _claim_folder(out, settings)
+        if not (out / "A.npy").is_file():
+            matrices.transport(
+                scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
             )
-            with progress("sweeping") as report:
-                results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
-            with staged_file(out / "sweep.png") as file:
-                text = as_text(scenes.provenance_of(scenario, seed))
-                panels.draw_sweep(file, results, metadata=text)
-    except KeyboardInterrupt:
-        message = "interrupted; the same command goes on where it stopped"
-        print(f"periscopy: error: {message}", file=sys.stderr)
-        raise SystemExit(130) from None
+        A = inputs.read_transport(out / "A.npy", scenario)
+        B = point_light_backgrounds(scenario)
+        fitted = fit_methods(names, scenario, A, B, used)
+        if signal is None:
+            file = out / "photograph.exr"
+            if not file.is_file():
+                photographs.photograph(
+                    scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
+                )
+            signal = inputs.read_photograph(file, scenario).values
+        lit = _rendered(backgrounds, scenario, out / "ambient", seed)
+        whole = sweeps.Sweep(
+            signal=signal,
+            truth=shown,
+            backgrounds=sweeps.flips(lit) if flips else lit,
+            methods=fitted,
+            sbrs=ratios,
+            snr=snr,
+            seeds=range(seeds),
+            seed=seed,
+            mask=used,
+            conditions={
+                "settings": settings,
+                "A_sha256": sweeps.array_sha256(A),
+                "B_sha256": sweeps.array_sha256(B),
+            },
+        )
+        with progress("sweeping") as report:
+            results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
+        with staged_file(out / "sweep.png") as file:
+            text = as_text(inputs.provenance_of(scenario, seed))
+            panels.draw_sweep(file, results, metadata=text)
     _tell(results)
     say(f"wrote {', '.join(str(out / name) for name in RESULTS)}")
 
 
 def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
     """Provenance without what differs from run to run."""
-    record = scenes.provenance_of(scenario, None)
+    record = inputs.provenance_of(scenario, None)
     left_out = ("command", "scene", "seed")
     return {name: value for name, value in record.items() if name not in left_out}
 
@@ -255,13 +246,13 @@ def _rendered(
 
 def _tell(results: xr.Dataset) -> None:
     """Print the mean error of each method at each SBR, and what failed."""
-    errors = results["mean_squared_error"].transpose("method", "sbr", "background", "seed")
-    names = [str(name) for name in results["method"].values]
+    errors = results["mean_squared_error"].transpose("algorithm", "sbr", "background", "seed")
+    names = [str(name) for name in results["algorithm"].values]
     width = max(18, *map(len, names))
     say(f"{'mean squared error':{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values]))
     for name, method in zip(names, errors.values, strict=True):
         say(f"{name:{width}}" + _row([_mean(values) for values in method]))
-    failures = results["failure"].transpose("method", ...).values.reshape(len(names), -1)
+    failures = results["failure"].transpose("algorithm", ...).values.reshape(len(names), -1)
     for name, messages in zip(names, failures, strict=True):
         failed = messages[messages != ""]
         if failed.size:

@@ -2,55 +2,47 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from periscopy_sim.cli import masks
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 from periscopy_sim.cli.arguments import (
     Define,
     Hidden,
+    MaskOption,
+    MatrixOption,
     Out,
     Samples,
     SceneOption,
     Seed,
+    not_nan,
+)
+from periscopy_sim.cli.method_options import (
+    COUPLINGS,
+    FOR_VIDEOS,
+    check_coupling,
+    method_help,
+    settings_for,
+    takes_options_of,
+)
+from periscopy_sim.cli.output import (
     Stopwatch,
-    mendable,
+    counted_progress,
+    fixable,
+    progress,
     say,
     warn,
     write_json,
 )
-from periscopy_sim.cli.video_input import check_left_over, decoded_photographs, decoded_truth
-from periscopy_sim.cli.video_methods import (
-    Coupling,
-    VideoMethod,
-    checked_settings,
-    fitted,
-    live_rate,
-    solutions,
-)
-from periscopy_sim.cli.video_metrics import Record, compare, medians_of, record_of, write_table
-from periscopy_sim.cli.video_pictures import draw_frames, draw_sheet, draw_video, white_of
-
-if TYPE_CHECKING:
-    from periscopy_sim.cli.video_methods import Solution
-    from periscopy_sim.figures.panels import Image
+from periscopy_sim.errors import OutputError
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 
-def _not_nan(value: float | None) -> float | None:
-    # The parsers' versions differ in whether NaN is within bounds.
-    if value is not None and np.isnan(value):
-        raise typer.BadParameter("nan is not a number")
-    return value
-
-
+@takes_options_of(FOR_VIDEOS)
 def video(
     frames: Annotated[
         Path,
@@ -64,166 +56,161 @@ def video(
     hidden: Hidden,
     out: Out,
     method: Annotated[
-        VideoMethod, typer.Option(help="How each frame is recovered.")
-    ] = VideoMethod.preconditioned,
+        str,
+        typer.Option(
+            metavar="NAME",
+            help=f"How each frame is recovered. {method_help(FOR_VIDEOS)}.",
+            autocompletion=lambda: list(FOR_VIDEOS),
+        ),
+    ] = DEFAULT,
     coupling: Annotated[
-        Coupling,
+        str,
         typer.Option(
-            help="How each frame is tied to the one before it; total-variation is of the "
-            "preconditioned method."
+            metavar="NAME",
+            help="How each frame is tied to the one before it: l1, none, or total-variation, which "
+            "is of the preconditioned method.",
+            autocompletion=lambda: list(COUPLINGS),
         ),
-    ] = Coupling.l1,
-    temporal_weight: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            max=1e9,
-            callback=_not_nan,
-            help="Weight of differences in time within total variation; 1 if not given.",
-        ),
-    ] = None,
-    l1_weight: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            max=1e9,
-            callback=_not_nan,
-            help="Weight of the l1 difference to the frame before, over that of TV; 0.4 if not "
-            "given, by noise-aware 0.8.",
-        ),
-    ] = None,
+    ] = "l1",
     samples: Samples = 16,
-    model: scenes.ModelOption = scenes.Model.rendered,
-    matrix: Annotated[
-        Path | None,
-        typer.Option("--transport", help="Take A from this NPY file rather than render it."),
-    ] = None,
-    tv_weight: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            max=1e9,
-            callback=_not_nan,
-            help="TV weight, in standard errors of the estimate; 0: none; 1 if not given. This "
-            "and the next two are of the preconditioned method.",
-        ),
-    ] = None,
-    repair_threshold: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            max=1e9,
-            callback=_not_nan,
-            help="Repair patches that differ from their neighbours by more than this part of the "
-            "image's 99th percentile; 0.1 if not given.",
-        ),
-    ] = None,
-    rank_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-15,
-            max=0.5,
-            callback=_not_nan,
-            help="Relative tolerance on B's singular values; 1e-10 if not given.",
-        ),
-    ] = None,
+    model: inputs.ModelOption = inputs.Model.rendered,
+    matrix: MatrixOption = None,
     truth: Annotated[
         str | None,
         typer.Option(
+            metavar="IMAGES",
             help="What was hidden, if known: a folder of pictures or an NPY stack, one for each "
             "photograph, or one image (a file or a shipped one) for all; adds metrics and "
-            "frames_sheet.png."
+            "frames_sheet.png.",
         ),
     ] = None,
     rate: Annotated[
         float,
-        typer.Option(min=0.1, max=1000, callback=_not_nan, help="Animation's frames a second."),
+        typer.Option(
+            min=0.1,
+            max=1000,
+            callback=not_nan,
+            metavar="NUMBER",
+            help="Animation's frames a second.",
+        ),
     ] = 16.0,
     batch: Annotated[
         int,
-        typer.Option(min=1, max=4096, help="Photographs that P or A is applied to in one product."),
+        typer.Option(
+            min=1,
+            max=4096,
+            metavar="NUMBER",
+            help="Photographs that P or A is applied to in one product.",
+        ),
     ] = 16,
-    mask: masks.MaskOption = None,
+    mask: MaskOption = None,
     seed: Seed = 0,
     define: Define = None,
+    **options: float | None,
 ) -> None:
     """Recover a hidden video from a sequence of photographs of the wall."""
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.photographs.defects import defective_pixels
+    from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.evaluation.methods import fit_method
+    from periscopy_sim.figures import video as drawing
+    from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.outputs.provenance import as_text
     from periscopy_sim.storage.outputs.staging import staged_folder
+    from periscopy_sim.storage.sequences.decoded import decoded_photographs, decoded_truth
     from periscopy_sim.storage.sequences.opening import open_frames
+    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
-    weights, settings = checked_settings(
-        method,
-        coupling,
-        {"temporal_weight": temporal_weight, "l1_weight": l1_weight},
-        tv_weight=tv_weight,
-        repair_threshold=repair_threshold,
-        rank_tolerance=rank_tolerance,
-    )
+    check_coupling(method, coupling)
+    settings = settings_for(method, options, FOR_VIDEOS, coupling)
+    entry = METHODS[method]
+    for_stills = {option.name for option in entry.options} & settings.keys()
+    weights = {name: settings[name] for name in settings if name not in for_stills}
     timed = Stopwatch()
     with staged_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"):
-            scenario = scenes.load(scene, hidden, define)
-        with timed("read the frames"):
-            used = masks.read(mask, scenario)
+            scenario = inputs.load(scene, hidden, define)
+        with timed("read the frames"), progress("reading the photographs") as report:
+            used = inputs.read_mask(mask, scenario)
             sequence = open_frames(frames, scenario.photograph_shape, used)
-            check_left_over(out, len(sequence))
-            photographs, warnings = decoded_photographs(sequence, scenario, Path(scratch, "y.npy"))
-            defects = defective_pixels(photographs[0], used)
+            names = drawing.picture_names(len(sequence))
+            _check_left_over(out / "frames", names)
+            photographs, warnings = decoded_photographs(
+                sequence, scenario.photograph_shape, Path(scratch, "y.npy"), report
+            )
+            for warning in warnings:
+                warn(warning)
             first = f"{frames}, first frame"
-            warnings += masks.warn_of(defects, first, out / masks.SUGGESTED)
+            defects = inputs.look_for_defects(photographs[0], used, first, out / inputs.SUGGESTED)
             known = None
             if truth is not None:
-                known = decoded_truth(truth, scenario, len(sequence), Path(scratch, "truth.npy"))
+                path = Path(truth) if Path(truth).is_dir() else find_image(truth)
+                known = decoded_truth(
+                    path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
+                )
         with timed("transport matrix"):
-            if matrix is not None:
-                A = scenes.read_transport(matrix, scenario)
-            else:
-                A = scenes.transport(scenario, samples, seed, model)
-        with timed("fit the method"), mendable(str(matrix or f"scene '{scenario.path}'")):
+            A, origin = inputs.transport(scenario, matrix, samples, seed, model)
+        with timed("fit the method"), fixable(str(matrix or f"scene '{scenario.path}'")):
             B = point_light_backgrounds(scenario)
-            recovery = fitted(method, coupling, weights, settings, scenario, A, B, used)
-        if matrix is not None and not matrix.with_suffix(".json").is_file():
-            warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
-        file = folder / "frames.npy"
+            still: Any = fit_method(
+                method, scenario, A, B, used, **{name: settings[name] for name in for_stills}
+            )
+            recovery = entry.frames_by(still, coupling, **weights)
+        records = []
         # Products this small gain little from threads, which wait for each other on a busy machine.
-        with threadpool_limits(1), mendable(str(frames)):
+        with threadpool_limits(1), fixable(str(frames)):
             with timed("rehearse"):
-                live = live_rate(recovery.video, photographs)
-            with timed("reconstruct"):
-                solved = solutions(recovery.video, photographs, batch)
-                images, records = _written(file, solved, sequence.names, scenario.hidden_shape)
-        provenance = scenes.provenance_of(scenario, seed)
+                live = video_metrics.live_rate(recovery, photographs)
+            with (
+                timed("reconstruct"),
+                counted_progress("reconstructing", "frames") as frame_done,
+                npy_writer(
+                    folder / "frames.npy", (len(names), *scenario.hidden_shape, 3), np.float32
+                ) as write,
+            ):
+                solved = video_metrics.timed_solutions(recovery, photographs, batch)
+                for k, (solution, seconds) in enumerate(solved):
+                    write(solution.image)
+                    told = recovery.told(solution)
+                    records.append(video_metrics.record_of(k, sequence.names[k], seconds, told))
+                    frame_done(k + 1, len(names))
+        images = mapped_stack(folder / "frames.npy")
+        provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
         with timed("draw"):
-            white = white_of(images)
+            white = drawing.white_of(images)
             if known is not None:
-                compare(records, images, known)
-                draw_sheet(folder / "frames_sheet.png", photographs, known, images, records, text)
-            draw_frames(folder / "frames", images, white, text)
-            draw_video(folder / "video.png", photographs, images, known, white, rate, text)
-        masks.suggest(folder, defects, used, text)
-        write_table(folder / "metrics.csv", records)
-        medians = medians_of(records)
+                video_metrics.compare(records, images, known)
+                errors = [record["mean_squared_error"] for record in records]
+                drawing.draw_sheet(
+                    folder / "frames_sheet.png", photographs, known, images, errors, text
+                )
+            with progress("drawing the frames") as report:
+                drawing.draw_frames(folder / "frames", images, white, text, report)
+            with progress("drawing the animation") as report:
+                drawing.draw_video(
+                    folder / "video.png", photographs, images, known, white, rate, text, report
+                )
+        defects.suggest_mask(folder, text)
+        video_metrics.write_table(folder / "metrics.csv", records)
+        medians = video_metrics.medians_of(records)
         rates = {"batch": len(records) / sum(r["seconds"] for r in records), "live": live}
         summary: dict[str, Any] = {
             "photographs": str(frames),
             "frames": len(sequence),
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
-            "model": "file" if matrix else model.value,
-            "transport": matrix,
-            "samples": None if matrix else samples,
-            **recovery.settings,
+            **origin,
+            "method": method,
+            **settings,
+            **recovery.fitted(),
+            "coupling": coupling,
             "batch": batch,
             "rate": rate,
             "white": white,
-            **masks.record(mask, used),
-            "warnings": warnings,
+            **inputs.mask_record(mask, used),
+            "warnings": [*warnings, *defects.warnings],
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,
@@ -241,49 +228,16 @@ def video(
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
 
 
-def _written(
-    file: Path,
-    solved: Iterator[tuple[Solution, float]],
-    names: Sequence[str],
-    hidden_shape: tuple[int, int],
-) -> tuple[Image, list[Record]]:
-    """Write each frame as it is recovered; return all of them, mapped, and a record of each."""
-    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
+def _check_left_over(folder: Path, names: list[str]) -> None:
+    """Refuse a folder whose pictures would be taken for those of this video.
 
-    count = len(names)
-    shape = (count, *hidden_shape, 3)
-    records: list[Record] = []
-    with (
-        _frame_progress("reconstructing", count) as report,
-        npy_writer(file, shape, np.float32) as write,
-    ):
-        for k, (name, (solution, seconds)) in enumerate(zip(names, solved, strict=True)):
-            write(solution.image)
-            records.append(record_of(k, name, solution, seconds))
-            report(k + 1)
-    return mapped_stack(file), records
-
-
-@contextmanager
-def _frame_progress(label: str, count: int) -> Iterator[Callable[[int], None]]:
-    """Show on a terminal how many frames are done, and how many a second."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"), Remaining(),
-    )  # fmt: skip
-    console = Console(stderr=True)
-    start = time.perf_counter()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task(label, total=count, rate="")
-
-        def report(done: int) -> None:
-            rate = done / (time.perf_counter() - start)
-            bar.update(task, completed=done, rate=f"{rate:.1f} frames/s")
-
-        yield report
+    Raises
+    ------
+    OutputError
+        Naming the first.
+    """
+    left_over = sorted({file.name for file in folder.glob("*.png")} - set(names))
+    if left_over:
+        raise OutputError(
+            f"{folder / left_over[0]} is of a longer video; remove {folder}, or name another folder"
+        )

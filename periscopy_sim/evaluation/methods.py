@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import re
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -20,12 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.reconstruction.baselines.differencing import Differencing
-from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
-from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.method import settings_of
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
-from periscopy_sim.reconstruction.preconditioned.still import Method, Periscope
+from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
@@ -34,50 +32,19 @@ Factory = Callable[..., Method]
 """Fits a method to a scene: takes the scenario, A of shape (M, N) and B of shape (M, L); those that
 take the keyword `mask` too are told where the wall is used, (rows, columns), or None.
 """
+MethodError = (Exception, SystemExit)
+"""What a method may raise without ending more than itself; `sys.exit` in it is such an error."""
 
 
-def _preconditioned(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None) -> Method:
-    return Periscope.for_scene(scenario, A, B, mask=mask)
+@dataclass(frozen=True)
+class Unfit:
+    """Stands in for a method that cannot be fitted: every reconstruction fails for the reason."""
 
+    reason: str
 
-def _pseudoinverse(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
-    return Periscope.for_scene(scenario, A, mask=mask)
-
-
-def _differencing(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
-    return Differencing(A, **settings_of(scenario), mask=mask)
-
-
-def _published_differencing(
-    scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None
-) -> Method:
-    return Differencing(A, **settings_of(scenario), mask=mask, stop="published")
-
-
-def _truncated_svd(scenario: Scenario, A: Matrix, _: Matrix, mask: Mask | None = None) -> Method:
-    return TruncatedSVD(
-        A, hidden_shape=scenario.hidden_shape, channel_gain=scenario.channel_gain, mask=mask
-    )
-
-
-def _iterative(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None) -> Method:
-    return IterativePeriscope.for_scene(scenario, A, B, mask=mask)
-
-
-def _noise_aware(scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None) -> Method:
-    return NoiseAware.for_scene(scenario, A, B, mask=mask)
-
-
-METHODS: dict[str, Factory] = {
-    "preconditioned": _preconditioned,
-    "differencing": _differencing,
-    "differencing-published": _published_differencing,
-    "truncated-svd": _truncated_svd,
-    "pseudoinverse": _pseudoinverse,
-    "iterative": _iterative,
-    "noise-aware": _noise_aware,
-}
-"""The paper's method, its twin without P, and those it compares with, each with its defaults."""
+    def reconstruct(self, _: Any) -> NDArray[np.float64]:
+        """Raise the reason."""
+        raise PeriscopyError(self.reason)
 
 
 def find_method(name: str) -> Factory:
@@ -128,19 +95,20 @@ def source_sha256(name: str) -> str | None:
     return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
 
 
-def fit_methods(
-    names: Sequence[str],
+def fit_method(
+    name: str,
     scenario: Scenario,
     A: Matrix,
     B: Matrix,
     mask: Mask | None = None,
-) -> dict[str, Method]:
-    """Fit methods to a scene, on one thread, so that the bits do not depend on the machine's cores.
+    **options: float,
+) -> Method:
+    """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
 
     Parameters
     ----------
-    names
-        As `find_method` takes them.
+    name
+        As `find_method` takes it.
     scenario
         The scene.
     A
@@ -149,11 +117,13 @@ def fit_methods(
         (M, L) prototype backgrounds.
     mask
         (rows, columns), True where the wall is used; None for everywhere.
+    **options
+        What one of `METHODS` is to be given; see its entry.
 
     Returns
     -------
-    dict
-        Name to method, in the order given.
+    Method
+        Has ``reconstruct(photograph)``.
 
     Raises
     ------
@@ -170,19 +140,61 @@ def fit_methods(
     """
     from threadpoolctl import threadpool_limits
 
-    methods = {}
+    fit = find_method(name)
+    told = {} if mask is None or not _takes_mask(fit, name) else {"mask": mask}
+    with threadpool_limits(1), own_errors(name, "cannot be fitted"):
+        method = fit(scenario, A, B, **told, **options)
+    if not callable(getattr(method, "reconstruct", None)):
+        raise PeriscopyError(
+            f"method '{name}' makes an object of type {type(method).__name__}, which has no "
+            "reconstruct(photograph); add one"
+        )
+    return method
+
+
+def fit_methods(
+    names: Sequence[str], scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None
+) -> dict[str, Method]:
+    """Fit methods to a scene; those that cannot be fitted fail on every photograph.
+
+    Parameters
+    ----------
+    names
+        As `find_method` takes them.
+    scenario, A, B, mask
+        As in `fit_method`.
+
+    Returns
+    -------
+    dict
+        Name to method, in the order given; an `Unfit` for each that cannot be fitted.
+
+    Raises
+    ------
+    PeriscopyError
+        As `find_method`.
+
+    Warns
+    -----
+    UserWarning
+        Of each method that cannot be fitted, and as `fit_method`.
+    """
     for name in names:
-        fit = find_method(name)
-        told = {} if mask is None or not _takes_mask(fit, name) else {"mask": mask}
-        with threadpool_limits(1), own_errors(name, "cannot be fitted"):
-            methods[name] = fit(scenario, A, B, **told)
-    for name, method in methods.items():
-        if not callable(getattr(method, "reconstruct", None)):
-            raise PeriscopyError(
-                f"method '{name}' makes an object of type {type(method).__name__}, which has no "
-                "reconstruct(photograph); add one"
-            )
-    return methods
+        find_method(name)
+
+    def fitted(name: str) -> Method:
+        try:
+            return fit_method(name, scenario, A, B, mask)
+        except ValueError as error:  # a PeriscopyError too
+            warnings.warn(f"{name} is left out: {error}", stacklevel=3)
+            return Unfit(without_addresses(str(error)))
+
+    return {name: fitted(name) for name in names}
+
+
+def without_addresses(message: str) -> str:
+    """Return a message on one line, without addresses of objects, which differ from run to run."""
+    return " ".join(re.sub(r"0x[0-9a-f]{6,}", "0x...", message).split())
 
 
 @contextmanager
@@ -207,7 +219,7 @@ def own_errors(name: str, what: str) -> Iterator[None]:
         yield
     except MemoryError:  # says more about the machine than about the method
         raise
-    except Exception as error:
+    except MethodError as error:
         if name in METHODS:
             raise
         file = _file(name)
@@ -305,7 +317,7 @@ def _module(name: str) -> ModuleType:
             return _module_of_file(Path(place))
         with _importable(Path.cwd()):
             return import_module(place)
-    except Exception as error:  # whatever the user's own code raises
+    except MethodError as error:  # whatever the user's own code raises
         raise PeriscopyError(
             f"method '{name}' cannot be imported: {type(error).__name__}: {error}"
         ) from error

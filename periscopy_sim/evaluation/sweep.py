@@ -1,7 +1,7 @@
 """Sweeps: methods over ambient backgrounds, signal-to-background ratios and noise draws (Fig. 4).
 
-Results are labelled by method, background, SBR and seed. A sweep that was stopped, in whatever way,
-goes on where it was, and ends in the same bytes as one that was not.
+Results are labelled by algorithm (the method's name), background, SBR and seed. A sweep that was
+stopped, in whatever way, goes on where it was, and ends in the same bytes as one that was not.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import image_by
+from periscopy_sim.evaluation.methods import MethodError, image_by, without_addresses
 from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registered
 from periscopy_sim.evaluation.sweep_store import (
     LABELS,
@@ -31,7 +30,7 @@ from periscopy_sim.evaluation.sweep_store import (
     write_table,
 )
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.reconstruction.preconditioned.still import Method
+from periscopy_sim.reconstruction.method import Method
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -118,9 +117,9 @@ class Sweep:
             raise PeriscopyError(f"the SNR must be a finite number of dB, not {self.snr}")
 
     def labels(self) -> dict[str, list[Any]]:
-        """List the methods, backgrounds, SBRs and seeds, under those names in the singular."""
+        """Return the algorithms, backgrounds, SBRs and seeds, under those names in the singular."""
         return {
-            "method": list(self.methods),
+            "algorithm": list(self.methods),
             "background": list(self.backgrounds),
             "sbr": [float(sbr) for sbr in self.sbrs],
             "seed": [int(seed) for seed in self.seeds],
@@ -230,7 +229,7 @@ def run_sweep(
     Returns
     -------
     xarray.Dataset
-        Over (method, background, sbr, seed): ``mean_squared_error``, ``psnr``,
+        Over (algorithm, background, sbr, seed): ``mean_squared_error``, ``psnr``,
         ``psnr_registered``, gain-matched and thus using the truth, NaN where the method failed;
         ``failure``, why it did; ``reconstruction``, float32, with (row, column, channel) besides.
 
@@ -282,10 +281,9 @@ def _reconstructed(
         return image_by(method, y.copy(), hidden_shape), ""
     except MemoryError:  # says more about the worker than about the method
         raise
-    except Exception as error:  # whatever a user's own method raises
-        # Without addresses of objects, which differ from run to run.
-        message = re.sub(r"0x[0-9a-f]{6,}", "0x...", f"{type(error).__name__}: {error}")
-        return np.full((*hidden_shape, 3), np.nan, np.float32), " ".join(message.split())
+    except MethodError as error:  # whatever a user's own method raises
+        message = without_addresses(f"{type(error).__name__}: {error}")
+        return np.full((*hidden_shape, 3), np.nan, np.float32), message
 
 
 def _metrics(image: Image, truth: Image) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.outputs.completion import Block
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import BlockStore
@@ -21,7 +22,8 @@ from periscopy_sim.storage.outputs.store import BlockStore
 if TYPE_CHECKING:
     import xarray as xr
 
-LABELS = ("method", "background", "sbr", "seed")
+LABELS = ("algorithm", "background", "sbr", "seed")
+"""Not `method`: xarray's `sel` takes that for a keyword of its own, and selects nothing."""
 PIXELS = ("row", "column", "channel")
 GAIN_MATCHED = "gain-matched: uses the truth"
 METRICS = {
@@ -102,7 +104,7 @@ class SweepLayout:
         """Return how each variable is laid out."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
-        one_trial = (len(self.labels["method"]), 1, 1, 1)
+        one_trial = (len(self.labels["algorithm"]), 1, 1, 1)
         pixels = (*self.hidden_shape, 3)
         # A checksum, so that a damaged chunk is an error, not a result.
         common: dict[str, Any] = {
@@ -157,6 +159,11 @@ class SweepStore:
         hidden_shape: tuple[int, int],
         configuration: Mapping[str, Any],
     ) -> None:
+        if (path / "method").is_dir():
+            raise OutputError(
+                f"{path}: was written by an older version, which called the dimension "
+                "'algorithm' 'method'; remove it, or name another folder"
+            )
         self.path, self._layout = path, SweepLayout(labels, hidden_shape)
         pixels = {"row": range(hidden_shape[0]), "column": range(hidden_shape[1])}
         coordinates = {**labels, **pixels, "channel": ["red", "green", "blue"]}

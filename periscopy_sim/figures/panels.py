@@ -207,14 +207,14 @@ def draw_sweep(
     path
         A PNG or PDF file.
     results
-        ``mean_squared_error`` over (method, background, sbr, seed), from `run_sweep`.
+        ``mean_squared_error`` over (algorithm, background, sbr, seed), from `run_sweep`.
     metadata
         Text chunks of a PNG.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    labels = ("method", "sbr", "background", "seed")
+    labels = ("algorithm", "sbr", "background", "seed")
     errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
     figure = Figure(layout="constrained")
     ax = figure.subplots()
@@ -229,7 +229,7 @@ def draw_sweep(
         # The edge keeps the band of a single SBR in sight.
         ax.fill_between(sbrs, low, high, color=colour, alpha=0.18, linewidth=0.8)
         ax.plot(
-            sbrs, [e.mean() for e in seen.values()], label=method["method"].item(),
+            sbrs, [e.mean() for e in seen.values()], label=method["algorithm"].item(),
             color=colour, linestyle=dashes, linewidth=1.3, marker="o", markersize=2.6,
         )  # fmt: skip
     ax.set_xscale("log")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Sequence
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,14 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 Precision = TypeVar("Precision", bound=np.floating[Any])
 Found = TypeVar("Found", bound=np.floating[Any], covariant=True)
+
+
+class Method(Protocol):
+    """Anything that turns a photograph into a hidden image: the package's methods, a user's own."""
+
+    def reconstruct(self, photograph: Image) -> Image:
+        """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
+        ...
 
 
 class Seen(Protocol):
@@ -52,7 +61,32 @@ class Solved(Protocol[Found]):
 
 
 class StillMethod(ABC, Generic[Precision]):
-    """A method fitted to one scene, which recovers each photograph's hidden image on its own."""
+    """A method fitted to one scene, which recovers each photograph's hidden image on its own.
+
+    What a method knows beside the image, it says in `told`, `remark`, `stages` and
+    `standard_errors`; each takes what `solve` returned.
+    """
+
+    takes_backgrounds: ClassVar[bool] = True
+
+    @classmethod
+    def for_scene(cls, scene: Seen, A: Any, B: Any = None, **settings: Any) -> Self:
+        """Fit to a scenario: its sizes and the colour of its wall are taken from it.
+
+        Parameters
+        ----------
+        scene
+            A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
+            ``channel_gain``.
+        A, B
+            As in the class; one that takes no backgrounds is told none.
+        **settings
+            The class's other parameters.
+        """
+        construct: Any = cls
+        arrays = (A, B) if cls.takes_backgrounds else (A,)
+        fitted: Self = construct(*arrays, **settings_of(scene), **settings)
+        return fitted
 
     @abstractmethod
     def solve(self, photograph: Image) -> Solved[Precision]:
@@ -83,3 +117,19 @@ class StillMethod(ABC, Generic[Precision]):
             Iterations, where the method takes any, did not reach its tolerance.
         """
         return self.solve(photograph).image
+
+    def told(self, found: Any) -> dict[str, Any]:  # noqa: ARG002
+        """Return the numbers that a summary keeps of a solution, by name."""
+        return {}
+
+    def remark(self, found: Any) -> str:  # noqa: ARG002
+        """Return a sentence for the user about a solution, or nothing."""
+        return ""
+
+    def stages(self, found: Any) -> Sequence[tuple[str, Image]]:  # noqa: ARG002
+        """Return titles and images, (R, C, 3), of what led to a solution; none by default."""
+        return ()
+
+    def standard_errors(self, found: Any) -> Array | None:  # noqa: ARG002
+        """Return the standard error of each patch, (R, C, 3); None where they are not known."""
+        return None

@@ -39,6 +39,14 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
         """Forget the latest frame: the next one is a first one."""
         self.previous: NDArray[Precision] | None = None
 
+    def fitted(self) -> dict[str, Any]:
+        """Return what fitting to the scene settled, for a summary."""
+        return {}
+
+    @abstractmethod
+    def told(self, found: Any) -> dict[str, Any]:
+        """Return the numbers that a table keeps of a frame's solution, by name."""
+
     @abstractmethod
     def begun(self, photographs: Image) -> Iterator[Callable[[], Found]]:
         """Do what is done to many photographs at once.

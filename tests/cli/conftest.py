@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import sys
 from dataclasses import dataclass
@@ -19,11 +20,24 @@ from periscopy_sim.storage.formats.exr import write_exr
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 
 
+STAGE = re.compile(r"^periscopy: (?!error: |warning: )(.*)\n", re.MULTILINE)
+
+
 @dataclass(frozen=True)
 class Outcome:
+    """What a command ended with; the plain lines of its stages are apart from its complaints."""
+
     code: int
     out: str
-    err: str
+    told: str
+
+    @property
+    def err(self):
+        return STAGE.sub("", self.told)
+
+    @property
+    def stages(self):
+        return STAGE.findall(self.told)
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -129,7 +129,7 @@ def test_impossible_tolerance_is_refused(tolerance, refused):
 
 
 def test_place_that_cannot_be_written_is_refused_before_rendering(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr(scenes, "load", None)
+    monkeypatch.setattr(inputs, "load", None)
     (tmp_path / "file").write_text("kept")
     assert "cannot write file: it is a file; name a folder" in refused(
         "analyze", "chair", *TINY, "--out", "file"

@@ -1,19 +1,16 @@
-import json
-import time
-from pathlib import Path
+"""The forms of arguments."""
 
-import numpy as np
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim.cli.arguments import (
-    Stopwatch,
-    mendable,
+    parse_ambient,
     parse_definitions,
+    parse_ratios,
     parse_size,
-    progress,
-    write_json,
 )
-from periscopy_sim.errors import PeriscopyError, SceneError
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
 @pytest.mark.parametrize("text", ["29x36", "29X36"])
@@ -49,81 +46,71 @@ def test_definition_given_twice_is_refused():
         parse_definitions(["a=1", "b=1", "a=1"])
 
 
-def test_mendable_names_what_a_value_error_is_about():
-    with pytest.raises(PeriscopyError, match=r"^scene: too small$"), mendable("scene"):
-        raise ValueError("too small")
+# -- lists ---------------------------------------------------------------------------------------
 
 
-def test_mendable_lets_other_errors_pass():
-    given = SceneError("says all by itself")
-    with pytest.raises(SceneError) as raised, mendable("scene"):
-        raise given
-    assert raised.value is given
-    with pytest.raises(TypeError), mendable("scene"):
-        raise TypeError("a defect")
+@pytest.mark.parametrize(
+    ("text", "ratios"),
+    [
+        ("0.5", [0.5]),
+        ("0.1,1, 10", [0.1, 1, 10]),
+        ("0.1:10:log:3", [0.1, 1, 10]),
+        ("0.1:10:log:9", [0.1, 0.177828, 0.316228, 0.562341, 1, 1.77828, 3.16228, 5.62341, 10]),
+        ("10:1:lin:4", [10, 7, 4, 1]),
+        ("2:8:log:1", [2]),
+    ],
+)
+def test_ratios_are_read(text, ratios):
+    assert parse_ratios(text) == ratios
 
 
-def test_stopwatch_keeps_the_seconds_of_each_stage(monkeypatch):
-    clock = iter([10.0, 12.5, 100.0, 100.25])
-    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
-    timed = Stopwatch()
-    with timed("render"):
-        pass
-    with timed("solve"):
-        pass
-    assert timed.seconds == {"render": 2.5, "solve": 0.25}
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(
+            "",
+            ",",
+            "1,,2",
+            "nan",
+            "inf",
+            "-1",
+            "0",
+            "1;2",
+            "0:1:log:3",
+            "-1:1:lin:3",
+            "1:inf:log:3",
+        ),
+        *(
+            "1:2",
+            "1:2:log",
+            "1:2:log:0",
+            "1:2:log:x",
+            "1:2:cubic:3",
+            "1:2:log:3:4",
+            "1:2:log:9999999",
+        ),
+        *("1:1:log:2",),
+    ],
+)
+def test_what_is_no_list_of_ratios_is_refused(text):
+    with pytest.raises(ps.PeriscopyError, match="--sbr"):
+        parse_ratios(text)
 
 
-def test_json_holds_arrays_as_lists_and_paths_as_text(tmp_path):
-    path = tmp_path / "record.json"
-    values = {
-        "array": np.array([[1.5, 2.0]], np.float32),
-        "number": np.float64(0.1),
-        "count": np.int64(3),
-        "shape": (4, 5),
-        "path": Path("a/b.npy"),
-        "none": None,
-        "nested": {"λ": [np.arange(2)]},
-    }
-    write_json(path, values)
-    assert json.loads(path.read_text()) == {
-        "array": [[1.5, 2.0]],
-        "number": 0.1,
-        "count": 3,
-        "shape": [4, 5],
-        "path": "a/b.npy",
-        "none": None,
-        "nested": {"λ": [[0, 1]]},
-    }
-    assert path.read_text().endswith("}\n")
+def test_groups_of_ambient_light_are_shipped_and_apart():
+    assert list(parse_ambient("all")) == list(REALISTIC) and len(REALISTIC) == 8
+    assert list(parse_ambient("adversarial")) == list(ADVERSARIAL)
+    assert list(parse_ambient("adversarial,all")) == [*ADVERSARIAL, *REALISTIC]
+    assert set(parse_ambient("all,snow").values()) == {None}
 
 
-@pytest.mark.parametrize("value", [float("nan"), np.float64("inf"), np.array([1.0, np.nan])])
-def test_json_refuses_what_is_no_number(value, tmp_path):
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        write_json(tmp_path / "record.json", {"value": value})
-    assert not (tmp_path / "record.json").exists()
-
-
-@pytest.fixture
-def plain_environment(monkeypatch):
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
-        monkeypatch.delenv(name, raising=False)
-
-
-@pytest.mark.usefixtures("plain_environment")
-def test_progress_prints_nothing_where_no_one_watches(capfd):
-    with progress("rendering") as report:
-        report(0.5)
-        report(1.0)
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.usefixtures("plain_environment")
-def test_progress_shows_label_and_fraction_on_a_terminal(monkeypatch, capfd):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    with progress("rendering") as report:
-        report(0.42)
-    out, err = capfd.readouterr()
-    assert out == "" and "rendering" in err and "42%" in err
+def test_folder_stands_for_its_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lights").mkdir()
+    for name in ("b.exr", "a.exr", "notes.txt"):
+        (tmp_path / "lights" / name).touch()
+    found = parse_ambient("lights,snow,more/c.exr")
+    assert {name: str(path) for name, path in found.items()} == {
+        "a": "lights/a.exr", "b": "lights/b.exr", "snow": "None", "c": "more/c.exr"
+    }  # fmt: skip
+    assert list(found) == ["a", "b", "snow", "c"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 from periscopy_sim.measurement import Sensor
 from periscopy_sim.storage.formats.exr import read_exr
 
@@ -167,7 +167,7 @@ def test_help_tells_the_sensor_s_own_defaults(succeeds):
     ],
 )
 def test_impossible_sensor_is_refused_before_rendering(options, message, refused, monkeypatch):
-    monkeypatch.setattr(scenes, "load", None)
+    monkeypatch.setattr(inputs, "load", None)
     assert message in refused("photograph", "chair", "bars", *TINY, *options, "--out", "y.exr")
 
 
@@ -244,7 +244,7 @@ def test_wrong_suffix_is_refused(out, refused):
 
 
 def test_place_that_cannot_be_written_is_refused_before_rendering(refused, monkeypatch):
-    monkeypatch.setattr(scenes, "load", None)
+    monkeypatch.setattr(inputs, "load", None)
     Path("file").write_text("kept")
     line = refused("photograph", "chair", "bars", *TINY, "--out", "file/y.exr")
     assert "cannot write file/y.exr" in line

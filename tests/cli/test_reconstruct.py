@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -327,7 +327,7 @@ def test_impossible_option_is_refused(options, message, refused, tmp_path):
 
 
 def test_place_that_cannot_be_written_is_refused_before_rendering(refused, monkeypatch, tmp_path):
-    monkeypatch.setattr(scenes, "load", None)
+    monkeypatch.setattr(inputs, "load", None)
     (tmp_path / "file").write_text("kept")
     for out in ("file", "file/new", "file/new/deep"):
         line = refused("reconstruct", "y.npy", *TINY, "--out", out)

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -72,8 +72,8 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 ):
     succeeds(*sweep_command())
     np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
-    monkeypatch.setattr(scenes, "transport", None)
-    monkeypatch.setattr(scenes, "read_transport", None)
+    monkeypatch.setattr(inputs, "render_transport", None)
+    monkeypatch.setattr(inputs, "read_transport", None)
     for change, difference in [
         (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
         (("--methods", "preconditioned"), "methods [["),

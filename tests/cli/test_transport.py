@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from periscopy_sim.cli import scene as scenes
+from periscopy_sim.cli import inputs
 from periscopy_sim.shipped import find_scene
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -99,7 +99,7 @@ def test_wrong_suffix_is_refused(out, refused):
 
 
 def test_place_that_cannot_be_written_is_refused_before_rendering(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr(scenes, "load", None)
+    monkeypatch.setattr(inputs, "load", None)
     (tmp_path / "file").write_text("kept")
     (tmp_path / "folder.npy").mkdir()
     line = refused("transport", "chair", *TINY, "--out", "file/A.npy")

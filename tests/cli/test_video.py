@@ -12,8 +12,8 @@ import typer
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli import video as command
-from periscopy_sim.cli import video_methods
+from periscopy_sim.cli import arguments
+from periscopy_sim.numerics import memory
 from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -132,7 +132,7 @@ def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
     np.save(tmp_path / "y.npy", few_photographs)
     expected, summary, _ = video("y.npy")
     assert summary["explicit"] is True
-    monkeypatch.setattr(video_methods.os, "sysconf", lambda _: 100)
+    monkeypatch.setattr(memory.os, "sysconf", lambda _: 100)
     frames, summary, _ = video("y.npy")
     assert summary["explicit"] is False and not np.array_equal(frames, expected)
     assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
@@ -309,9 +309,9 @@ def test_impossible_option_is_refused(options, message, refused, clip, tiny, tmp
 
 
 def test_nan_is_refused_whatever_the_parser_thinks_of_it():
-    assert command._not_nan(0.5) == 0.5 and command._not_nan(None) is None
+    assert arguments.not_nan(0.5) == 0.5 and arguments.not_nan(None) is None
     with pytest.raises(typer.BadParameter, match="nan is not a number"):
-        command._not_nan(float("nan"))
+        arguments.not_nan(float("nan"))
 
 
 def test_interruption_leaves_nothing(photographs, tiny, tmp_path):

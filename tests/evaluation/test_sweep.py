@@ -253,6 +253,12 @@ def test_complete_sweep_is_not_done_again(done):
     assert contents(folder) == before
 
 
+def test_store_of_an_older_version_is_refused_by_one_line(done, tmp_path):
+    (tmp_path / "sweep.zarr" / "method").mkdir(parents=True)
+    with pytest.raises(OutputError, match="called the dimension 'algorithm' 'method'; remove it"):
+        run_sweep(sweep(), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("changes", "key"),
     [

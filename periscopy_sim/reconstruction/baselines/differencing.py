@@ -112,6 +112,8 @@ class Differencing(StillMethod[np.float64]):
         not full column rank, the wall reflects nothing in a channel, or a number is out of range.
     """
 
+    takes_backgrounds = False
+
     def __init__(
         self,
         A: Image,

@@ -43,6 +43,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         λ in standard errors of the estimate, as above; 0 denoises nothing.
     repair_threshold
         κ as a part of the 99th percentile of the denoised magnitudes; infinity repairs nothing.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
 
     Raises
     ------
@@ -51,6 +53,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         singular value that was to be kept is zero to rounding, the wall reflects nothing in a
         channel, or the fraction is out of range.
     """
+
+    takes_backgrounds = False
 
     def __init__(
         self,
@@ -62,13 +66,15 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         fraction: float = 0.4,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
+        photograph_shape: tuple[int, int] | None = None,
     ) -> None:
         if not 0 < fraction <= 1:
             raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
-        self._observation = observation_of(A, hidden_shape, channel_gain, mask)
+        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
         A = self._observation.used(A)
         if not np.isfinite(A).all():
             raise ValueError("A must be finite")
+        self.photograph_shape = photograph_shape
         self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
@@ -84,9 +90,17 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.V: Array = V
         self.singular_values: Array = np.sqrt(energy)
 
+    def told(self, found: Reconstruction) -> dict[str, Any]:
+        """Return the noise and the weights that followed from it; see `StillMethod`."""
+        return found.told()
+
+    def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
+        """Return the stages of Algorithm 1; see `StillMethod`."""
+        return found.stages("inverted by singular vectors")
+
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        y = self._observation.vectorized(photograph)
+        y = self._observation.vectorized(photograph, self.photograph_shape)
         σ = self.singular_values[:, np.newaxis]
         coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
         residual = np.sum(y**2, axis=0) - np.sum(coefficients**2, axis=0)

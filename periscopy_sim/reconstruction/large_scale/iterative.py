@@ -14,7 +14,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from periscopy_sim.reconstruction.large_scale.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 
 Array = NDArray[np.float64]
@@ -160,11 +160,6 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.max_iterations = max_iterations
         Q = None if B is None else background_basis(B, rank_tolerance)
         self.transport = TransportOperator(A, Q)
-
-    @classmethod
-    def for_scene(cls, scene: Seen, A: Matrix, B: Image | None = None, **settings: Any) -> Self:
-        """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
-        return cls(A, B, **settings_of(scene), **settings)
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
-from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     Evidence,
     Objective,
@@ -113,6 +113,10 @@ class NoiseAwareReconstruction:
     def has_gain(self) -> bool:
         """Whether a gain over the wall was found."""
         return bool((self.gain != 1).any())
+
+    def told(self) -> dict[str, Any]:
+        """Return the noise, the weight and the iterations."""
+        return {"noise": self.noise, "lambda": self.weight, "iterations": self.iterations}
 
     @property
     def converged(self) -> bool:
@@ -218,11 +222,6 @@ class NoiseAware(StillMethod[np.float64]):
         self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
         self._wall_gain = self._fitted_gain(wall_gain)
 
-    @classmethod
-    def for_scene(cls, scene: Seen, A: Image, B: Image | None = None, **settings: Any) -> Self:
-        """Fit to a scenario: its sizes and the colour of its wall; see `Periscope.for_scene`."""
-        return cls(A, B, **settings_of(scene), **settings)
-
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         planes, shares = self._rejected(np.asarray(photograph)[None])
@@ -233,6 +232,24 @@ class NoiseAware(StillMethod[np.float64]):
             found = self._recover_with_gain(self._wall_gain, planes, evidence)
         found.warn_unless_converged()
         return replace(found, doubt=self._doubt(found))
+
+    def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
+        """Return the noise, the weight, the iterations and the gain; see `StillMethod`."""
+        return {
+            **found.told(),
+            "wall_gain_found": found.has_gain,
+            "wall_gain_range": [float(found.gain.min()), float(found.gain.max())],
+        }
+
+    def remark(self, found: NoiseAwareReconstruction) -> str:
+        """Return what a gain over the wall that was found may mean; see `StillMethod`."""
+        if not found.has_gain:
+            return ""
+        return (
+            f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
+            "explains part of the photograph: vignetting, or a scene that is off (see periscopy "
+            "calibrate)"
+        )
 
     def evidence(self, photographs: Image) -> list[Evidence]:
         """Return what the objective needs of photographs, Aᵀ applied to all in one product.

@@ -87,6 +87,10 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         super().restart()
         self._split: Splitting | None = None
 
+    def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
+        """Return the noise, the weight and the iterations of a frame."""
+        return found.told()
+
     def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
         """Apply A to many photographs in one product; see `FrameByFrame.begun`."""
         for start in range(0, len(photographs), BATCH):

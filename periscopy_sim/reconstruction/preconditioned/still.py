@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
-from periscopy_sim.reconstruction.method import Seen, StillMethod, settings_of
+from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
@@ -27,13 +28,8 @@ Image = NDArray[np.floating[Any]]
 BATCH = 64
 """Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
 
-
-class Method(Protocol):
-    """Anything that turns a photograph into a hidden image."""
-
-    def reconstruct(self, photograph: Image) -> Image:
-        """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
-        ...
+BYTES_FOR_P = 24
+"""For each entry of A, while P is formed: A and P in single precision, each in double beside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +78,15 @@ class Reconstruction:
     weight: Array
     threshold: float
 
+    def told(self) -> dict[str, Any]:
+        """Return the noise and the weights that followed from it."""
+        return {"noise": self.noise, "lambda": self.weight, "kappa": self.threshold}
+
+    def stages(self, estimate: str) -> list[tuple[str, Image]]:
+        """Return titles and images of the stages, the first under a given title."""
+        stages = {estimate: self.preconditioned, "denoised": self.denoised, "repaired": self.image}
+        return list(stages.items())
+
 
 class Periscope(StillMethod[np.floating[Any]]):
     """The paper's method (Algorithm 1), fitted to one scene.
@@ -109,7 +114,10 @@ class Periscope(StillMethod[np.floating[Any]]):
     repair_threshold
         κ as a part of the 99th percentile, as above; infinity repairs nothing.
     explicit
-        Form P in float32 once, for speed; otherwise apply it in factored float64.
+        Form P in float32 once, for speed; otherwise apply it in factored float64. None: where P
+        fits in half of this machine's memory. The photograph's background is projected out in
+        float64 either way, and what single precision then rounds off lies 140 dB below the
+        photograph, far below any camera's noise.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
     mask
@@ -135,7 +143,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
-        explicit: bool = True,
+        explicit: bool | None = None,
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
     ) -> None:
@@ -144,6 +152,9 @@ class Periscope(StillMethod[np.floating[Any]]):
                 f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
                 "are not negative"
             )
+        if explicit is None:
+            explicit = fits_in_memory(BYTES_FOR_P * A.size)
+        self.explicit = explicit
         self.precision: type[np.floating[Any]] = np.float32 if explicit else np.float64
         self.photograph_shape = photograph_shape
         self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
@@ -159,28 +170,6 @@ class Periscope(StillMethod[np.floating[Any]]):
         self._background = np.ascontiguousarray(self.preconditioner.Q.T)
         self._unit_error = np.sqrt(self.preconditioner.noise_gain.mean())
 
-    @classmethod
-    def for_scene(
-        cls,
-        scene: Seen,
-        A: NDArray[np.floating[Any]],
-        B: NDArray[np.floating[Any]] | None = None,
-        **settings: Any,
-    ) -> Self:
-        """Fit to a scenario: its sizes and the colour of its wall are taken from it.
-
-        Parameters
-        ----------
-        scene
-            A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
-            ``channel_gain``.
-        A, B
-            As in the class.
-        **settings
-            The class's other parameters.
-        """
-        return cls(A, B, **settings_of(scene), **settings)
-
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         estimate = self.estimate(np.asarray(photograph)[None])
@@ -190,6 +179,18 @@ class Periscope(StillMethod[np.floating[Any]]):
             weight=estimate.weight[0],
             repair_threshold=self.repair_threshold,
         )
+
+    def fitted(self) -> dict[str, Any]:
+        """Return the rank of B that was kept, and whether P is explicit."""
+        return {"background_rank": self.preconditioner.Q.shape[1], "explicit": self.explicit}
+
+    def told(self, found: Reconstruction) -> dict[str, Any]:
+        """Return what fitting settled, the noise and the weights; see `StillMethod`."""
+        return {**self.fitted(), **found.told()}
+
+    def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
+        """Return the stages of Algorithm 1; see `StillMethod`."""
+        return found.stages("preconditioned, P y")
 
     def reconstruct_batch(self, photographs: Image) -> Image:
         """Recover the hidden images of many photographs, P applied to all in one product.

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from periscopy_sim.cli.arguments import progress
-from periscopy_sim.cli.video_metrics import Record
-
-if TYPE_CHECKING:
-    from periscopy_sim.figures.panels import Image
+from periscopy_sim.evaluation import metrics
+from periscopy_sim.figures import contact_sheet, panels
+from periscopy_sim.figures.animation import draw_animation
+from periscopy_sim.figures.panels import Image
+from periscopy_sim.storage.pictures import write_png
 
 SHEET_COLUMNS = 8
 """Most frames on the contact sheet."""
@@ -32,23 +31,23 @@ def white_of(frames: Image) -> float:
 
     The 99.5th percentile; of a long sequence, that of frames evenly chosen.
     """
-    from periscopy_sim.figures.contact_sheet import evenly_chosen
-
     most = max(2, MOST_VALUES // frames[0].size)
-    return float(np.percentile(frames[evenly_chosen(len(frames), most)], 99.5))
+    return float(np.percentile(frames[contact_sheet.evenly_chosen(len(frames), most)], 99.5))
 
 
-def draw_frames(folder: Path, images: Image, white: float, text: dict[str, str]) -> None:
+def draw_frames(
+    folder: Path,
+    images: Image,
+    white: float,
+    text: dict[str, str],
+    progress: Callable[[float], None],
+) -> None:
     """Draw each frame as a picture of its own, with one white for all."""
-    from periscopy_sim.figures import panels
-    from periscopy_sim.storage.pictures import write_png
-
     folder.mkdir()
     names = picture_names(len(images))
-    with progress("drawing the frames") as report:
-        for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
-            write_png(folder / name, panels.enlarged(panels.displayable(image, white)), text)
-            report(k / len(images))
+    for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
+        write_png(folder / name, panels.enlarged(panels.displayable(image, white)), text)
+        progress(k / len(images))
 
 
 def draw_sheet(
@@ -56,14 +55,14 @@ def draw_sheet(
     photographs: Image,
     known: Image,
     images: Image,
-    records: Sequence[Record],
+    errors: Sequence[float],
     text: dict[str, str],
 ) -> None:
-    """Draw measurement, truth and gain-matched reconstruction of evenly chosen frames (Fig. 7)."""
-    from periscopy_sim.evaluation import metrics
-    from periscopy_sim.figures import contact_sheet, panels
+    """Draw measurement, truth and gain-matched reconstruction of evenly chosen frames (Fig. 7).
 
-    chosen = contact_sheet.evenly_chosen(len(records), SHEET_COLUMNS)
+    The frames' mean squared errors, `errors`, stand beneath.
+    """
+    chosen = contact_sheet.evenly_chosen(len(errors), SHEET_COLUMNS)
     white = white_of(photographs)
     contact_sheet.draw_contact_sheet(
         path,
@@ -73,7 +72,7 @@ def draw_sheet(
             ("reconstruction", [metrics.gain_matched(images[k], known[k]) for k in chosen]),
         ],
         titles=[f"frame {k}" for k in chosen],
-        notes=[f"MSE {records[k]['mean_squared_error']:.4f}" for k in chosen],
+        notes=[f"MSE {errors[k]:.4f}" for k in chosen],
         metadata=text,
     )
 
@@ -86,11 +85,9 @@ def draw_video(
     white: float,
     rate: float,
     text: dict[str, str],
+    progress: Callable[[float], None],
 ) -> None:
     """Draw photograph, reconstruction and, where it is known, the truth side by side in time."""
-    from periscopy_sim.figures import panels
-    from periscopy_sim.figures.animation import draw_animation
-
     columns = [
         ("photograph", photographs, white_of(photographs)),
         ("reconstruction", images, white),
@@ -98,12 +95,11 @@ def draw_video(
     if known is not None:
         columns.append(("truth", known, 1.0))
     count = len(images)
-    with progress("drawing the animation") as report:
 
-        def moments() -> Iterator[list[Image]]:
-            for k in range(count):
-                yield [panels.displayable(shown[k], level) for _, shown, level in columns]
-                report((k + 1) / count)
+    def moments() -> Iterator[list[Image]]:
+        for k in range(count):
+            yield [panels.displayable(shown[k], level) for _, shown, level in columns]
+            progress((k + 1) / count)
 
-        titles = [title for title, _, _ in columns]
-        draw_animation(path, titles, moments(), count=count, rate=rate, metadata=text)
+    titles = [title for title, _, _ in columns]
+    draw_animation(path, titles, moments(), count=count, rate=rate, metadata=text)

@@ -1,9 +1,11 @@
-"""What the commands do with a scene: load it and render its transport matrix, with progress."""
+"""What the commands are given: the scene, its transport matrix, photographs, masks."""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,18 +14,18 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli.arguments import (
-    mendable,
-    parse_definitions,
-    parse_size,
-    progress,
-    warn,
-)
+from periscopy_sim.cli.arguments import parse_definitions, parse_size
+from periscopy_sim.cli.output import fixable, progress, warn
 from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
     from periscopy_sim.photographs.checking import Photograph
-    from periscopy_sim.scenario import Scenario
+    from periscopy_sim.photographs.defects import DefectivePixels
+    from periscopy_sim.scenario import Array, Scenario
+
+Mask = NDArray[np.bool_]
+SUGGESTED = "mask.png"
+"""Where a command that finds defective pixels writes a mask that leaves them out."""
 
 
 class Model(StrEnum):
@@ -46,7 +48,10 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
     return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
 
 
-def transport(
+# -- the transport matrix ------------------------------------------------------------------------
+
+
+def render_transport(
     scenario: Scenario, samples: int, seed: int, model: Model = Model.rendered
 ) -> NDArray[np.float32]:
     """Compute A with a progress bar."""
@@ -55,10 +60,23 @@ def transport(
 
         with progress("projecting shadows") as report:
             return analytic_transport(scenario, samples=samples, progress=report)
-    from periscopy_sim.rendering.transport.shadow_rays import render_transport
+    from periscopy_sim.rendering.transport import shadow_rays
 
     with progress("rendering the transport matrix") as report:
-        return render_transport(scenario, samples=samples, seed=seed, progress=report)
+        return shadow_rays.render_transport(scenario, samples=samples, seed=seed, progress=report)
+
+
+def transport(
+    scenario: Scenario, file: Path | None, samples: int, seed: int, model: Model
+) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    """Read A from a file, or compute it; also return what a summary tells of it."""
+    if file is None:
+        A = render_transport(scenario, samples, seed, model)
+        return A, {"model": model.value, "transport": None, "samples": samples}
+    A = read_transport(file, scenario)
+    if not file.with_suffix(".json").is_file():
+        warn(f"{file} has no JSON file beside it: it may be of another scene of this size")
+    return A, {"model": "file", "transport": file, "samples": None}
 
 
 def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
@@ -118,9 +136,32 @@ def _check_record(path: Path, scenario: Scenario) -> None:
             )
 
 
-def read_photograph(
-    path: Path, scenario: Scenario, mask: NDArray[np.bool_] | None = None
-) -> Photograph:
+# -- photographs and masks -----------------------------------------------------------------------
+
+
+def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
+    """Read the mask that a command was given, (rows, columns); None if it was given none.
+
+    Raises
+    ------
+    PhotographError
+        If it cannot be read, is of another size, or leaves fewer pixels than there are patches.
+    """
+    from periscopy_sim.storage import masks
+
+    if path is None:
+        return None
+    mask = masks.read_mask(path, scenario.photograph_shape)
+    pixels, patches = int(mask.sum()), scenario.transport_shape[1]
+    if pixels < patches:
+        raise PhotographError(
+            f"{path}: leaves {pixels} pixels of the wall, fewer than the {patches} patches; leave "
+            "out less, or ask for fewer patches"
+        )
+    return mask
+
+
+def read_photograph(path: Path, scenario: Scenario, mask: Mask | None = None) -> Photograph:
     """Read a photograph of the size that the scene's camera sees, and print its warnings."""
     from periscopy_sim.storage import photographs
 
@@ -130,13 +171,72 @@ def read_photograph(
     return given
 
 
+@dataclass(frozen=True, eq=False)
+class Defects:
+    """The defective pixels of a photograph, of those that a mask leaves.
+
+    Attributes
+    ----------
+    pixels
+        Where they are.
+    mask
+        What the command was given, (rows, columns).
+    warnings
+        A line of them, if there are any.
+    """
+
+    pixels: DefectivePixels
+    mask: Mask | None
+    warnings: Sequence[str]
+
+    def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
+        """Write a mask that leaves them out too, if there are any."""
+        from periscopy_sim.storage.pictures import write_png
+
+        if self.warnings:
+            sound = ~self.pixels.any_kind
+            sound = sound if self.mask is None else self.mask & sound
+            write_png(folder / SUGGESTED, np.repeat(sound[..., np.newaxis], 3, axis=2), text)
+
+
+def look_for_defects(
+    photograph: Array, mask: Mask | None, name: str, suggested: Path | None = None
+) -> Defects:
+    """Look for defective pixels, and warn of them.
+
+    Parameters
+    ----------
+    photograph
+        (rows, columns, 3).
+    mask
+        Where it is used.
+    name
+        What to call it.
+    suggested
+        Where a mask that leaves them out will be.
+    """
+    from periscopy_sim.photographs.defects import defective_pixels
+
+    found = defective_pixels(photograph, mask)
+    warnings = []
+    if found.any_kind.any():
+        warnings = [f"{name}: {found}; leave them out by --mask {suggested or 'FILE'}"]
+        warn(warnings[0])
+    return Defects(found, mask, warnings)
+
+
+def mask_record(path: Path | None, mask: Mask | None) -> dict[str, Any]:
+    """Return what a summary tells of what was left out."""
+    return {"mask": path, "pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
+
+
 def photograph(
     scenario: Scenario, image: NDArray[np.float64], samples: int, seed: int
 ) -> NDArray[np.float64]:
     """Path trace a photograph with a progress bar."""
     from periscopy_sim.rendering.photograph import render_photograph
 
-    with mendable("photograph"), progress("path tracing the photograph") as report:
+    with fixable("photograph"), progress("path tracing the photograph") as report:
         return render_photograph(scenario, image, samples=samples, seed=seed, progress=report)
 
 

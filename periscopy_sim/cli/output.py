@@ -1,0 +1,155 @@
+"""What the commands tell: lines, warnings, progress, times, JSON."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from periscopy_sim.errors import PeriscopyError
+
+BETWEEN_LINES = 20.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+@contextmanager
+def fixable(what: str) -> Iterator[None]:
+    """Report a ValueError about the user's data as the user's mistake."""
+    try:
+        yield
+    except PeriscopyError:
+        raise
+    except ValueError as error:
+        raise PeriscopyError(f"{what}: {error}") from error
+
+
+def say(message: str) -> None:
+    """Print one line to the user."""
+    print(message, flush=True)
+
+
+def warn(message: str) -> None:
+    """Print one warning line."""
+    print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def to_be_continued() -> Iterator[None]:
+    """End with 130 after Ctrl-C, and say that the same command goes on where it stopped."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        message = "interrupted; the same command goes on where it stopped"
+        print(f"periscopy: error: {message}", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+@contextmanager
+def progress(label: str, *, lines: bool = True) -> Iterator[Callable[[float], None]]:
+    """Show how far a long computation is: a bar on a terminal, a plain line now and then elsewhere.
+
+    Parameters
+    ----------
+    label
+        What is being done.
+    lines
+        Whether there are lines where there is no terminal.
+
+    Yields
+    ------
+    callable
+        Takes the fraction done, 0 to 1.
+    """
+    from rich.progress import BarColumn, TaskProgressColumn
+
+    with _shown(label, BarColumn(), TaskProgressColumn(), lines=lines) as (update, told):
+
+        def report(fraction: float) -> None:
+            update(total=1.0, completed=fraction)
+            told(f"{100 * fraction:.0f} %")
+
+        yield report
+
+
+@contextmanager
+def counted_progress(label: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Show how many of many things are done, and how many a second; see `progress`.
+
+    Yields
+    ------
+    callable
+        Takes how many are done, and of how many.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+
+    columns = BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}")
+    begun: list[tuple[float, int]] = []
+    with _shown(label, *columns) as (update, told):
+
+        def report(done: int, total: int) -> None:
+            if not begun:
+                begun.append((time.perf_counter(), done))
+            start, before = begun[0]
+            rate = (done - before) / max(time.perf_counter() - start, 1e-9)
+            text = f"{rate:.1f} {unit}/s" if done > before else ""
+            update(total=total, completed=done, rate=text)
+            told(f"{done} of {total} {unit}")
+
+        yield report
+
+
+@contextmanager
+def _shown(
+    label: str, *columns: Any, lines: bool = True
+) -> Iterator[tuple[Callable[..., None], Callable[[str], None]]]:
+    """Yield what updates a bar, and what prints a line if it is time for one."""
+    from rich.console import Console
+    from rich.progress import Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    watched = console.is_terminal
+    last = time.monotonic()
+
+    def told(how_far: str) -> None:
+        nonlocal last
+        if lines and not watched and time.monotonic() - last > BETWEEN_LINES:
+            last = time.monotonic()
+            print(f"periscopy: {label}: {how_far}", file=sys.stderr, flush=True)
+
+    if lines and not watched:
+        print(f"periscopy: {label}", file=sys.stderr, flush=True)
+    columns = (TextColumn("{task.description}"), *columns, TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not watched) as bar:
+        task = bar.add_task(label, total=None, rate="")
+        yield lambda **fields: bar.update(task, **fields), told
+
+
+class Stopwatch:
+    """Seconds that the stages of a command took, by name."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time a block."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = round(time.perf_counter() - start, 4)
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON file, human-readable, with arrays as lists and no NaN."""
+    import json
+
+    import numpy as np
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        return str(value)
+
+    path.write_text(json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n")

@@ -1,0 +1,95 @@
+"""What is told of each frame of a recovered video."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.evaluation import metrics
+from periscopy_sim.reconstruction.video_method import FrameByFrame
+
+Image = NDArray[np.floating[Any]]
+Record = dict[str, Any]
+
+LIVE_FRAMES = 16
+"""Most frames on which the rate of frames that come one at a time is measured."""
+
+
+def live_rate(video: FrameByFrame[Any, Any], photographs: Image) -> float:
+    """Measure frames a second when they come one at a time and the compiled code is loaded."""
+    for photograph in photographs[:2]:  # a first frame and one that follows
+        video.next_frame(photograph)
+    shown = photographs[:LIVE_FRAMES]
+    start = time.perf_counter()
+    for photograph in shown:
+        video.next_frame(photograph)
+    seconds = time.perf_counter() - start
+    video.restart()
+    return len(shown) / seconds
+
+
+def timed_solutions(
+    video: FrameByFrame[Any, Any], photographs: Image, batch: int
+) -> Iterator[tuple[Any, float]]:
+    """Yield solutions in turn, and the seconds of each: its own and its share of its batch's."""
+    for start in range(0, len(photographs), batch):
+        clock = time.perf_counter()
+        remaining: list[Callable[[], Any]] = list(video.begun(photographs[start : start + batch]))
+        share = (time.perf_counter() - clock) / len(remaining)
+        for finish in remaining:
+            clock = time.perf_counter()
+            solution = finish()
+            yield solution, share + time.perf_counter() - clock
+
+
+def record_of(frame: int, name: str, seconds: float, told: Mapping[str, Any]) -> Record:
+    """Return a row of the table; of numbers by channel the root mean square.
+
+    Parameters
+    ----------
+    frame, name
+        Number of the frame and name of its photograph.
+    seconds
+        Time it took.
+    told
+        What the method tells of it, see `FrameByFrame.told`.
+    """
+    return {
+        "frame": frame,
+        "name": name,
+        "seconds": seconds,
+        **{
+            key: value if isinstance(value, int) else float(np.sqrt(np.mean(np.square(value))))
+            for key, value in told.items()
+        },
+    }
+
+
+def compare(records: Sequence[Record], images: Image, known: Image) -> None:
+    """Add each frame's metrics against the truth to its record."""
+    for record, image, truth in zip(records, images, known, strict=True):
+        record["mean_squared_error"] = metrics.mean_squared_error(image, truth)
+        record["psnr"] = metrics.psnr(image, truth)
+
+
+def medians_of(records: Sequence[Record]) -> dict[str, float]:
+    """Return the median over the frames of all that is measured."""
+    return {
+        name: float(np.median([record[name] for record in records]))
+        for name in records[0]
+        if name not in ("frame", "name")
+    }
+
+
+def write_table(path: Path, records: Sequence[Record]) -> None:
+    """Write the records as CSV, one row a frame."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.DictWriter(stream, list(records[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(records)

@@ -1,0 +1,63 @@
+"""Sequences decoded into one file that is mapped into memory, as long as they may be."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.storage.sequences.frames import Frames
+from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
+from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
+
+Image = NDArray[np.floating[Any]]
+
+
+def decoded_photographs(
+    sequence: Frames, shape: tuple[int, int], file: Path, progress: Callable[[float], None]
+) -> tuple[Image, list[str]]:
+    """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
+
+    Parameters
+    ----------
+    sequence
+        From `open_frames`.
+    shape
+        (rows, columns) of its photographs.
+    file
+        An NPY file to write them to.
+    progress
+        Called with the fraction done.
+
+    Raises
+    ------
+    PhotographError
+        If a photograph cannot serve; the message names it.
+    """
+    warnings = list(sequence.warnings)
+    first: dict[str, str] = {}
+    times: Counter[str] = Counter()
+    with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
+        for k, photograph in enumerate(sequence, 1):
+            write(photograph.values)
+            for warning in photograph.warnings:
+                what = warning.partition(": ")[2]
+                first.setdefault(what, warning)
+                times[what] += 1
+            progress(k / len(sequence))
+    for what, warning in first.items():
+        others = f" (likewise {times[what] - 1} more)" if times[what] > 1 else ""
+        warnings.append(warning + others)
+    return mapped_stack(file), warnings
+
+
+def decoded_truth(path: Path, shape: tuple[int, int], count: int, file: Path) -> Image:
+    """Return what was hidden, (F, R, C, 3), frame by frame; see `read_hidden_frames`."""
+    with npy_writer(file, (count, *shape, 3), np.float64) as write:
+        for image in read_hidden_frames(path, shape, count):
+            write(image)
+    return mapped_stack(file)
