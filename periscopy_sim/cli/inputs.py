@@ -73,10 +73,13 @@ def transport(
     if file is None:
         A = render_transport(scenario, samples, seed, model)
         return A, {"model": model.value, "transport": None, "samples": samples}
-    A = read_transport(file, scenario)
-    if not file.with_suffix(".json").is_file():
+    return read_transport(file, scenario), {"model": "file", "transport": file, "samples": None}
+
+
+def warn_without_record(file: Path | None) -> None:
+    """Warn of a matrix whose scene is not known; said once it has served."""
+    if file is not None and not file.with_suffix(".json").is_file():
         warn(f"{file} has no JSON file beside it: it may be of another scene of this size")
-    return A, {"model": "file", "transport": file, "samples": None}
 
 
 def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:

@@ -102,6 +102,7 @@ def reconstruct(
             own_errors(method, f"failed on {photo}"),
         ):
             image, solved = _recovered(fitted, given.values, scenario.hidden_shape)
+        inputs.warn_without_record(matrix)
         told = _told(folder, fitted, solved, given.values, text) if solved is not None else {}
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         defects.suggest_mask(folder, text)

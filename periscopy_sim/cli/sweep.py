@@ -27,7 +27,7 @@ from periscopy_sim.cli.arguments import (
     parse_ratios,
     require,
 )
-from periscopy_sim.cli.output import progress, say, to_be_continued, write_json
+from periscopy_sim.cli.output import fixable, progress, say, to_be_continued, write_json
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.storage.outputs.lock import alone_in
 
@@ -151,7 +151,8 @@ def sweep(
             )
         A = inputs.read_transport(out / "A.npy", scenario)
         B = point_light_backgrounds(scenario)
-        fitted = fit_methods(names, scenario, A, B, used)
+        with fixable(f"scene '{scenario.path}'"):
+            fitted = fit_methods(names, scenario, A, B, used)
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():

@@ -157,6 +157,7 @@ def video(
                 method, scenario, A, B, used, **{name: settings[name] for name in for_stills}
             )
             recovery = entry.frames_by(still, coupling, **weights)
+        inputs.warn_without_record(matrix)
         records = []
         # Products this small gain little from threads, which wait for each other on a busy machine.
         with threadpool_limits(1), fixable(str(frames)):

@@ -155,7 +155,7 @@ def fit_method(
 def fit_methods(
     names: Sequence[str], scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None
 ) -> dict[str, Method]:
-    """Fit methods to a scene; those that cannot be fitted fail on every photograph.
+    """Fit methods to a scene; one that cannot be fitted fails on every photograph.
 
     Parameters
     ----------
@@ -171,25 +171,29 @@ def fit_methods(
 
     Raises
     ------
-    PeriscopyError
-        As `find_method`.
+    PeriscopyError, ValueError
+        As `find_method`; as `fit_method` if no method can be fitted.
 
     Warns
     -----
     UserWarning
-        Of each method that cannot be fitted, and as `fit_method`.
+        Of each method that cannot be fitted where others can, and as `fit_method`.
     """
     for name in names:
         find_method(name)
-
-    def fitted(name: str) -> Method:
+    methods: dict[str, Method] = {}
+    errors: list[ValueError] = []
+    for name in names:
         try:
-            return fit_method(name, scenario, A, B, mask)
+            methods[name] = fit_method(name, scenario, A, B, mask)
         except ValueError as error:  # a PeriscopyError too
-            warnings.warn(f"{name} is left out: {error}", stacklevel=3)
-            return Unfit(without_addresses(str(error)))
-
-    return {name: fitted(name) for name in names}
+            methods[name] = Unfit(without_addresses(str(error)))
+            errors.append(error)
+    if len(errors) == len(names):
+        raise errors[0]
+    for unfit in errors:
+        warnings.warn(f"{unfit}; the other methods go on", stacklevel=2)
+    return methods
 
 
 def without_addresses(message: str) -> str:

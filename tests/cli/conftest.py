@@ -41,6 +41,12 @@ class Outcome:
 
 
 @pytest.fixture(scope="session")
+def complaints():
+    """Return what a process printed to stderr, without the plain lines of its stages."""
+    return lambda printed: STAGE.sub("", printed)
+
+
+@pytest.fixture(scope="session")
 def jit():
     """Skip where only the scalar variant works: rendering would crawl, and warn that it does."""
     reports = [report for report in examine_variants() if not report.name.startswith("scalar")]

@@ -137,7 +137,7 @@ def test_lack_of_memory_is_one_line(monkeypatch, refused):
 def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
     monkeypatch.setitem(sys.modules, "xarray", None)
     monkeypatch.setitem(sys.modules, "zarr", None)
-    monkeypatch.setattr(scenes, "transport", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr(inputs, "render_transport", lambda *_: pytest.fail("rendered"))
     sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
     message = refused(*sweep, "--out", str(tmp_path / "sweep"))
     assert "pip install 'periscopy-sim[sweep]'" in message

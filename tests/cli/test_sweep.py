@@ -44,12 +44,12 @@ def test_sweep_writes_store_table_picture_and_prints_the_means(
             *("lamp", "lamp up-down", "lamp left-right", "lamp both"),
         ]
         assert list(results["sbr"].values) == [0.5, 5] and list(results["seed"].values) == [0, 1]
-        errors = results["mean_squared_error"].transpose("method", "sbr", ...).values
+        errors = results["mean_squared_error"].transpose("algorithm", "sbr", ...).values
         record = results.attrs
     with (out / "sweep.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == 3 * 8 * 2 * 2
-    assert {row["failure"] for row in rows if row["method"] == "mine.py:Failing"} == {
+    assert {row["failure"] for row in rows if row["algorithm"] == "mine.py:Failing"} == {
         "KeyError: 'lost'"
     }
     lines = [line.split() for line in shown.splitlines()]
@@ -82,7 +82,7 @@ def test_errors_are_those_of_the_public_functions(succeeds, sweep_command):
     whole = ps.Sweep(y, truth, {"lamp": light}, {"": method}, [5], 45, seed=3)
     image = method.reconstruct(whole.photograph("lamp", 5, 0))
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
-        cell = results.isel(method=0, seed=0).sel(background="lamp", sbr=5)
+        cell = results.isel(algorithm=0, seed=0).sel(background="lamp", sbr=5)
         assert np.allclose(cell["reconstruction"], image, rtol=1e-4, atol=1e-6)
         assert float(cell["psnr"]) == pytest.approx(ps.psnr(image, truth), abs=1e-3)
         assert results.sizes["background"] == 2
@@ -128,7 +128,7 @@ def test_photograph_and_shipped_light_are_rendered_once(
         ({"truth": None}, "give either --photograph with --truth, or --hidden-image"),
         ({"hidden_image": "bars"}, "give either --photograph with --truth, or --hidden-image"),
         ({"photograph": None, "truth": None}, "give either --photograph with --truth"),
-        ({"methods": "magic"}, "no method 'magic'; use preconditioned, differencing, "),
+        ({"methods": "magic"}, "no method 'magic'; use noise-aware, preconditioned, "),
         ({"methods": "preconditioned,"}, "empty name"),
         ({"methods": "pseudoinverse,pseudoinverse"}, "--methods has pseudoinverse twice"),
         ({"methods": "none.py:Mine"}, "there is no file none.py"),

@@ -19,7 +19,13 @@ from periscopy_sim.reconstruction.preconditioned.video import Video
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 PLAIN = ("--tv-weight", "0", "--repair-threshold", "1e9")  # P y alone
+PAPER = ("--method", "preconditioned")
 FILES = {"frames", "frames.npy", "metrics.csv", "summary.json", "video.png"}
+
+
+@pytest.fixture(scope="session")
+def tiny(tiny):
+    return (*tiny, *PAPER)
 
 
 def fitted(transport, scenario, **settings):
@@ -79,7 +85,7 @@ def test_frames_are_those_of_the_coupling_asked_for(
         (("--tv-weight", "0"), {"tv_weight": 0.0}),
         (("--tv-weight", "5"), {"tv_weight": 5.0}),
         (("--repair-threshold", "1e9"), {"repair_threshold": 1e9}),
-        (("--rank-tolerance", "1e-3"), {"tolerance": 1e-3}),
+        (("--rank-tolerance", "1e-3"), {"rank_tolerance": 1e-3}),
     ],
 )
 def test_preconditioner_and_weights_follow_their_options(
@@ -91,7 +97,7 @@ def test_preconditioner_and_weights_follow_their_options(
     assert summary["background_rank"] == periscope.preconditioner.Q.shape[1]
     expected = next_frames(few_photographs, periscope)
     assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
-    if "tolerance" not in settings:
+    if "rank_tolerance" not in settings:
         default = next_frames(few_photographs, fitted(transport, scenario))
         assert np.abs(default - expected).max() > 0.02 * expected.max()
 
@@ -270,7 +276,7 @@ def test_terminal_shows_how_many_frames_a_second(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--coupling", "magic"), "'total-variation', 'l1', 'none'"),
+        (("--coupling", "magic"), "no coupling 'magic'; use l1, total-variation or none"),
         (
             ("--coupling", "l1", "--temporal-weight", "1"),
             "--temporal-weight belongs to --coupling t",

@@ -12,7 +12,9 @@ import pytest
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import (
     METHODS,
+    Unfit,
     find_method,
+    fit_method,
     fit_methods,
     image_by,
     source_sha256,
@@ -199,8 +201,8 @@ def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("", "no method ''; use preconditioned, "),
-        ("mine", "no method 'mine'; use preconditioned, "),
+        ("", "no method ''; use noise-aware, "),
+        ("mine", "no method 'mine'; use noise-aware, "),
         ("mine.py", "path/to/file.py:callable"),
         (":Mine", "no method ':Mine'"),
         ("mine.py:", "no method 'mine.py:'"),
@@ -212,20 +214,23 @@ def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
         ("mine.py:deaf", "makes an object of type int, which has no"),
         ("broken.py:Mine", "cannot be imported: SyntaxError"),
         ("raising.py:Mine", "cannot be imported: KeyError: 'no'"),
+        ("leaving.py:Mine", "cannot be imported: SystemExit: 3"),
     ],
 )
 def test_what_is_no_method_is_refused_by_one_line(name, message, mine):
     (mine.parent / "broken.py").write_text("class Mine(\n")
     (mine.parent / "raising.py").write_text("raise KeyError('no')\n")
+    (mine.parent / "leaving.py").write_text("import sys\nsys.exit(3)\n")
     with pytest.raises(PeriscopyError) as error:
-        fit_methods([name], Scene(), A, B)
+        fit_method(name, Scene(), A, B)
     assert message in str(error.value)
     # What failed half way leaves nothing that a second try would take for it.
     with pytest.raises(PeriscopyError):
-        fit_methods([name], Scene(), A, B)
+        fit_method(name, Scene(), A, B)
 
 
 BROKEN = """
+import sys
 import numpy as np
 from periscopy_sim.errors import SceneError
 
@@ -243,6 +248,10 @@ class Refusing:
     def __init__(self, scenario, A, B):
         raise SceneError("not this one")
 
+class Leaving:
+    def __init__(self, scenario, A, B):
+        sys.exit(0)
+
 class Greedy:
     def __init__(self, scenario, A, B):
         raise MemoryError("too much")
@@ -255,6 +264,7 @@ class Greedy:
         ("Lost", "KeyError: 'no'", 'KeyError("no")'),
         ("Deep", "LinAlgError: Last 2 dimensions of the array must be square", "linalg.inv"),
         ("Refusing", "SceneError: not this one", 'SceneError("not this one")'),
+        ("Leaving", "SystemExit: 0", "sys.exit(0)"),
     ],
 )
 @pytest.mark.parametrize("place", ["mine.py", "deep/mine.py", "mine_that_breaks"])
@@ -267,10 +277,25 @@ def test_whatever_an_own_method_raises_while_it_is_fitted_names_it_and_its_line(
     number = next(n for n, text in enumerate(BROKEN.splitlines(), 1) if line in text)
     file = "mine_that_breaks.py" if place == "mine_that_breaks" else "mine.py"
     with pytest.raises(PeriscopyError) as caught:
-        fit_methods([f"{place}:{name}"], Scene(), A, B)
+        fit_method(f"{place}:{name}", Scene(), A, B)
     said = str(caught.value)
     assert said.startswith(f"method '{place}:{name}' cannot be fitted: {message}")
     assert said.endswith(f"({file}:{number})")
+
+
+def test_of_many_methods_one_that_cannot_be_fitted_fails_alone(mine):
+    mine.write_text(BROKEN)
+    names = ["mine.py:Leaving", "pseudoinverse", "preconditioned"]
+    with pytest.warns(UserWarning, match="cannot be fitted: SystemExit: 0 .* other methods go on"):
+        fitted = fit_methods(names, Scene(), A, B)
+    assert [type(method) for method in fitted.values()] == [Unfit, Periscope, Periscope]
+    with pytest.raises(PeriscopyError, match=r"cannot be fitted: SystemExit: 0 \(mine\.py:"):
+        fitted["mine.py:Leaving"].reconstruct(photograph())
+    # Of rank 1, so that the package's own methods cannot be fitted either: nothing would go on.
+    with pytest.raises(PeriscopyError, match=r"'mine\.py:Leaving' cannot be fitted"):
+        fit_methods(names, Scene(), np.ones((48, 6)), B)
+    with pytest.raises(PeriscopyError, match="no method 'magic'"):
+        fit_methods(["magic"], Scene(), A, B)
 
 
 def test_a_lack_of_memory_is_not_put_on_the_method(mine):
@@ -281,7 +306,7 @@ def test_a_lack_of_memory_is_not_put_on_the_method(mine):
 
 def test_a_scene_that_a_built_in_method_cannot_take_stays_a_plain_value_error():
     with pytest.raises(ValueError, match="full column rank") as caught:
-        fit_methods(["pseudoinverse"], Scene(), np.ones((48, 6)), B)
+        fit_method("pseudoinverse", Scene(), np.ones((48, 6)), B)
     assert not isinstance(caught.value, PeriscopyError)
 
 

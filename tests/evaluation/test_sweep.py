@@ -141,13 +141,13 @@ def test_flips_are_the_four_pictures_of_each_background():
 def test_results_are_labelled_and_are_what_the_methods_give(done):
     _, results = done
     assert dict(results.sizes) == {
-        "method": 2, "background": 2, "sbr": 3, "seed": 2, "row": 3, "column": 4, "channel": 3
+        "algorithm": 2, "background": 2, "sbr": 3, "seed": 2, "row": 3, "column": 4, "channel": 3
     }  # fmt: skip
     assert results["channel"].values.tolist() == ["red", "green", "blue"]
     assert results["reconstruction"].dtype == np.float32
     sweep = sweep_of()
     for name, light, sbr, seed in itertools.product(sweep.methods, LIGHTS, [0.1, 1, 10], [0, 1]):
-        cell = results.sel({"method": name, "background": light, "sbr": sbr, "seed": seed})
+        cell = results.sel({"algorithm": name, "background": light, "sbr": sbr, "seed": seed})
         image = sweep.methods[name].reconstruct(sweep.photograph(light, sbr, seed))
         assert np.allclose(cell["reconstruction"], image, rtol=1e-6)
         error, best = error_of(image), min(
@@ -189,7 +189,7 @@ def test_store_opens_in_xarray_and_its_table_in_any_program(done):
         rows = list(csv.DictReader(stream))
     assert len(rows) == 2 * 2 * 3 * 2
     for row in rows:
-        place = {"method": row["method"], "background": row["background"]}
+        place = {"algorithm": row["algorithm"], "background": row["background"]}
         place |= {"sbr": float(row["sbr"]), "seed": int(row["seed"])}
         assert float(row["psnr"]) == float(results["psnr"].sel(place))
         assert row["failure"] == ""
@@ -205,7 +205,7 @@ def test_method_that_fails_fails_alone(tmp_path):
     lights["left"][0, 0] = lights["right"][-1, -1] = 2
     sweep = sweep_of(methods=methods, backgrounds=lights, sbrs=[1e-3])
     results = run_sweep(sweep, tmp_path)
-    moody, first = (results.sel({"method": name}) for name in methods)
+    moody, first = (results.sel(algorithm=name) for name in methods)
     for metric in ("mean_squared_error", "psnr", "psnr_registered", "reconstruction"):
         assert np.isnan(moody[metric]).all()
         assert np.isfinite(first[metric]).all()
@@ -221,7 +221,7 @@ def test_method_that_fails_fails_alone(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"methods": {}}, "no method"),
+        ({"methods": {}}, "no algorithm"),
         ({"backgrounds": {}}, "no background"),
         ({"sbrs": []}, "no sbr"),
         ({"seeds": []}, "no seed"),
@@ -253,16 +253,16 @@ def test_complete_sweep_is_not_done_again(done):
     assert contents(folder) == before
 
 
-def test_store_of_an_older_version_is_refused_by_one_line(done, tmp_path):
+def test_store_of_an_older_version_is_refused_by_one_line(tmp_path):
     (tmp_path / "sweep.zarr" / "method").mkdir(parents=True)
     with pytest.raises(OutputError, match="called the dimension 'algorithm' 'method'; remove it"):
-        run_sweep(sweep(), tmp_path)
+        run_sweep(sweep_of(), tmp_path)
 
 
 @pytest.mark.parametrize(
     ("changes", "key"),
     [
-        ({"methods": {"first": Linear(1)}}, "methods"),
+        ({"methods": {"first": Linear(1)}}, "algorithms"),
         ({"backgrounds": {"lamp": LIGHTS["lamp"]}}, "backgrounds"),
         ({"backgrounds": {**LIGHTS, "sun": LIGHTS["lamp"]}}, "background_sha256.sun"),
         ({"signal": SIGNAL + 1e-9}, "signal_sha256"),

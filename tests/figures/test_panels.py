@@ -187,7 +187,7 @@ def sweep_results(errors, sbrs=(0.1, 1, 10), methods=("first", "second")):
     """Errors over (method, background, sbr, seed) as a sweep gives them."""
     errors = np.asarray(errors, float)
     labels = {
-        "method": list(methods)[: len(errors)],
+        "algorithm": list(methods)[: len(errors)],
         "background": [f"b{i}" for i in range(errors.shape[1])],
         "sbr": list(sbrs),
         "seed": list(range(errors.shape[3])),

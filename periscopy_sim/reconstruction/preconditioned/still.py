@@ -115,9 +115,9 @@ class Periscope(StillMethod[np.floating[Any]]):
         κ as a part of the 99th percentile, as above; infinity repairs nothing.
     explicit
         Form P in float32 once, for speed; otherwise apply it in factored float64. None: where P
-        fits in half of this machine's memory. The photograph's background is projected out in
-        float64 either way, and what single precision then rounds off lies 140 dB below the
-        photograph, far below any camera's noise.
+        fits in half of this machine's memory. The background is projected out in float64 either
+        way. Of the chair's 29 x 36 patches the images differ by 2e-5 of their root mean square
+        where the SNR is 60 dB, and by 3e-3 at 100 dB, where the rounding adds to the noise.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
     mask
