@@ -1,4 +1,4 @@
-"""How a calibration went: what it explains of the photograph, and the way there."""
+"""How a calibration went: what it explains of the photograph, and the path of the search."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from periscopy_sim.calibration.calibrate import Calibration
 
 
@@ -22,7 +24,7 @@ def draw_calibration(
     calibration: Calibration,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw the photograph, what is left of it before and after, and each parameter's way.
+    """Draw the photograph, what is left of it before and after, and each parameter's path.
 
     Parameters
     ----------
@@ -35,6 +37,12 @@ def draw_calibration(
     metadata
         Text chunks of a PNG.
     """
+    figure = calibration_figure(photograph, calibration)
+    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+
+
+def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
+    """Return the figure that `draw_calibration` saves."""
     from matplotlib.figure import Figure
 
     columns = max(3, min(len(calibration.parameters), 4))
@@ -45,32 +53,31 @@ def draw_calibration(
     axes = beneath.subplots(below, columns, squeeze=False).ravel()
     for k, ax in enumerate(axes):
         if k < len(calibration.parameters):
-            _draw_way(ax, calibration, k)
+            _draw_path(ax, calibration, k)
         else:
             ax.set_axis_off()
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+    return figure
 
 
 def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) -> None:
     """Show the photograph and the mean over its channels of what is left, in percent."""
-    before, after = (
-        100 * residual.mean(axis=2)
-        for residual in (calibration.residual_before, calibration.residual)
-    )
-    bound = float(np.percentile(np.abs(before), 99)) or 1.0
+    left = {
+        "at the start": (calibration.residual_before, calibration.noise_before),
+        "after calibration": (calibration.residual, calibration.noise),
+    }
+    bound = 100 * float(np.percentile(np.abs(calibration.residual_before.mean(axis=2)), 99)) or 1.0
     axes = figure.subplots(1, 3)
     show(axes[0], "photograph", srgb_encode(displayable(photograph)))
-    noises = calibration.noise_before, calibration.noise
-    names = "unexplained at the start", "unexplained after calibration"
-    for ax, residual, name, noise in zip(axes[1:], (before, after), names, noises, strict=True):
-        title = f"{name}: {100 * np.sqrt(np.mean(noise**2)):.2f} %"
-        picture = show(ax, title, residual, cmap="RdBu_r", vmin=-bound, vmax=bound)
+    for ax, (when, (residual, noise)) in zip(axes[1:], left.items(), strict=True):
+        title = f"unexplained {when}: {100 * np.sqrt(np.mean(noise**2)):.2f} %"
+        shown = 100 * residual.mean(axis=2)
+        picture = show(ax, title, shown, cmap="RdBu_r", vmin=-bound, vmax=bound)
     bar = figure.colorbar(picture, ax=axes[1:], shrink=0.8)
     bar.set_label("% of the photograph's root mean square", fontsize=8)
     bar.ax.tick_params(labelsize=8)
 
 
-def _draw_way(ax: Any, calibration: Calibration, k: int) -> None:
+def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     """Show a parameter at all points that were visited, level by level, and where it ended."""
     parameter = calibration.parameters[k]
     shades = ("#bdbdbd", "#6baed6", "#08519c")
@@ -110,7 +117,7 @@ BEST = 10
 
 
 def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
-    """Give the range of start, end, descents and the search's best; the first search is wider."""
+    """Return the range of start, end, descents and the search's best; the search is wider."""
     parameter, (search, *descents) = calibration.parameters[k], calibration.path
     physical = np.isfinite(search.evidence)
     best = search.values[physical][np.argsort(search.evidence[physical])[:BEST], k]

@@ -1,30 +1,89 @@
-"""The picture of a calibration, by the colours that it must hold."""
+"""The picture of a calibration: what stands where, and the colours that it must hold."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from matplotlib import colormaps
 from PIL import Image
 
-from periscopy_sim.figures.calibration import draw_calibration
+from periscopy_sim.figures.calibration import calibration_figure, draw_calibration
+
+SEARCH = np.array([[0.0, 2.0], [0.9, 2.4], [0.12, 1.9], [-0.8, 5.0]])
+EVIDENCE = np.array([7.0, np.inf, 3.0, 5.0])
+DESCENTS = np.array([[0.11, 1.8], [0.1, 1.7]]), np.array([[0.1, 1.7], [0.102, 1.65], [0.1, 1.6]])
 
 
 def calibration(before, after):
-    """One of two levels and one parameter; the residuals as (rows, columns)."""
-    levels = [
-        SimpleNamespace(
-            values=np.array([[0.0], [0.1]]), evidence=np.array([1.0, 0.0]), photograph_shape=shape
-        )
-        for shape in ((4, 4), before.shape)
+    """Return one of two parameters; the residuals as (rows, columns)."""
+    path = [
+        SimpleNamespace(values=values, evidence=evidence, photograph_shape=shape)
+        for values, evidence, shape in [
+            (SEARCH, EVIDENCE, (4, 4)),
+            (DESCENTS[0], np.array([2.0, 1.0]), (8, 9)),
+            (DESCENTS[1], np.array([3.0, 2.0, 1.0]), before.shape),
+        ]
     ]
     return SimpleNamespace(
-        parameters=[SimpleNamespace(name="dx", start=0.0, value=0.1, standard_error=0.01)],
-        path=[levels[0], *levels],
+        parameters=[
+            SimpleNamespace(name="dx", start=0.0, value=0.1, standard_error=0.01),
+            SimpleNamespace(name="turn", start=2.0, value=1.6, standard_error=0.3),
+        ],
+        path=path,
         residual_before=np.repeat(before[..., None], 3, axis=2),
         residual=np.repeat(after[..., None], 3, axis=2),
-        noise_before=np.full(3, 0.02),
+        noise_before=np.array([0.0, 0.04, 0.03]),
         noise=np.full(3, 0.01),
     )
+
+
+@pytest.fixture
+def residuals():
+    return 0.02 * np.random.default_rng(0).standard_normal((2, 16, 18))
+
+
+@pytest.fixture
+def axes(residuals):
+    figure = calibration_figure(np.full((16, 18, 3), 0.5), calibration(*residuals))
+    return {ax.get_title(): ax for ax in figure.axes if ax.get_title()}
+
+
+def test_each_residual_stands_under_its_title_in_percent(axes, residuals):
+    titles = "unexplained at the start: 2.89 %", "unexplained after calibration: 1.00 %"
+    for title, residual in zip(titles, residuals, strict=True):
+        (picture,) = axes[title].images
+        np.testing.assert_allclose(picture.get_array(), 100 * residual)
+        low, high = picture.get_clim()
+        assert -low == high == pytest.approx(100 * np.percentile(np.abs(residuals[0]), 99))
+
+
+def test_each_parameter_is_shown_on_its_path(axes, residuals):
+    parameters = calibration(*residuals).parameters
+    titles = "dx: 0.1 ± 0.01", "turn: 1.6 ± 0.3"
+    for k, (title, parameter) in enumerate(zip(titles, parameters, strict=True)):
+        ax = axes[title]
+        *paths, start, end = ax.get_lines()
+        for level, (line, values) in enumerate(zip(paths, (SEARCH, *DESCENTS), strict=True)):
+            place, shown = line.get_data()
+            np.testing.assert_array_equal(shown, values[:, k])
+            assert level < place[0] and place[-1] < level + 1 and (np.diff(place) > 0).all()
+            # Points of the search have no order; those of a descent have.
+            assert (line.get_linestyle() == "None") == (level == 0)
+        assert start.get_ydata()[0] == parameter.start
+        assert end.get_ydata()[0] == parameter.value
+        (band,) = ax.patches
+        error = parameter.standard_error
+        low, high = parameter.value - error, parameter.value + error
+        np.testing.assert_allclose([band.get_y(), band.get_y() + band.get_height()], [low, high])
+        labels = [label.get_text() for label in ax.get_xticklabels()]
+        assert labels == ["4 x 4", "8 x 9", "16 x 18"]
+
+
+def test_the_range_holds_what_was_good_not_all_that_was_searched(residuals, monkeypatch):
+    monkeypatch.setattr("periscopy_sim.figures.calibration.BEST", 1)
+    figure = calibration_figure(np.full((16, 18, 3), 0.5), calibration(*residuals))
+    (ax,) = [ax for ax in figure.axes if ax.get_title().startswith("dx")]
+    np.testing.assert_allclose(ax.get_ylim(), [-0.08 * 0.12, 1.08 * 0.12])
 
 
 def test_residuals_are_shown_pixel_by_pixel_in_the_colours_of_their_sign(tmp_path):
