@@ -39,9 +39,7 @@ def near_search(monkeypatch):
 def test_a_chair_that_is_far_off_is_found(photograph, succeeds, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
     start = ("-D", "occluder_dx=0.06", "-D", "occluder_dz=-0.05")
-    succeeds(
-        "calibrate", "y.npy", *SCENE, *start, "--free", ",".join(MOVED), "--out", "found.xml"
-    )
+    succeeds("calibrate", "y.npy", *SCENE, *start, "--free", ",".join(MOVED), "--out", "found.xml")
     record = json.loads((tmp_path / "found.json").read_text())
     for name, truth in MOVED.items():
         told = record["parameters"][name]

@@ -72,7 +72,7 @@ INDEPENDENT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class GainEstimate:
-    """What a photograph tells of the gain.
+    """The gain, and how likely it is.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class WallGain:
         self._compared = self._unexplained(compared, self._ambient)
 
     def estimate(self, y: Array, noise: Array, image: Image) -> GainEstimate:
-        """Find the gain of a photograph.
+        """Return the gain of a photograph, and whether there is one.
 
         Parameters
         ----------
@@ -154,16 +154,20 @@ class WallGain:
         subtract_combinations(signal, -image.astype(np.float32), self._transport)
         light = np.concatenate([self._used_terms[:, None] * signal, y[None]]) / noise[:, None]
         vectors = self._without_background(light.reshape(-1, y.shape[1]).astype(np.float32))
-        whole = products(vectors)
+        terms, rest = vectors[:-3], vectors[-3:]
         coordinates = self._coordinates(vectors)
-        left = whole - products(coordinates) - products(vectors @ self._ambient.T)
-        H, q = left[:count, :count], left[:count, count]
-        sizes = np.sqrt(np.diag(whole)[:count]) + 1e-30
-        compared = vectors[-3:] @ self._compared.T
+        images = (coordinates * self._scales) @ self._basis
+        whole = products(terms)
+        H = whole - products(coordinates[:-3]) - products(terms @ self._ambient.T)
+        # From what is left of y, not as a difference of sums of squares: single precision suffices.
+        r = self._unexplained_light(rest, images[-3:])
+        q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
+        sizes = np.sqrt(np.diag(whole)) + 1e-30
+        compared = r @ self._compared.T
         c, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
             c = np.asarray(np.linalg.solve(H, q), np.float64)
-            errors = self._errors_of_transport(vectors, coordinates, image / noise[:, None])
+            errors = self._errors_of_transport(r, images[:-3], image / noise[:, None])
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
             least = 2 * optimize.lsq_linear(*white, bounds=(0, 1)).cost
@@ -171,7 +175,7 @@ class WallGain:
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (c @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
-        added = np.tensordot(c, vectors.reshape(count + 1, 3, -1)[:-1], 1) * noise[:, None]
+        added = np.tensordot(c, terms.reshape(count, 3, -1), 1) * noise[:, None]
         return GainEstimate(
             coefficients=c,
             probability=probability,
@@ -180,27 +184,29 @@ class WallGain:
             added=added,
         )
 
-    def _errors_of_transport(self, vectors: Image, coordinates: Image, f: Array) -> Array:
-        """Give what errors of A alone would take from the terms' products with y, (K, 2)."""
-        images = (coordinates * self._scales) @ self._basis
-        explained = np.zeros((3, vectors.shape[1]), np.float32)
-        subtract_combinations(explained, -images[-3:], self._transport)
-        r = vectors[-3:] - self._without_background(explained)
-        squares = (r - (r @ self._ambient.T) @ self._ambient) ** 2
-        own = self._used_terms @ squares.sum(axis=0)
-        shares = squares.sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
-        shared = np.einsum("kcn,cn,c->k", images[:-3].reshape(len(own), *f.shape), f, shares)
+    def _unexplained_light(self, y: Image, images: Image) -> Array:
+        """Return r, what hidden images and smooth ambient light leave of y, (3, M')."""
+        explained = np.zeros(y.shape, np.float32)
+        subtract_combinations(explained, -images, self._transport)
+        r = y - self._without_background(explained)
+        return np.asarray(r - (r @ self._ambient.T) @ self._ambient, np.float64)
+
+    def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
+        """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
+        own = self._used_terms @ (r**2).sum(axis=0)
+        shares = (r**2).sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
+        shared = np.einsum("kcn,cn,c->k", images.reshape(len(own), *f.shape), f, shares)
         return np.stack([own, -shared], axis=1).astype(np.float64)
 
     def _without_background(self, vectors: Image) -> Image:
         return vectors - (vectors @ self._background.T) @ self._background
 
     def _coordinates(self, vectors: Image) -> Image:
-        """Give coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
+        """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
         return times_rows(times_rows(vectors, self._transport), self._basis) * self._scales
 
     def _unexplained(self, rows: Array, others: Image) -> Image:
-        """Find an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
+        """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
         left = unit_rows(rows)
         sizes = np.ones(len(rows))
         for _ in range(3):  # each time from what is left, single precision suffices
@@ -215,7 +221,7 @@ class WallGain:
 
 
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
-    """Evaluate Legendre polynomials over an image, those of a total degree in a range.
+    """Return Legendre polynomials over an image, those of a total degree in a range.
 
     Returns
     -------
@@ -233,11 +239,11 @@ def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
 
 
 def unit_rows(rows: Image) -> Image:
-    """Divide rows by their norms."""
+    """Return rows divided by their norms."""
     return np.asarray(rows / (np.linalg.norm(rows, axis=1, keepdims=True) + 1e-30))
 
 
 def products(vectors: Image) -> Array:
-    """Multiply terms with each other; (3 K, M') vectors, three channels a term, give (K, K)."""
+    """Return the products of terms, (K, K), from (3 K, M') vectors, three channels a term."""
     terms = vectors.reshape(len(vectors) // 3, -1).astype(np.float64)
     return np.asarray(terms @ terms.T)
