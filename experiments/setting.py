@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 SNR = 60.0
 """dB (Sec. 4.1)."""
 
+AMBIENT_ERROR = 1e-3
+"""Relative error of a pixel at which rendering ambient light stops. P lets so little of it through
+that at SBR 0.05 it reaches 4 % of the sensor's noise (two renderings of `window_left` compared)."""
+
 GLASS = "stained_glass"
 GLASS_SCENE = f"ambient/{GLASS}"
 NO_BEAM = f"{GLASS}_no_beam"
@@ -147,7 +151,9 @@ class Setting(Chair):
 
     def backgrounds(self, names: Sequence[str] = REALISTIC) -> dict[str, Array]:
         """Photographs of the board under ambient light: the realistic conditions, or others."""
-        return ambient_photographs(names, self.scenario, self.rendered, self.seed)
+        return ambient_photographs(
+            names, self.scenario, self.rendered, self.seed, target=AMBIENT_ERROR
+        )
 
     def photograph(self, background: Array | None, sbr: float, name: str) -> Array:
         """Photograph at an SBR and `SNR` (Sec. 4.1); the noise follows from the name and the SBR.
@@ -208,17 +214,17 @@ class Setting(Chair):
         }
 
     def place(self, name: str) -> Array:
-        """Picture of the place of an ambient condition, to look at: (300, 400, 3)."""
+        """Picture of the place of an ambient condition, to look at: (225, 300, 3)."""
         scene, parameters = (GLASS, WITHOUT_BEAM) if name == NO_BEAM else (name, {})
 
         def render() -> Array:
-            return render_place(f"ambient/{scene}", parameters, size=(300, 400), samples=144)
+            return render_place(f"ambient/{scene}", parameters, size=(225, 300), samples=64)
 
         return self.kept(f"{name}_wide", f"ambient/{scene}", render)
 
     def _no_beam(self) -> Array:
         return ps.render_background(
-            GLASS_SCENE, self.scenario, WITHOUT_BEAM, seed=self.seed
+            GLASS_SCENE, self.scenario, WITHOUT_BEAM, target=AMBIENT_ERROR, seed=self.seed
         ).photograph
 
 

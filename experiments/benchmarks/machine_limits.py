@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -14,22 +12,11 @@ import periscopy_sim as ps
 from experiments.benchmarks.scene import SMALL
 from experiments.report import Section, Table
 from experiments.setting import Setting
+from experiments.timing import median_seconds
 from periscopy_sim.numerics.threads import core_count
 from periscopy_sim.scenario import Scenario
 
 RAYS = 1 << 23
-
-
-def median_seconds(task: Callable[[], object], runs: int, *, warm: bool = True) -> float:
-    """Return the median time of a task, after one run that compiles and warms."""
-    if warm:
-        task()
-    seconds = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        task()
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds))
 
 
 @dataclass(frozen=True)

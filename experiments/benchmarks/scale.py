@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.benchmarks import peers
-from experiments.benchmarks.machine_limits import Limits, machine_limits, median_seconds
+from experiments.benchmarks.machine_limits import Limits, machine_limits
 from experiments.benchmarks.scene import SIZES, SMALL, compare
 from experiments.drawing import COLUMN, drawn
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Chair, Setting
+from experiments.timing import median_seconds
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.benchmarks import peers
-from experiments.benchmarks.machine_limits import machine_limits, median_seconds
+from experiments.benchmarks.machine_limits import machine_limits
 from experiments.benchmarks.scene import (
     FILM,
     SMALL,
@@ -23,6 +23,7 @@ from experiments.benchmarks.scene import (
 )
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Chair, Setting
+from experiments.timing import median_seconds
 from periscopy_sim.reconstruction.preconditioned.still import repaired
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 

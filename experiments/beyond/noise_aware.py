@@ -18,43 +18,35 @@ import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
 from experiments.page import alone, described
 from experiments.report import Claim, Picture, Section, Table, Verdict
-from experiments.setting import SNR, Setting
+from experiments.setting import Setting
+from experiments.sweeps import errors_of, of_method, swept
 
 Array = NDArray[np.float64]
 
 SBRS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 4.0, 10.0)
 DRAWS = 3
 SHOWN = (10.0, 0.5, 0.05)
-PAPER, OURS = "preconditioned", "noise-aware"
-COLOURS = {PAPER: COLORS["preconditioned"], OURS: COLORS["differencing"]}
+PAPER, OURS = METHODS = ("preconditioned", "noise-aware")
+LIGHT = "overcast"
+"""Under which the images shown were taken."""
 
 
 def run(setting: Setting) -> Section:
     """Reconstruct every photograph by both methods."""
-    methods: dict[str, ps.Periscope | ps.NoiseAware] = {
-        PAPER: setting.preconditioned,
-        OURS: ps.NoiseAware.for_scene(setting.scenario, setting.A, setting.B),
-    }
+    methods = {PAPER: setting.preconditioned, OURS: setting.noise_aware}
     measured = {"rendered": setting.synthetic}
     if setting.measured.real:
         measured["real"] = setting.measured
-    errors = {
-        (kind, name): np.empty((len(SBRS), len(setting.backgrounds()), DRAWS))
-        for kind in measured
-        for name in methods
-    }
+    errors: dict[tuple[str, str], Array] = {}
     shown: dict[tuple[str, float, str], Array] = {}
     for kind, it in measured.items():
-        for i, sbr in enumerate(SBRS):
-            for j, (light, background) in enumerate(setting.backgrounds().items()):
-                for draw in range(DRAWS):
-                    seed = setting.seed + 1000 * i + 10 * j + draw
-                    y = ps.add_noise(ps.composite(it.signal, background, sbr), SNR, seed)
-                    for name, method in methods.items():
-                        image = np.asarray(method.reconstruct(y), np.float64)
-                        errors[kind, name][i, j, draw] = _error(image, it.truth, it.real)
-                        if light == "overcast" and draw == 0 and sbr in SHOWN:
-                            shown[kind, sbr, name] = image
+        name = f"noise_aware_{kind}"
+        results = swept(setting, name, it, methods, setting.backgrounds(), SBRS, DRAWS)
+        for method in methods:
+            errors[kind, method] = errors_of(results, method, registered=it.real)
+            images = of_method(results, method)["reconstruction"]
+            for sbr in SHOWN:
+                shown[kind, sbr, method] = images.sel(background=LIGHT, sbr=sbr, seed=0).values
     _draw_errors(setting, errors, tuple(measured))
     _draw_images(setting, shown, tuple(measured))
     return Section(
@@ -76,12 +68,6 @@ def run(setting: Setting) -> Section:
         ],
         tables=[_table(errors, kind) for kind in measured],
     )
-
-
-def _error(image: Array, truth: Array, real: bool) -> float:
-    if not real:
-        return ps.mean_squared_error(image, truth)
-    return float(10 ** (-ps.registered(image, truth).psnr / 10))
 
 
 def _claims(errors: Mapping[tuple[str, str], Array], kinds: tuple[str, ...]) -> list[Claim]:
@@ -138,13 +124,13 @@ def _draw_errors(
     with drawn(setting.out, "noise_aware", PAGE, 2.6) as figure:
         axes = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
         for ax, kind in zip(axes, kinds, strict=True):
-            for name, colour in COLOURS.items():
+            for name in METHODS:
                 values = errors[kind, name].reshape(len(SBRS), -1)
                 low, high = np.percentile(values, [5, 95], axis=1)
-                ax.fill_between(SBRS, low, high, color=colour, alpha=0.25, linewidth=0)
-                ax.plot(SBRS, values.mean(axis=1), color=colour, label=name)
+                ax.fill_between(SBRS, low, high, color=COLORS[name], alpha=0.25, linewidth=0)
+                ax.plot(SBRS, values.mean(axis=1), color=COLORS[name], label=name)
                 worst = errors[kind, name].mean(axis=2).max(axis=1)
-                ax.plot(SBRS, worst, ".", color=colour, markersize=3)
+                ax.plot(SBRS, worst, ".", color=COLORS[name], markersize=3)
             ax.set(xscale="log", yscale="log", xlabel="SBR", title=f"{kind} photograph")
             ax.set_xticks([0.02, 0.1, 1, 10], ["0.02", "0.1", "1", "10"])
             ax.grid(visible=True, which="major", linewidth=0.3)
@@ -156,7 +142,7 @@ def _draw_images(
     setting: Setting, shown: Mapping[tuple[str, float, str], Array], kinds: tuple[str, ...]
 ) -> None:
     with drawn(setting.out, "noise_aware_images", PAGE, 1.55 * 2 * len(kinds)) as figure:
-        rows = [(kind, name) for kind in kinds for name in COLOURS]
+        rows = [(kind, name) for kind in kinds for name in METHODS]
         grid = figure.subplots(len(rows), 1 + len(SHOWN))
         for row, (kind, name) in zip(grid, rows, strict=True):
             truth = (setting.measured if kind == "real" else setting.synthetic).truth

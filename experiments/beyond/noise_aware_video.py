@@ -7,7 +7,6 @@ The clips, the ambient light and the noise are those of Fig. 7, at two signal-to
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
@@ -20,8 +19,8 @@ from experiments.page import alone
 from experiments.paper.fig7 import CONDITION, FRAMES, STARTS, STEADY, photographs_of
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
-from experiments.setting import SNR, Setting
-from periscopy_sim.scenario import Scenario
+from experiments.setting import SNR, Chair, Setting
+from experiments.timing import median_seconds
 
 Array = NDArray[np.float64]
 AnyVideo = ps.Video | ps.NoiseAwareVideo
@@ -36,7 +35,7 @@ SBRS = (0.5, 0.05)
 MOTION, REST = "in motion", "at rest"
 PAPER, OURS = "preconditioned", "noise-aware"
 VIDEO, STILLS = "video", "stills"
-CURVES = {PAPER: COLORS["preconditioned"], OURS: COLORS["differencing"]}
+CURVES = {PAPER: COLORS["preconditioned"], OURS: COLORS["noise-aware"]}
 LINES = {VIDEO: "-", STILLS: "--"}
 
 LIVE = 60
@@ -50,7 +49,7 @@ def run(setting: Setting) -> Section:
     """Reconstruct every clip by both methods, coupled and not."""
     scenario, background = setting.scenario, setting.backgrounds([CONDITION])[CONDITION]
     photographed = partial(photographs_of, setting.A, scenario.channel_gain, background=background)
-    videos = _videos(scenario, setting.A, setting.B)
+    videos = _videos(setting)
     moving = [clip(setting.hidden, FRAMES, start=0.6 * number) for number in range(STARTS)]
     clips = {MOTION: moving, REST: [frames[[0] * FRAMES] for frames in moving]}
     errors = {}
@@ -62,21 +61,20 @@ def run(setting: Setting) -> Section:
             ]
             for name, video in videos.items():
                 errors[motion, sbr, *name] = _errors(video, taken, truths)
-    rates = {**_rates(setting, setting.hidden, background), **_rates(setting, FILM, background)}
+    rates = {
+        **_rates(setting, background),
+        **_rates(Chair(FILM, setting.seed), background),
+    }
     _draw(setting, errors)
     return _section(setting, errors, rates)
 
 
-def _videos(
-    scenario: Scenario, A: NDArray[np.float32], B: Array
-) -> dict[tuple[str, str], AnyVideo]:
-    periscope = ps.Periscope.for_scene(scenario, A, B)
-    noise_aware = ps.NoiseAware.for_scene(scenario, A, B)
+def _videos(chair: Chair) -> dict[tuple[str, str], AnyVideo]:
     return {
-        (PAPER, VIDEO): ps.Video(periscope),
-        (PAPER, STILLS): ps.Video(periscope, coupling="none"),
-        (OURS, VIDEO): ps.NoiseAwareVideo(noise_aware),
-        (OURS, STILLS): ps.NoiseAwareVideo(noise_aware, coupling="none"),
+        (PAPER, VIDEO): ps.Video(chair.preconditioned),
+        (PAPER, STILLS): ps.Video(chair.preconditioned, coupling="none"),
+        (OURS, VIDEO): ps.NoiseAwareVideo(chair.noise_aware),
+        (OURS, STILLS): ps.NoiseAwareVideo(chair.noise_aware, coupling="none"),
     }
 
 
@@ -90,15 +88,11 @@ def _errors(video: AnyVideo, photographs: Sequence[Array], truths: Sequence[Arra
     return np.array(errors)
 
 
-def _rates(
-    setting: Setting, hidden: tuple[int, int], background: Array
-) -> dict[tuple[tuple[int, int], str], tuple[float, float]]:
+def _rates(chair: Chair, background: Array) -> Rates:
     """Time both methods on a moving clip at the first SBR."""
-    scenario = ps.load_scenario(ps.find_scene("chair"), hidden)
-    A = ps.render_transport(scenario, seed=setting.seed)
-    truth = clip(hidden, FRAMES)
-    taken = photographs_of(A, scenario.channel_gain, truth, background, (setting.seed, 2, 0))
-    videos = _videos(scenario, A, setting.B)
+    gain, truth = chair.scenario.channel_gain, clip(chair.hidden, FRAMES)
+    taken = photographs_of(chair.A, gain, truth, background, (chair.seed, 2, 0))
+    videos = _videos(chair)
 
     def one_at_a_time(video: AnyVideo) -> None:
         for y in taken:
@@ -108,17 +102,15 @@ def _rates(
         video.frames(taken)
 
     def rate(video: AnyVideo, recover: Callable[[AnyVideo], None]) -> float:
-        seconds = []
-        for _ in range(1 + ROUNDS):  # the first loads the compiled code
+        def anew() -> None:
             video.restart()
-            start = time.perf_counter()
             recover(video)
-            seconds.append(time.perf_counter() - start)
-        return FRAMES / float(np.median(seconds[1:]))
+
+        return FRAMES / median_seconds(anew, ROUNDS)
 
     coupled = {method: videos[method, VIDEO] for method in (PAPER, OURS)}
     return {
-        (hidden, method): (rate(video, one_at_a_time), rate(video, at_once))
+        (chair.hidden, method): (rate(video, one_at_a_time), rate(video, at_once))
         for method, video in coupled.items()
     }
 

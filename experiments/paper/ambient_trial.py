@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.setting import SNR, Setting
+from experiments.setting import AMBIENT_ERROR, SNR, Setting
 from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -16,8 +16,6 @@ from periscopy_sim.storage.formats.exr import read_exr
 
 Array = NDArray[np.float64]
 SBR = 0.2
-COARSE = 1e-3
-"""Target of the second rendering: it costs a tenth, and the product needs independence alone."""
 
 
 class Trial:
@@ -32,7 +30,9 @@ class Trial:
         second.mkdir(exist_ok=True)
         names = (*REALISTIC, *ADVERSARIAL)
         self.backgrounds = setting.backgrounds(names)
-        self.again = ambient_photographs(names, self.scenario, second, self.seed + 1, target=COARSE)
+        self.again = ambient_photographs(
+            names, self.scenario, second, self.seed + 1, target=AMBIENT_ERROR
+        )
         # The part of the first rendering in the two's squared difference, but for its square.
         errors = {
             name: [

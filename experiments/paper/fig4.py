@@ -19,8 +19,8 @@ import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
 from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
-from experiments.setting import SNR, Measured, Setting, package_sha256
-from periscopy_sim.evaluation.sweep import array_sha256
+from experiments.setting import SNR, Measured, Setting
+from experiments.sweeps import errors_of, of_method, swept
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,23 +104,7 @@ def _swept(setting: Setting, name: str, measured: Measured) -> xr.Dataset:
         methods[UNREPAIRED] = ps.Periscope.for_scene(
             setting.scenario, setting.A, setting.B, repair_threshold=np.inf
         )
-    code = package_sha256()
-    sweep = ps.Sweep(
-        signal=measured.signal,
-        truth=measured.truth,
-        backgrounds=ps.flips(setting.backgrounds()),
-        methods=methods,
-        sbrs=SBRS,
-        snr=SNR,
-        seed=setting.seed,
-        conditions={
-            "A_sha256": array_sha256(setting.A),
-            "B_sha256": array_sha256(setting.B),
-            "package_sha256": code,
-            "gap": GAP,
-        },
-    )
-    return ps.run_sweep(sweep, setting.out / "sweeps" / f"{name.replace(' ', '')}-{code[:8]}")
+    return swept(setting, name, measured, methods, ps.flips(setting.backgrounds()), SBRS, gap=GAP)
 
 
 def _bounds(setting: Setting) -> dict[str, list[float]]:
@@ -145,14 +129,13 @@ def _bounds(setting: Setting) -> dict[str, list[float]]:
 
 
 def _mean(results: xr.Dataset, method: str, sbr: float) -> float:
-    cell = results["mean_squared_error"].sel(algorithm=method, sbr=sbr)
-    return float(cell.mean())
+    return float(errors_of(results, method)[results["sbr"] == sbr].mean())
 
 
 def _growth(results: xr.Dataset, method: str, low: float, high: float = 10.0) -> Array:
     """Error at a low SBR over that at a high one, for each background."""
-    error = results["mean_squared_error"].sel(algorithm=method).mean("seed")
-    return np.asarray(error.sel(sbr=low) / error.sel(sbr=high))
+    error = errors_of(results, method).mean(axis=2)
+    return np.asarray(error[SBRS.index(low)] / error[SBRS.index(high)])
 
 
 def _claims(results: dict[str, xr.Dataset], bound: dict[str, list[float]]) -> list[Claim]:
@@ -274,7 +257,7 @@ def _draw(
             show_light(row[0], ps.composite(measured.signal, ambient, sbr))
             row[0].set_title(f"measurement\nSBR {sbr:g}")
             for ax, method in zip(row[1:-1], METHODS, strict=True):
-                cell = found.sel(algorithm=method, background=EXAMPLE, sbr=sbr, seed=0)
+                cell = of_method(found, method).sel(background=EXAMPLE, sbr=sbr, seed=0)
                 image = ps.gain_matched(cell["reconstruction"].values, measured.truth)
                 show_light(ax, image, 1)
                 ax.set_title(f"{method}\nMSE {float(cell['mean_squared_error']):.3f}")
@@ -303,13 +286,11 @@ def _curves(ax: Any, results: xr.Dataset, title: str) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for method in METHODS:
-        error = (
-            results["mean_squared_error"].sel(algorithm=method).stack(all=["background", "seed"])
-        )
-        low, high = (error.quantile(q, "all").values for q in (0.1, 0.9))
+        error = errors_of(results, method)
+        low, high = np.quantile(error, (0.1, 0.9), axis=(1, 2))
         ax.fill_between(SBRS, low, high, color=COLORS[method], alpha=0.2, linewidth=0)
         style = {"color": COLORS[method], "marker": MARKERS[method], "markersize": 3}
-        ax.plot(SBRS, error.mean("all"), **style)
+        ax.plot(SBRS, error.mean(axis=(1, 2)), **style)
     ax.set(xscale="log", yscale="log", xlabel="signal-to-background ratio", title=title)
     ax.set_xticks([0.05, 0.2, 1, 5], ["0.05", "0.2", "1", "5"])
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from experiments.drawing import PAGE, drawn, show_light
 from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Setting
+from experiments.timing import clocked
 
 Array = NDArray[np.float64]
 
@@ -140,15 +141,10 @@ def _timed(
     name: str, fit: Callable[[], ps.Periscope | ps.Differencing], photographs: list[Array],
     truth: Array,
 ) -> Row:  # fmt: skip
-    start = time.perf_counter()
-    method = fit()
-    fitted = time.perf_counter() - start
+    fitted, method = clocked(fit)
     method.reconstruct(photographs[0])  # compiles
-    images, seconds = [], []
-    for photograph in photographs:
-        start = time.perf_counter()
-        images.append(method.reconstruct(photograph))
-        seconds.append(time.perf_counter() - start)
+    each = [clocked(partial(method.reconstruct, photograph)) for photograph in photographs]
+    seconds, images = zip(*each, strict=True)
     return Row(
         name,
         np.stack([ps.gain_matched(image, truth) for image in images]),

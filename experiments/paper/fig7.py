@@ -9,8 +9,8 @@ Eq. 12 as written and beside stills, for a scene that moves and for the same sce
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ from experiments.drawing import COLORS, PAGE, drawn, show_light
 from experiments.page import alone
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
-from experiments.setting import SNR, Setting
+from experiments.setting import SNR, Chair, Setting
+from experiments.timing import clocked
 
 Array = NDArray[np.float64]
 
@@ -63,9 +64,8 @@ class Coupled:
 
 def run(setting: Setting) -> Section:
     """Reconstruct every clip with every coupling."""
-    scenario = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
-    A = ps.render_transport(scenario, seed=setting.seed)
-    periscope = ps.Periscope.for_scene(scenario, A, ps.point_light_backgrounds(scenario))
+    chair = Chair(HIDDEN, setting.seed)
+    scenario, A, periscope = chair.scenario, chair.A, chair.preconditioned
     background = setting.backgrounds([CONDITION])[CONDITION]
 
     def photographed(truths: list[Array], kind: int) -> list[Array]:
@@ -113,15 +113,13 @@ def _reconstruct(
     clips, seconds = [], []
     for photograph in photographs:
         video.restart()
-        start = time.perf_counter()
-        clips.append(np.stack([video.next_frame(y) for y in photograph]))
-        seconds.append((time.perf_counter() - start) / len(photograph))
+        took, frames = clocked(lambda y=photograph: np.stack([video.next_frame(p) for p in y]))
+        clips.append(frames)
+        seconds.append(took / len(photograph))
     at_once = []
     for photograph in photographs:
         video.restart()
-        start = time.perf_counter()
-        video.frames(photograph)
-        at_once.append((time.perf_counter() - start) / len(photograph))
+        at_once.append(clocked(partial(video.frames, photograph))[0] / len(photograph))
     errors = [
         [ps.mean_squared_error(f, t) for f, t in zip(frames, truth, strict=True)]
         for frames, truth in zip(clips, truths, strict=True)

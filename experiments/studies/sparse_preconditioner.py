@@ -9,7 +9,6 @@ stand beside them. It takes some twenty minutes on one core, four with `--hidden
 from __future__ import annotations
 
 import csv
-import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -22,6 +21,7 @@ from scipy import sparse
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, COLUMN, drawn
+from experiments.timing import median_seconds
 from periscopy_sim.reconstruction.preconditioned.preconditioner import Preconditioner
 from periscopy_sim.reconstruction.preconditioned.sparse import (
     l1_minimal_rows,
@@ -92,7 +92,7 @@ class Trial:
         estimate = np.asarray(P @ y).reshape(self.truth.shape)
         weight = self.noise * np.sqrt(noise_gain / P.shape[0])
         residual = np.linalg.norm(P @ self.B, axis=0) / np.linalg.norm(self.B, axis=0)
-        single = P.astype(np.float32)
+        single, y_single = P.astype(np.float32), y.astype(np.float32)
         full_size = 4 * P.shape[0] * P.shape[1]
         size = full_size
         if sparse.issparse(single):
@@ -106,17 +106,8 @@ class Trial:
             raw=ps.psnr(estimate, self.truth),
             denoised=ps.psnr(ps.prox_total_variation(estimate, weight), self.truth),
             bytes=size / full_size,
-            milliseconds=1e3 * _median_time(single, y.astype(np.float32)),
+            milliseconds=1e3 * median_seconds(lambda: single @ y_single, RUNS),
         )
-
-
-def _median_time(P: Any, y: NDArray[np.float32]) -> float:
-    times = []
-    for _ in range(RUNS):
-        start = time.perf_counter()
-        P @ y
-        times.append(time.perf_counter() - start)
-    return float(np.median(times))
 
 
 def rows(trial: Trial) -> Iterator[Row]:

@@ -1,0 +1,30 @@
+"""Times of tasks: medians of several runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+Result = TypeVar("Result")
+
+
+def clocked(task: Callable[[], Result], runs: int = 1) -> tuple[float, Result]:
+    """Return the median of a task's seconds in several runs, and the last run's result."""
+    seconds = []
+    for run in range(1, runs + 1):
+        start = time.perf_counter()
+        result = task()
+        seconds.append(time.perf_counter() - start)
+        if run < runs:
+            del result  # gigabytes, before the next ones
+    return float(np.median(seconds)), result
+
+
+def median_seconds(task: Callable[[], object], runs: int, *, warm: bool = True) -> float:
+    """Return the median of a task's seconds, after one run that compiles and warms."""
+    if warm:
+        task()
+    return clocked(task, runs)[0]
