@@ -104,8 +104,36 @@ def show_light(ax: Any, image: NDArray[np.floating[Any]], white: float | None = 
     ax.set_axis_off()
 
 
+def label_row(ax: Any, text: str) -> None:
+    """Write a name along the left of a row of pictures, whose first axes are given."""
+    ax.text(
+        -0.06, 0.5, text, transform=ax.transAxes, rotation=90, ha="right", va="center",
+        fontsize=7, multialignment="center",
+    )  # fmt: skip
+
+
+def draw_means(ax: Any, values: NDArray[np.floating[Any]], line: str = "-", **style: Any) -> None:
+    """Draw means over the first axis, with a band of their standard errors, from 1 on.
+
+    Parameters
+    ----------
+    ax
+        Matplotlib axes.
+    values
+        (repetitions, places).
+    line
+        Matplotlib's name of the line.
+    **style
+        Of the line; its ``color`` is the band's, too.
+    """
+    number, mean = np.arange(1, values.shape[1] + 1), values.mean(axis=0)
+    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
+    ax.fill_between(number, mean - error, mean + error, color=style["color"], alpha=0.15, lw=0)
+    ax.plot(number, mean, line, **style)
+
+
 def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:
-    """Give the field of view on the wall for imshow: left, right, bottom, top, in millimetres.
+    """Return the field of view on the wall for imshow: left, right, bottom, top, in millimetres.
 
     They count from its centre and reach half a pixel beyond the outermost pixels' centres.
     """

@@ -25,6 +25,11 @@ class Verdict(StrEnum):
     MEASURED = "measured"
     """No value was stated."""
 
+    @classmethod
+    def of(cls, agrees: bool) -> Verdict:
+        """Return whether the two agree, as a verdict."""
+        return cls.AGREES if agrees else cls.DIFFERS
+
 
 @dataclass(frozen=True)
 class Claim:

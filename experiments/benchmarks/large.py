@@ -80,13 +80,13 @@ def large(setting: Setting) -> Section:
                 "A and the image, no explicit P",
                 f"under {MINUTES} minutes",
                 f"{total / 60:.1f} minutes",
-                Verdict.AGREES if total < 60 * MINUTES else Verdict.DIFFERS,
+                Verdict.of(total < 60 * MINUTES),
             ),
             Claim(
                 "largest resident memory of the process, mapped pages included",
                 f"under {GIGABYTES} GB",
                 f"{peak:.1f} GB",
-                Verdict.AGREES if peak < GIGABYTES else Verdict.DIFFERS,
+                Verdict.of(peak < GIGABYTES),
                 f"A alone has {4e-9 * A.size:.1f} GB.",
             ),
             Claim(

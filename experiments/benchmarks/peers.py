@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def pinv_preconditioner(A: NDArray[Any], B: Array) -> Array:
-    """Take the paper's formula as it stands: the top rows of [A, B]^+."""
+    """Return the paper's formula as it stands: the top rows of [A, B]^+."""
     return np.asarray(np.linalg.pinv(np.hstack([A, B]), rcond=1e-12)[: A.shape[1]])
 
 

@@ -64,7 +64,7 @@ def scale(setting: Setting) -> Section:
                 "explicit P: largest entry of (P A - I) z, z normal, at any size",
                 "1e-8",
                 f"{max(errors.values()):.1e}",
-                Verdict.AGREES if max(errors.values()) < 1e-8 else Verdict.DIFFERS,
+                Verdict.of(max(errors.values()) < 1e-8),
             ),
         ],
         pictures=[

@@ -39,7 +39,7 @@ def compare(
     ratio = theirs / ours
     met = Verdict.MEASURED
     if least is not None:
-        met = Verdict.AGREES if ratio >= least else Verdict.DIFFERS
+        met = Verdict.of(ratio >= least)
     return Claim(
         what,
         goal,

@@ -195,7 +195,7 @@ def video(_: Setting) -> Section:
                     f"video at 55 x 40, every stage, {kind}, {coupling}",
                     f"at least {least} frames a second",
                     f"{rate:.0f}",
-                    Verdict.AGREES if rate >= least else Verdict.DIFFERS,
+                    Verdict.of(rate >= least),
                     f"Reading P at the machine's copy rate: {limits.copy / (4 * scene.A.size):.0f} "
                     "a second; multiplying by it at its product rate: "
                     f"{limits.single / (6 * scene.A.size):.0f} a second.",

@@ -73,7 +73,7 @@ Recover = Callable[[Case], Array]
 
 
 def flat(case: Case) -> Array:
-    """Give its photographs as (P, M, 3)."""
+    """Return its photographs as (P, M, 3)."""
     return case.photographs.reshape(len(case.photographs), -1, 3)
 
 
@@ -277,7 +277,7 @@ def estimates(bench: Bench) -> Iterator[Row]:
 
 
 def backgrounds(bench: Bench) -> Iterator[Row]:
-    """Give B more columns."""
+    """Score models of ambient light with more columns."""
     setting = bench.setting
     smooth = polynomials(setting.scenario.photograph_shape, DEGREE)
     finer = ps.point_light_backgrounds(setting.scenario, grids()[FINER])

@@ -97,7 +97,7 @@ def rendered(setting: Setting, image: str) -> Measured:
 
 
 def noise_level(photograph: Array) -> float:
-    """Give σ of the noise at `SNR`."""
+    """Return σ of the noise at `SNR`."""
     return 10 ** (-SNR / 20) * root_mean_square(photograph)
 
 

@@ -1,4 +1,4 @@
-"""How the ablation's errors are told: Markdown tables."""
+"""The ablation's errors as tables, on the page and in Markdown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Row:
     Attributes
     ----------
     name, weight
-        Of the method; the weight as told, "" for none.
+        Of the method; the weight in words, "" for none.
     scores
         By case: what `Case.scores` gives.
     solves
@@ -35,7 +35,7 @@ class Row:
 
 
 def table(rows: Sequence[Row], tried: Sequence[Case]) -> Table:
-    """Set the methods' errors side by side."""
+    """Tabulate the methods' errors side by side."""
     paper = {name: np.mean(scores) for name, scores in rows[0].scores.items()}
 
     def cell(case: Case, row: Row) -> str:
@@ -69,7 +69,7 @@ def table(rows: Sequence[Row], tried: Sequence[Case]) -> Table:
 
 
 def summary(rows: Sequence[Row], tried: Sequence[Case]) -> Table:
-    """Tell each method's errors in one short line.
+    """Tabulate each method's errors, one short line each.
 
     Rendered cases under realistic light are taken together by their SBR, others by their name.
     """
@@ -113,7 +113,7 @@ def summary(rows: Sequence[Row], tried: Sequence[Case]) -> Table:
 
 
 def noise_table(tried: Sequence[Case], measured: Mapping[str, Measured]) -> Table:
-    """Set the estimates of σ beside each other."""
+    """Tabulate the estimates of σ beside each other."""
 
     def cells(case: Case) -> list[str]:
         size = root_mean_square if case.name == REAL else noise_level
@@ -137,7 +137,7 @@ def _overall(row: Row, paper: Row, tried: Sequence[Case]) -> float:
 
 
 def _ratio(row: Row, paper: Row, cases: Sequence[Case]) -> float:
-    """Give the geometric mean over cases of mean errors over those of the paper's method."""
+    """Return the geometric mean over cases of mean errors over those of the paper's method."""
     logs = [
         np.log(np.mean(row.scores[case.name]) / np.mean(paper.scores[case.name])) for case in cases
     ]

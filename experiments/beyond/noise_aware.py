@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import COLORS, PAGE, drawn, show_light
+from experiments.drawing import COLORS, PAGE, drawn, label_row, show_light
 from experiments.page import alone, described
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Setting
@@ -148,7 +148,7 @@ def _draw_images(
             truth = (setting.measured if kind == "real" else setting.synthetic).truth
             show_light(row[0], truth, 1)
             row[0].set_title(f"hidden image ({kind})" if name == PAPER else "")
-            row[0].text(-0.08, 0.5, name, rotation=90, va="center", transform=row[0].transAxes)
+            label_row(row[0], name)
             for ax, sbr in zip(row[1:], SHOWN, strict=True):
                 image = shown[kind, sbr, name]
                 if kind == "real":

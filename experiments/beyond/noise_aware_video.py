@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import COLORS, PAGE, drawn
+from experiments.drawing import COLORS, PAGE, draw_means, drawn
 from experiments.page import alone
 from experiments.paper.fig7 import CONDITION, FRAMES, STARTS, STEADY, photographs_of
 from experiments.paper.moving_scene import clip
@@ -42,7 +42,7 @@ LIVE = 60
 """Frames a second that are asked for."""
 
 ROUNDS = 5
-"""Of which the median is the time told."""
+"""Runs of which the median time is shown."""
 
 
 def run(setting: Setting) -> Section:
@@ -140,13 +140,13 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
                 f"{_size(setting.hidden)}, frame by frame",
                 f"at least {LIVE} frames a second",
                 f"{live:.0f} ({_size(FILM)}: {rates[FILM, OURS][0]:.0f})",
-                Verdict.AGREES if live >= LIVE else Verdict.DIFFERS,
+                Verdict.of(live >= LIVE),
             ),
             Claim(
                 "mean squared error from frame 7 on over that of stills, at both SBRs",
                 "below 1",
                 told(over_stills),
-                Verdict.AGREES if max(over_stills) < 1 else Verdict.DIFFERS,
+                Verdict.of(max(over_stills) < 1),
                 "Drawn towards the frame before by the distance of its colours, a patch stays as "
                 "it was until the photograph has reason enough against it.",
             ),
@@ -191,7 +191,6 @@ def _size(hidden: tuple[int, int]) -> str:
 
 
 def _draw(setting: Setting, errors: Errors) -> None:
-    number = np.arange(1, FRAMES + 1)
     with drawn(setting.out, "noise_aware_video", PAGE, 4.2) as figure:
         panels = figure.subplots(len(SBRS), 2, sharex=True, sharey=True)
         for row, sbr, letters in zip(panels, SBRS, ("ab", "cd"), strict=True):
@@ -199,11 +198,7 @@ def _draw(setting: Setting, errors: Errors) -> None:
                 for method, color in CURVES.items():
                     for kind, line in LINES.items():
                         values = errors[motion, sbr, method, kind]
-                        mean = values.mean(axis=0)
-                        error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
-                        band = mean - error, mean + error
-                        ax.fill_between(number, *band, color=color, alpha=0.15, lw=0)
-                        ax.plot(number, mean, line, color=color, label=f"{method}, {kind}")
+                        draw_means(ax, values, line, color=color, label=f"{method}, {kind}")
                 ax.set(title=f"{letter}  {motion}, SBR {sbr}", yscale="log")
                 ax.set(xticks=[1, 6, 12, 18, 24], xlim=(1, FRAMES))
             row[0].set(ylabel="mean squared error")

@@ -1,4 +1,4 @@
-"""What a hidden image is told from: Gram matrix and data with the backgrounds projected out.
+"""What a hidden image is estimated from: Gram matrix and data with the backgrounds projected out.
 
 With A⊥ = A − Q QᵀA and y⊥ = y − Q Qᵀy, Q an orthonormal basis of range(B), the misfit of a channel
 is ‖A⊥f − y⊥‖² = fᵀG f − 2 hᵀf + ‖y⊥‖², G = A⊥ᵀA⊥, h = A⊥ᵀy, here in units of the image in which G
@@ -95,14 +95,14 @@ class NormalEquations:
         )
 
     def whitened(self, measured: Measured) -> Measured:
-        """Give P y in the place of h, G being the identity, and the mean noise of its patches."""
+        """Return P y in the place of h, G being the identity, and the mean noise of its patches."""
         inverse = (self._vectors / self._eigenvalues) @ self._vectors.T
         Py = np.einsum("ij,jpc->ipc", inverse, measured.data)
         gain = float(np.sqrt(np.trace(inverse) / len(inverse)))
         return Measured(Py, np.sum(Py**2, axis=0), gain * measured.noise)
 
     def misfit(self, measured: Measured, images: Array) -> Array:
-        """Give ‖A⊥f − y⊥‖² of (N, P, 3) images: (P, 3)."""
+        """Return ‖A⊥f − y⊥‖² of (N, P, 3) images: (P, 3)."""
         moved = np.einsum("ij,jpc->ipc", self.gram, images) - 2 * measured.data
         return np.asarray(measured.energy + np.sum(images * moved, axis=0))
 

@@ -64,7 +64,7 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Photographs reduced to what the hidden image is told from.
+    """Photographs reduced to what the hidden image is estimated from.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def total_variation(
     together: tuple[int, ...] = (DIRECTIONS, CHANNELS),
     factor: Factor = soft,
 ) -> list[Term]:
-    """Penalize ‖∇f‖, of the colour image or as else told."""
+    """Penalize ‖∇f‖, of the colour image unless `together` says otherwise."""
     return [Term(gradient(shape), together, factor)]
 
 
@@ -236,7 +236,7 @@ class Regularized:
         return np.asarray(images * scale[:, None], np.float64)
 
     def _scale(self, h: Array, w: Array) -> Array:
-        """Take the root mean square of each photograph's image by a little ridge regression."""
+        """Return the root mean square of each photograph's image, by a little ridge regression."""
         N = h.shape[0]
         U = self._W[:N]
         ridge = U @ ((U.T @ self._as_columns(w * h)) / (self._eigenvalues[:, None] + 0.01))
@@ -263,7 +263,7 @@ class Regularized:
 
 
 def _residual(Kx: Image, old: Image, new: Image) -> float:
-    """Take the largest relative primal or dual residual of all photographs."""
+    """Return the largest relative primal or dual residual of all photographs."""
 
     def size(fields: Image) -> Image:
         squares = (fields * fields).reshape(len(fields), -1, 3)

@@ -41,7 +41,7 @@ _known: set[str] = set()
 
 
 def readers() -> dict[str, Callable[[Path], Any]]:
-    """Give the readers by name; each returns arrays, or None."""
+    """Return the readers by name; each returns arrays, or None."""
     from periscopy_sim.dataset.configuration.document import load_configuration
     from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.storage.masks import read_mask

@@ -180,7 +180,7 @@ def at_rank(outcome: Outcome, rank: int | None = None) -> dict[str, float]:
 
 
 def table_outside(trial: Trial, outcomes: Mapping[str, Outcome]) -> Table:
-    """Tell what lies outside at each choice's own rank, and at equal ranks."""
+    """Tabulate what lies outside at each choice's own rank, and at equal ranks."""
     return Table(
         "Norm of the background outside the span of B beyond Monte Carlo noise, in percent: median "
         "and largest of the realistic conditions, and the adversarial ones; at the rank kept, and "
@@ -207,7 +207,7 @@ def table_outside(trial: Trial, outcomes: Mapping[str, Outcome]) -> Table:
 
 
 def tables_of_images(trial: Trial, outcomes: Mapping[str, Outcome]) -> Iterator[Table]:
-    """Tell what each choice does to reconstructions."""
+    """Tabulate what each choice does to reconstructions."""
     yield Table(
         "Leak, and the noise's cost: summed Cramér-Rao bounds with A alone over those with [A, B].",
         ("B", *(f"leak, {case}" for case in CASES), "ratio of bounds"),
@@ -227,7 +227,7 @@ def tables_of_images(trial: Trial, outcomes: Mapping[str, Outcome]) -> Iterator[
 
 
 def claims(outcomes: Mapping[str, Outcome]) -> list[Claim]:
-    """Set the paper's statements beside what was found."""
+    """Return the paper's statements beside what was found."""
     paper, glass = outcomes[PAPER], GLASS
     torn = at_rank(paper)[glass]
     spared, leak = largest(at_rank(paper)), largest(paper.leak)
@@ -242,7 +242,7 @@ def claims(outcomes: Mapping[str, Outcome]) -> list[Claim]:
             f"outside: median {median(at_rank(paper)):.3f} %, at most {spared:.3f} %; leak at most "
             f"{leak:.2f} of the noise (a rendering's own noise: "
             f"{largest(paper.rendering_noise):.2f})",
-            Verdict.AGREES if leak < 1 else Verdict.DIFFERS,
+            Verdict.of(leak < 1),
             f"Realistic conditions. Not so stained glass, with {torn:.1f} % outside and a leak of "
             f"{paper.leak[glass]:.0f} times the noise: no far light casts its edges.",
         ),
@@ -287,7 +287,7 @@ def _change(
         what,
         stated,
         f"{', '.join(found)}; outside {largest(at_rank(other)):.3f} %",
-        Verdict.AGREES if any(better) == hoped else Verdict.DIFFERS,
+        Verdict.of(any(better) == hoped),
         reason,
     )
 

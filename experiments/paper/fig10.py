@@ -134,7 +134,7 @@ def run(setting: Setting) -> Section:
                 "(median |Σ| / Σ|.|)",
                 "reminiscent of D",
                 f"{total:.0e}; A⁺ alone {np.median(statistics['A⁺'].sum):.0e}",
-                Verdict.AGREES if total < 1e-6 else Verdict.DIFFERS,
+                Verdict.of(total < 1e-6),
                 "P B = 0 to rounding; the pseudoinverse without B comes near by itself.",
             ),
             Claim(
@@ -142,7 +142,7 @@ def run(setting: Setting) -> Section:
                 "(median autocorrelation at one pixel; D: -0.5)",
                 "reminiscent of D",
                 f"{lag:.2f}",
-                Verdict.AGREES if lag < 0 else Verdict.DIFFERS,
+                Verdict.of(lag < 0),
                 f"The rows take differences across the edges of shadows, not between neighbours: "
                 f"their spectrum peaks at {peak:.0f}/m, a change of sign every "
                 f"{500 / peak:.1f} mm or {0.5 / peak / pitch:.1f} pixels.",

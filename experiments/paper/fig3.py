@@ -49,7 +49,7 @@ def run(setting: Setting) -> Section:
                 "columns of B",
                 "512",
                 str(setting.B.shape[1]),
-                Verdict.AGREES if setting.B.shape[1] == 512 else Verdict.DIFFERS,
+                Verdict.of(setting.B.shape[1] == 512),
                 f"{' x '.join(map(str, positions))} positions. With both ends of the stated range "
                 "a step of 75 cm gives 9 x 9 x 9 = 729: the upper ends are left out.",
             )

@@ -156,7 +156,7 @@ def _claims(results: dict[str, xr.Dataset], bound: dict[str, list[float]]) -> li
             "flat curve, Fig. 4a",
             f"error at SBR 0.2 over that at 10: mean {growth.mean():.2f}, largest of the 32 "
             f"backgrounds {growth.max():.2f}",
-            Verdict.AGREES if flat else Verdict.DIFFERS,
+            Verdict.of(flat),
             "It is the error of the model, which no background changes."
             if kind == "real"
             else "Without a real photograph there is no error of the model: this is noise.",
@@ -166,13 +166,13 @@ def _claims(results: dict[str, xr.Dataset], bound: dict[str, list[float]]) -> li
             "error rises steeply",
             f"error at SBR 0.2 over that at 10: mean {other.mean():.2f}; at 0.05: "
             f"{lowest.mean():.2f} ({10 * np.log10(lowest.mean()):.1f} dB worse)",
-            Verdict.AGREES if other.mean() > 2 else Verdict.DIFFERS,
+            Verdict.of(other.mean() > 2),
         ),
         Claim(
             f"the proposed method is the better one ({kind})",
             "at every SBR of Fig. 4a",
             (f"at SBR {max(crossing):g} and below" if crossing else "at no SBR tried"),
-            Verdict.AGREES if len(crossing) == len(SBRS) else Verdict.DIFFERS,
+            Verdict.of(len(crossing) == len(SBRS)),
             "Run to convergence on a right A, [15]'s idea is better than published while there is "
             "little ambient light; the published code stops early, with the falloff upside down.",
         ),
@@ -181,7 +181,7 @@ def _claims(results: dict[str, xr.Dataset], bound: dict[str, list[float]]) -> li
             "not shown",
             f"error at SBR 0.2 over that at 10: {repaired.mean():.1f}, without repair "
             f"{noisy.mean():.1f}; the bound {limit:.1f}; P y over the bound {efficiency:.3f}",
-            Verdict.AGREES if repaired.max() <= ALLOWED else Verdict.DIFFERS,
+            Verdict.of(repaired.max() <= ALLOWED),
             "The flat curve is the floor of model error that a real photograph has. Total "
             "variation brings the error below the bound, which holds for unbiased estimates.",
         ),

@@ -71,7 +71,7 @@ def run(setting: Setting) -> Section:
                 "recognizable, Fig. 5d",
                 f"{errors[name]:.3f}; without ambient light {clean:.3f}; differencing "
                 f"{ps.mean_squared_error(trial.twin, truth):.3f}",
-                Verdict.AGREES if holds[name] else Verdict.DIFFERS,
+                Verdict.of(holds[name]),
                 reason,
             )
         )

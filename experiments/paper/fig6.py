@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import PAGE, drawn, show_light
+from experiments.drawing import PAGE, drawn, label_row, show_light
 from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Setting
@@ -91,14 +91,14 @@ def run(setting: Setting) -> Section:
                 "proposed: minimal degradation down to SBR 0.95",
                 "similar at all four",
                 f"error at 0.95 over that at 20: {losses[2]:.2f}",
-                Verdict.AGREES if losses[2] < 1.2 else Verdict.DIFFERS,
+                Verdict.of(losses[2] < 1.2),
             ),
             Claim(
                 "[15] fails below SBR 4",
                 "unacceptable below 4",
                 f"error at 0.95 over that at 20: as published {losses[0]:.2f}, converged "
                 f"{losses[1]:.2f}",
-                Verdict.AGREES if min(losses[:2]) > 1.2 else Verdict.DIFFERS,
+                Verdict.of(min(losses[:2]) > 1.2),
             ),
             Claim(
                 "four reconstructions, P formed once",
@@ -111,7 +111,7 @@ def run(setting: Setting) -> Section:
                 "one reconstruction, faster than [15] by",
                 "3125 times (0.024 s against 75 s)",
                 f"{ratio:.0f} times ({1e3 * proposed.each:.1f} ms against {published.each:.2f} s)",
-                Verdict.AGREES if ratio > 1000 else Verdict.DIFFERS,
+                Verdict.of(ratio > 1000),
                 "[15] runs here compiled and on the N x N Gram matrix, to the same steps and "
                 "stopping rule: its iterations, not its idea, took the paper's 75 s.",
             ),
@@ -165,9 +165,7 @@ def _draw(setting: Setting, photographs: list[Array], rows: list[Row]) -> None:
                 show_light(ax, image, 1)
                 ax.set_title(f"MSE {error:.3f}")
         for line, name in zip(axes, ("photograph", *(row.name for row in rows)), strict=True):
-            line[0].text(
-                -0.06, 0.5, name, transform=line[0].transAxes, rotation=90, ha="right", va="center"
-            )
+            label_row(line[0], name)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import COLORS, PAGE, drawn, show_light
+from experiments.drawing import COLORS, PAGE, draw_means, drawn, label_row, show_light
 from experiments.page import alone
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
@@ -164,7 +164,7 @@ def _section(setting: Setting, found: dict[str, Coupled], at_rest: dict[str, Cou
                 "later frames are better than the first, scene in motion",
                 "MSE falls over the first frames",
                 moving[0],
-                Verdict.AGREES if moving[1] else Verdict.DIFFERS,
+                Verdict.of(moving[1]),
                 "The second frame is better than the first; then what has moved leaves a trace, "
                 "which costs as much as the averaged noise gains. How a frame compares with the "
                 "first also depends on what it shows.",
@@ -173,7 +173,7 @@ def _section(setting: Setting, found: dict[str, Coupled], at_rest: dict[str, Cou
                 "the same, scene at rest",
                 "MSE falls over the first frames",
                 resting[0],
-                Verdict.AGREES if resting[1] else Verdict.DIFFERS,
+                Verdict.of(resting[1]),
             ),
             Claim(
                 "temporal regularization helps",
@@ -182,7 +182,7 @@ def _section(setting: Setting, found: dict[str, Coupled], at_rest: dict[str, Cou
                 f"{over_stills(found, 'total-variation'):.2f} (Eq. 12 as written "
                 f"{over_stills(found, 'l1'):.2f}), at rest "
                 f"{over_stills(at_rest, 'total-variation'):.2f} ({over_stills(at_rest, 'l1'):.2f})",
-                Verdict.AGREES if over_stills(found, "total-variation") < 1 else Verdict.DIFFERS,
+                Verdict.of(over_stills(found, "total-variation") < 1),
                 "The l1 term lets go of what has changed by more than its weight; total variation "
                 "on the pair pulls every change back in proportion.",
             ),
@@ -224,17 +224,7 @@ def _draw(setting: Setting, truth: Array, photographs: Array, found: dict[str, C
         axes = figure.subplots(2 + len(found), len(SHOWN))
         names = ("photograph", "hidden frame", *(COUPLINGS[name] for name in found))
         for ax, name in zip(axes[:, 0], names, strict=True):
-            ax.text(
-                -0.06,
-                0.5,
-                name.replace(" (", "\n("),
-                transform=ax.transAxes,
-                rotation=90,
-                ha="right",
-                va="center",
-                fontsize=7,
-                multialignment="center",
-            )
+            label_row(ax, name.replace(" (", "\n("))
         for column, k in zip(axes.T, SHOWN, strict=True):
             show_light(column[0], photographs[k], white)
             column[0].set_title(f"frame {k + 1}")
@@ -246,19 +236,14 @@ def _draw(setting: Setting, truth: Array, photographs: Array, found: dict[str, C
 
 def _draw_errors(setting: Setting, found: dict[str, Coupled], at_rest: dict[str, Coupled]) -> None:
     colors = (COLORS["preconditioned"], COLORS["differencing"], COLORS["bound"])
-    number = np.arange(1, FRAMES + 1)
     with drawn(setting.out, "fig7_burn_in", PAGE, 2.3) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for ax, results, title in zip(
             panels, (found, at_rest), ("a  in motion", "b  at rest"), strict=True
         ):
             for (name, coupled), color, marker in zip(results.items(), colors, "osx", strict=True):
-                mean = coupled.errors.mean(axis=0)
-                error = coupled.errors.std(axis=0, ddof=1) / np.sqrt(STARTS)
-                ax.fill_between(number, mean - error, mean + error, color=color, alpha=0.2, lw=0)
-                ax.plot(
-                    number, mean, marker=marker, markersize=3, color=color, label=COUPLINGS[name]
-                )
+                style = {"color": color, "marker": marker, "label": COUPLINGS[name]}
+                draw_means(ax, coupled.errors, markersize=3, **style)
             ax.set(xlabel="frame", title=title, xticks=[1, 6, 12, 18, 24])
         panels[0].set(ylabel="mean squared error", ylim=(0, None))
         panels[0].legend()

@@ -135,7 +135,7 @@ def run(setting: Setting) -> Section:
                 "A P y against the background-free photograph (correlation, SBR 0.25)",
                 "markedly similar",
                 f"{min(found):.4f} to {max(found):.4f} under {len(found)} realistic backgrounds",
-                Verdict.AGREES if min(found) > 0.95 else Verdict.DIFFERS,
+                Verdict.of(min(found) > 0.95),
                 f"Under stained glass it is {glass:.2f}: the part of that light that no light of B "
                 "casts is far stronger than the penumbrae, see the table.",
             )

@@ -97,7 +97,7 @@ def _claim(name: str, trial: Trial, truth: Array, knowing_nothing: float) -> Cla
         f"({name.replace('_', ' ')}, SBR {SBR}, mean squared error)",
         "yes",
         f"proposed {proposed:.4f}, truncated {truncated:.4f}, one colour {knowing_nothing:.4f}",
-        Verdict.AGREES if agrees else Verdict.DIFFERS,
+        Verdict.of(agrees),
         reason,
     )
 

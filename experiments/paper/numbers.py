@@ -57,7 +57,7 @@ def run(setting: Setting) -> Section:
                 "columns of B",
                 "512",
                 str(B.shape[1]),
-                _verdict(B.shape[1] == 512),
+                Verdict.of(B.shape[1] == 512),
                 "75 cm steps from -3 to 3 m, the upper ends left out.",
             ),
             *_subspaces(found),
@@ -66,10 +66,6 @@ def run(setting: Setting) -> Section:
         ],
         tables=[_ranks(A, B)],
     )
-
-
-def _verdict(agrees: bool) -> Verdict:
-    return Verdict.AGREES if agrees else Verdict.DIFFERS
 
 
 def _conditioning(setting: Setting, A: Matrix, found: Diagnostics) -> Sequence[Claim]:
@@ -81,7 +77,7 @@ def _conditioning(setting: Setting, A: Matrix, found: Diagnostics) -> Sequence[C
             "cond(A)",
             "about 7960",
             f"{found.condition_A:.0f}",
-            _verdict(0.9 < found.condition_A / 7960 < 1.1),
+            Verdict.of(0.9 < found.condition_A / 7960 < 1.1),
             "The published code of [15] applies the monitor's angular falloff upside down, which "
             "conditions A better; here it is the right way up. Random shadow rays, 16 an entry, "
             f"give {noisy:.0f}: their noise lifts the smallest singular values.",
@@ -90,7 +86,7 @@ def _conditioning(setting: Setting, A: Matrix, found: Diagnostics) -> Sequence[C
             "cond(D A)",
             "about 270",
             f"{found.condition_DA:.0f}; {within:.0f} without wrapping",
-            _verdict(0.9 < found.condition_DA / 270 < 1.1),
+            Verdict.of(0.9 < found.condition_DA / 270 < 1.1),
             "As for A. The published D also takes differences across the ends of the photograph's "
             "columns; without those D A is better conditioned.",
         ),
@@ -104,7 +100,7 @@ def _subspaces(found: Diagnostics) -> Sequence[Claim]:
             "angle between range(A) and range(B)",
             "89.989°",
             f"largest {found.largest_angle:.3f}°, smallest {found.smallest_angle:.3f}°",
-            _verdict(abs(found.largest_angle - 89.989) < 0.005),
+            Verdict.of(abs(found.largest_angle - 89.989) < 0.005),
             "The stated angle is the largest principal angle, which depends on the rank kept of B. "
             "The smallest tells how nearly some hidden image looks like background: the two ranges "
             "are far from orthogonal.",
@@ -113,13 +109,13 @@ def _subspaces(found: Diagnostics) -> Sequence[Claim]:
             "P A against I, largest entry of the difference",
             "P A ≈ I",
             f"{found.identity_error:.1e}",
-            _verdict(found.identity_error < 1e-6),
+            Verdict.of(found.identity_error < 1e-6),
         ),
         Claim(
             "summed Cramér-Rao bounds, A alone over [A, B]",
             "1.0001, nearly identical",
             f"{found.bound_ratio:.5f}",
-            _verdict(abs(found.bound_ratio - 1) < 1e-2),
+            Verdict.of(abs(found.bound_ratio - 1) < 1e-2),
             "At most 1 in exact arithmetic, since further unknowns cannot lower a bound: the "
             "paper's excess is rounding. No patch's standard error grows by more than "
             f"{100 * (worst - 1):.1f} %.",
@@ -134,7 +130,7 @@ def _residual(A: Matrix, B: Array, found: Diagnostics) -> Claim:
         "mean residual background, 100/M Σ ‖P B_i‖ / ‖B_i‖",
         "below 5e-13 %",
         f"{found.residual_background:.1e} % of ‖P‖; {least:.1e} % at tolerance 1e-14",
-        _verdict(found.residual_background < 5e-13),
+        Verdict.of(found.residual_background < 5e-13),
         "The residual follows the tolerance on B's singular values. It is divided by ‖P‖, since P "
         "carries the units of 1/A; the paper does not give the unit of its A.",
     )
@@ -161,7 +157,7 @@ def _finer_grid(setting: Setting) -> Claim:
         f"a grid of {100 * FINE_STEP:g} cm: mean squared error",
         "not significantly better",
         f"{fine_error:.5f}, against {coarse_error:.5f} at 75 cm",
-        _verdict(bool(abs(fine_error / coarse_error - 1) < 0.05)),
+        Verdict.of(bool(abs(fine_error / coarse_error - 1) < 0.05)),
         f"Mean over {len(photographs)} realistic backgrounds at SBR {SBR}. At most "
         f"{outside.max():.0e} of the response of any of the {B.shape[1]} lights lies outside the "
         "range kept of the paper's B.",

@@ -204,7 +204,7 @@ def _claim(paper: PaperRow, times: Times) -> Claim:
 def _verdict(ratio: float) -> Verdict:
     if ratio > 2:
         return Verdict.BETTER
-    return Verdict.AGREES if ratio >= 0.5 else Verdict.DIFFERS
+    return Verdict.of(ratio >= 0.5)
 
 
 if __name__ == "__main__":

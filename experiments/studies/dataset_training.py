@@ -125,7 +125,7 @@ class Network(nn.Module):
         self.hidden_shape = hidden_shape
 
     def forward(self, photograph: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Give images over a channel's contrast, and that contrast, (K, 3, 1, 1)."""
+        """Return images over a channel's contrast, and that contrast, (K, 3, 1, 1)."""
         y = nn.functional.adaptive_avg_pool2d(photograph, POOLED).flatten(2)
         y = y - (y @ self.smooth) @ self.smooth.T
         contrast = y.std(dim=2, keepdim=True) + 1e-6
@@ -135,7 +135,7 @@ class Network(nn.Module):
 
 
 def scaled(batch: dict[str, torch.Tensor]) -> torch.Tensor:
-    """Give hidden images in units of their photographs, of numbers near 1."""
+    """Return hidden images in units of their photographs, of numbers near 1."""
     return UNIT * batch["signal_scale"][:, None, None, None].float() * batch["hidden"]
 
 

@@ -124,7 +124,7 @@ def rows(trial: Trial) -> Iterator[Row]:
 
 
 def l1_point(P: Preconditioner) -> tuple[float, float]:
-    """Give the mean density and noise gain of rows of least ‖p‖₁."""
+    """Return the mean density and noise gain of rows of least ‖p‖₁."""
     chosen = np.linspace(0, P.A.shape[1] - 1, L1_ROWS).astype(int)
     found = l1_minimal_rows(P, chosen.tolist(), tolerance=1e-4)
     entries = np.abs(found) > 1e-3 * np.abs(found).max(axis=1, keepdims=True)
