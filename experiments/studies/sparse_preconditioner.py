@@ -21,10 +21,10 @@ from scipy import sparse
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, COLUMN, drawn
+from experiments.studies.l1_rows import l1_minimal_rows
 from experiments.timing import median_seconds
 from periscopy_sim.reconstruction.preconditioned.preconditioner import Preconditioner
 from periscopy_sim.reconstruction.preconditioned.sparse import (
-    l1_minimal_rows,
     sparse_preconditioner,
 )
 from periscopy_sim.scenario import Scenario

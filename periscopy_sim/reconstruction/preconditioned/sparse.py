@@ -13,22 +13,17 @@ as well raises ‖p‖² by
 
     p_j² / (1 − h_j),   h_j = U_j (U_SᵀU_S)⁻¹ U_jᵀ the leverage of row j of U_S;
 
-the entries for which this is least are left out, a part at a time. `l1_minimal_rows` gives the rows
-of least ‖p‖₁ instead, the sparsifying term that the paper mentions (Sec. 3). They have N + r
-entries, but more noise.
+the entries for which this is least are left out, a part at a time.
 
 References
 ----------
-Dokmanić, Gribonval, "Beyond Moore-Penrose: sparse pseudoinverse", 2013.
 Hassibi, Stork, "Second order derivatives for network pruning: optimal brain surgeon", 1992.
-Boyd et al., "Distributed optimization and statistical learning via the alternating direction
-method of multipliers", 2011, Sec. 6.2.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -86,7 +81,7 @@ def sparse_preconditioner(
         If the density is above 1 or leaves fewer than N + r entries in a row, with which
         P [A, Q] = [I, 0] cannot hold; or `start` has fewer entries in a row than that.
     """
-    U, coordinates = _coordinates(P)
+    U, coordinates = coordinates_of(P)
     M, unknowns = U.shape
     size = math.floor(density * M + 1e-9) if density <= 1 else M + 1
     if not unknowns <= size <= M:
@@ -120,60 +115,15 @@ def sparse_preconditioner(
     )
 
 
-def l1_minimal_rows(
-    P: Preconditioner,
-    rows: Sequence[int],
-    *,
-    tolerance: float = 1e-5,
-    max_iterations: int = 20_000,
-) -> Array:
-    """Find rows p of least ‖p‖₁ with p [A, Q] = [e, 0], by ADMM.
-
-    Parameters
-    ----------
-    P
-        The preconditioner.
-    rows
-        Which of its N rows.
-    tolerance
-        Stop when both residuals of ADMM are at most this part of the rows' norm.
-    max_iterations
-        Stop after so many.
-
-    Returns
-    -------
-    ndarray
-        (len(rows), M). They fulfil the condition, and are sparse up to the tolerance.
-    """
-    U, coordinates = _coordinates(P)
-    pseudoinverse = coordinates[rows] @ U.T
-    # Its inverse is the penalty of ADMM. Only the speed depends on it.
-    threshold = np.abs(pseudoinverse).mean(axis=1, keepdims=True) / 2
-    sparse_rows, dual = pseudoinverse, np.zeros_like(pseudoinverse)
-    for _ in range(max_iterations):
-        shifted = sparse_rows - dual
-        feasible: Array = shifted - (shifted @ U) @ U.T + pseudoinverse
-        previous, shifted = sparse_rows, feasible + dual
-        sparse_rows = np.sign(shifted) * np.maximum(np.abs(shifted) - threshold, 0)
-        dual = shifted - sparse_rows
-        residual = max(
-            float(np.linalg.norm(feasible - sparse_rows)),
-            float(np.linalg.norm(sparse_rows - previous)),
-        )
-        if residual <= tolerance * float(np.linalg.norm(feasible)):
-            break
-    return feasible
-
-
-def _coordinates(P: Preconditioner) -> tuple[Array, Array]:
-    """Give U, (M, r + N), and every row's c, (N, r + N): with [Q, A] = U R, P = [0 I] R⁻¹ Uᵀ."""
+def coordinates_of(P: Preconditioner) -> tuple[Array, Array]:
+    """Return U, (M, r + N), and every row's c, (N, r + N): with [Q, A] = U R, P = [0 I] R⁻¹ Uᵀ."""
     U, R = linalg.qr(np.hstack([P.Q, P.A]), mode="economic", check_finite=False)
     inverse = linalg.solve_triangular(R, np.eye(len(R)), check_finite=False)
     return U, inverse[P.Q.shape[1] :]
 
 
 def _sizes(first: int, last: int, unknowns: int) -> list[int]:
-    """Give the size of the support after each round; what is beyond the unknowns falls by `KEPT`.
+    """Return the size of the support after each round; what is beyond the unknowns falls by `KEPT`.
 
     A little less than the unknowns, as there the last size may be all of them.
     """

@@ -1,14 +1,13 @@
-"""The sparse preconditioner against brute force and linear programming."""
+"""The sparse preconditioner against brute force."""
 
 import itertools
 
 import numpy as np
 import pytest
-from scipy import optimize, sparse
+from scipy import sparse
 
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.preconditioned.sparse import (
-    l1_minimal_rows,
     sparse_preconditioner,
 )
 
@@ -67,10 +66,10 @@ def test_indices_are_sorted_and_narrow_so_that_products_run_through_memory():
 
 
 def test_a_removed_entry_costs_the_noise_that_the_refit_without_it_has_more():
-    from periscopy_sim.reconstruction.preconditioned.sparse import _coordinates, _removal_cost
+    from periscopy_sim.reconstruction.preconditioned.sparse import _removal_cost, coordinates_of
 
     A, B, P = random_problem(30, 4, 2)
-    U, coordinates = _coordinates(P)
+    U, coordinates = coordinates_of(P)
     cost = _removal_cost(U, coordinates[1])
     noise = np.sum(row_of_least_noise(A, B, np.arange(30), 1) ** 2)
     for left_out in range(30):
@@ -140,28 +139,3 @@ def test_a_sparser_start_is_refused():
     _, _, P = random_problem(120, 10, 3)
     with pytest.raises(ValueError, match="go on from a denser one"):
         sparse_preconditioner(P, 0.5, start=sparse_preconditioner(P, 0.3))
-
-
-def test_l1_minimal_row_is_the_solution_of_the_linear_program():
-    A, B, P = random_problem(40, 5, 2)
-    rows = l1_minimal_rows(P, [0, 3], tolerance=1e-8)
-    conditions = np.hstack([A, B])
-    for patch, row in zip([0, 3], rows, strict=True):
-        # p = a − b with a, b ≥ 0; the sum of both is least.
-        program = optimize.linprog(
-            np.ones(80),
-            A_eq=np.hstack([conditions.T, -conditions.T]),
-            b_eq=np.eye(7)[patch],
-            method="highs",
-        )
-        expected = program.x[:40] - program.x[40:]
-        assert np.abs(row).sum() == pytest.approx(program.fun, rel=1e-6)
-        np.testing.assert_allclose(row, expected, atol=1e-5)
-        assert np.sum(np.abs(row) > 1e-5) == 7
-
-
-def test_l1_minimal_rows_fulfil_the_conditions():
-    A, B, P = random_problem(40, 5, 2)
-    rows = l1_minimal_rows(P, range(5), tolerance=1e-3)
-    np.testing.assert_allclose(rows @ A, np.eye(5), atol=1e-10)
-    np.testing.assert_allclose(rows @ B, 0, atol=1e-10)
