@@ -1,12 +1,16 @@
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.rendering.variant import OVERRIDE
 
-pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+jit = pytest.mark.usefixtures("jit", "few_lights")
 
 TINY = ("demo", "--hidden", "6x7", "--resolution", "24", "--effort", "0.02")
 FILES = {
@@ -24,6 +28,7 @@ def matched_psnr(estimate, truth):
     return -10 * np.log10(np.mean(errors))
 
 
+@jit
 def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("kept")
@@ -53,6 +58,7 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
             assert "periscopy demo" in picture.text["command"]
 
 
+@jit
 def test_demo_of_another_image_shows_it_the_right_way_round(succeeds, tmp_path):
     succeeds(*TINY, "--image", "digits", "--out", "out")
     truth = ps.read_hidden_image(ps.find_image("digits"), (6, 7))
@@ -61,6 +67,7 @@ def test_demo_of_another_image_shows_it_the_right_way_round(succeeds, tmp_path):
     assert all(matched_psnr(image, truth) > matched_psnr(other, truth) + 3 for other in others)
 
 
+@jit
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -76,7 +83,20 @@ def test_impossible_demo_is_refused(options, message, refused, periscopy):
     assert message in line
 
 
+@jit
 def test_too_few_pixels_and_bad_places_are_refused_at_once(refused, tmp_path):
     assert "'--resolution'" in refused(*TINY, "--resolution", "1", "--out", "out")
     (tmp_path / "file").write_text("kept")
     assert "cannot write file: it is a file" in refused(*TINY, "--out", "file")
+
+
+def test_demo_without_a_vectorized_variant_recovers_it_from_direct_light(tmp_path):
+    ran = subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", *TINY, "--out", str(tmp_path / "out")],
+        env={**os.environ, OVERRIDE: "scalar_rgb"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert "rendering with scalar_rgb" in ran.stdout
+    truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
+    image = np.load(tmp_path / "out" / "reconstruction.npy")
+    assert matched_psnr(image, truth) > matched_psnr(np.ones_like(truth), truth) + 2
