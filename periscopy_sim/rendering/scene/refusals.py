@@ -101,11 +101,11 @@ def check_wall(wall: Any, material: str, path: Path) -> None:
     Raises
     ------
     SceneError
-        If its BSDF has a delta component.
+        If its BSDF reflects a part into one direction.
     """
     import mitsuba as mi
 
-    if int(wall.bsdf().flags()) & (int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)):
+    if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):
         raise SceneError(
             f"scene '{path}': the wall ({material}) reflects as a mirror does, in part or "
             "entirely; use a rough material, such as diffuse or roughplastic"

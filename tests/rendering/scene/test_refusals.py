@@ -236,20 +236,19 @@ def test_wall_with_a_mirrors_part_is_refused(room, bsdf):
 
 
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("bsdf", ["roughplastic", "principled", "normalmap"])
-def test_wall_that_is_rough_is_right(room, same_mean, box_camera, bsdf):
-    inside = ""
-    if bsdf == "normalmap":
-        write_slope(room)
-        inside = SLOPE
-    is_right(
-        room, same_mean, wall=room.wall(f'<bsdf type="{bsdf}">{inside}</bsdf>'), camera=box_camera
+@pytest.mark.parametrize("kind", ["roughplastic", "principled", "normalmap", "mask"])
+def test_wall_that_is_rough_is_right(room, same_mean, box_camera, kind):
+    write_slope(room)
+    bsdf = {"normalmap": SLOPE, "mask": masked(number("opacity", 1))}.get(
+        kind, f'<bsdf type="{kind}"/>'
     )
+    is_right(room, same_mean, wall=room.wall(bsdf), camera=box_camera)
 
 
 SLOPE = (
+    '<bsdf type="normalmap"><boolean name="use_shadowing_function" value="false"/>'
     '<texture type="bitmap" name="normalmap"><string name="filename" value="slope.exr"/>'
-    '<boolean name="raw" value="true"/></texture><bsdf type="diffuse"/>'
+    '<boolean name="raw" value="true"/></texture><bsdf type="diffuse"/></bsdf>'
 )
 
 
@@ -263,7 +262,7 @@ def write_slope(room, normal=(0, 0.3, 0.954)):
 @pytest.mark.parametrize("normal", [(0.3, 0, 0.954), (0, 0.3, 0.954)])
 def test_diffuse_wall_beneath_a_normal_map_has_no_closed_form(room, normal):
     write_slope(room, normal)
-    seen = room.load(wall=room.wall(f'<bsdf type="normalmap">{SLOPE}</bsdf>'))
+    seen = room.load(wall=room.wall(SLOPE))
     assert seen.wall_reflectance is None
 
 
@@ -429,6 +428,16 @@ def test_midpoints_through_a_lens_do_not_depend_on_the_seed(room):
 
 def test_lens_whose_rim_sees_past_the_wall_is_refused(room):
     assert "30 of 30 camera pixels miss the wall" in refusal(room, camera=lens(0.5, 0.3))
+
+
+@pytest.mark.parametrize("side", [(0.04, 0), (-0.04, 0), (0, 0.04), (0, -0.04)])
+def test_what_hides_the_wall_from_one_side_of_the_lens_alone_is_refused(room, side):
+    ahead, right = np.array([-0.5, 1, 0]) / np.sqrt(1.25), np.array([1, 0.5, 0]) / np.sqrt(1.25)
+    across, up = side
+    center = np.array([1.2, 0, 0.3]) + 0.02 * ahead + across * right + np.array([0, 0, up])
+    speck = room.blocker(", ".join(map(str, center)), 0.015)
+    room.load(speck, camera=lens(1e-6, 0.5))
+    assert "camera pixels miss the wall" in refusal(room, speck, camera=lens(0.05, 0.5))
 
 
 def test_closed_form_takes_a_lens_in_focus_alone(room):
