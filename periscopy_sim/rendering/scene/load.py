@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.parsing import one_line
-from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes, check_wall
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario
@@ -280,12 +280,10 @@ def _patches(
     monitor: Any, hidden: tuple[int, int], path: Path
 ) -> tuple[tuple[Array, Array, Array, Array], bool]:
     """Centres, normals and edge vectors of the patches, and whether u is mirrored."""
-    import mitsuba as mi
-
     rows, columns = hidden
 
     def locate(uv: Any) -> tuple[Any, ...]:
-        si = monitor.eval_parameterization(uv, +mi.RayFlags.All)
+        si = surface_at(monitor, uv)
         return si.p, si.n, si.dp_du, si.dp_dv, si.is_valid()
 
     try:

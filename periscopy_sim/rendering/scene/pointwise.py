@@ -1,4 +1,4 @@
-"""Functions of Mitsuba at many points: at once where the variant vectorizes, else one by one."""
+"""Functions of Mitsuba at many points, at once or one by one, and the points of a surface."""
 
 from __future__ import annotations
 
@@ -36,6 +36,40 @@ def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> lis
         np.array([np.ravel(row) for row in rows], dtype=np.float64)
         for rows in zip(*each, strict=True)
     ]
+
+
+def surface_at(shape: Any, uv: Any) -> Any:
+    """Find the point of a shape at UV coordinates.
+
+    Mitsuba looks for it by a ray in the UV plane, which may slip between two triangles where it
+    meets their edge; there a point beside it is taken.
+
+    Parameters
+    ----------
+    shape
+        A Mitsuba shape.
+    uv
+        Mitsuba's Point2f, within the unit square.
+
+    Returns
+    -------
+    mitsuba.SurfaceInteraction3f
+        Not valid where the shape has no point.
+
+    Raises
+    ------
+    RuntimeError
+        If the shape has no UV coordinates.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    found = shape.eval_parameterization(uv, +mi.RayFlags.All)
+    if not shape.is_mesh():
+        return found
+    beside = uv * (1 - 2e-5) + mi.Point2f(0.7e-5, 1.3e-5)
+    missed = ~found.is_valid() if is_vectorized() else not found.is_valid()
+    return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), found)
 
 
 def _columns(value: Any, count: int) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 
 OPAQUE = {
     "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",
@@ -132,10 +132,9 @@ def check_monitor(monitor: Any, path: Path) -> None:
         coordinates, as on a turned sphere.
     """
     import drjit as dr
-    import mitsuba as mi
 
     def locate(uv: Any) -> tuple[Any, Any]:
-        si = monitor.eval_parameterization(uv, +mi.RayFlags.All)
+        si = surface_at(monitor, uv)
         found = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
         return found, dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0)
 

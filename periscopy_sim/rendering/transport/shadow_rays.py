@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import falloff
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv, shape_of
+from periscopy_sim.rendering.scene.pointwise import surface_at
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
 
@@ -228,7 +229,7 @@ def _make_kernel(
             scenario.mirrored,
             offset,
         )
-        light = monitor.eval_parameterization(mi.Point2f(*uv), +mi.RayFlags.All)
+        light = surface_at(monitor, mi.Point2f(*uv))
         to_light = light.p - si.p
         squared_distance = dr.squared_norm(to_light)
         direction = to_light * dr.rcp(dr.sqrt(squared_distance))

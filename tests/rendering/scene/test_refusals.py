@@ -4,6 +4,7 @@ The truth is Mitsuba's own, of the file as it stands: sampled by the BSDF alone,
 With emitter sampling and one bounce it would share the blind spots of A.
 """
 
+import itertools
 import re
 
 import numpy as np
@@ -345,6 +346,22 @@ def test_box_is_refused_as_a_monitor(room, turn):
 def test_light_of_a_screen_of_two_quads_is_right(room, same_mean, box_camera):
     two = screen(room, [(LEFT, (0, 0.5, 0, 1)), (RIGHT, (0.5, 1, 0, 1))])
     is_right(room, same_mean, monitor=two, camera=box_camera)
+
+
+@pytest.mark.usefixtures("jit")
+def test_samples_on_the_edges_of_a_mesh_are_found(room):
+    """The middles of all patches lie on the seams, where some rays in the UV plane slip through."""
+    seams = np.linspace(0, 1, 60)
+    slices = [
+        ((0.4 * (1 - a), 0.4 * (1 - b)), (a, b, 0, 1))
+        for a, b in itertools.pairwise([0, *(seams[:-1] + seams[1:]) / 2, 1])
+    ]
+    seen, plain = (
+        room.load(monitor=monitor, hidden=(7, 59), camera=room.camera((20, 24)))
+        for monitor in (screen(room, slices), room.monitor(room.area))
+    )
+    one, other = (render_transport(x, strata="midpoint", samples=1) for x in (seen, plain))
+    np.testing.assert_allclose(one, other, rtol=1e-3)
 
 
 @pytest.mark.usefixtures("jit")
