@@ -18,18 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping
-from periscopy_sim.reconstruction.baselines.fista import (
-    FistaResult,
-    LeastSquares,
-    converge,
-    descend_as_published,
-)
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.preconditioned.still import (
-    noise_level,
+from periscopy_sim.reconstruction.preconditioned.still import noise_level
+from periscopy_sim.reconstruction.total_variation.least_squares import (
+    LeastSquares,
+    LeastSquaresMinimum,
 )
 
 Array = NDArray[np.float64]
@@ -60,7 +57,7 @@ class DifferencingResult:
     iterations
         (3,) iterations taken.
     gap
-        (3,) the relative duality gap that was left, see `fista.FistaResult`.
+        (3,) the relative duality gap that was left, see `least_squares.LeastSquaresMinimum`.
     """
 
     image: Array
@@ -99,7 +96,7 @@ class Differencing(StillMethod[np.float64]):
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop
         ``"converged"``: the minimizer, to a relative duality gap of `tolerance`. ``"published"``:
-        where the published code stops, with its steps; see `fista.descend_as_published`. Its
+        where the published code stops, with its steps; see `published_steps`. Its
         constants belong to its units, in which A's mean entry is about 5000 and the hidden image
         lies in [0, 1]; there the uniform image that fits D y best is taken to be 1/4.
     tolerance
@@ -183,9 +180,11 @@ class Differencing(StillMethod[np.float64]):
             gap=gap,
         )
 
-    def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], FistaResult]:
+    def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], LeastSquaresMinimum]:
         if self.stop == "converged":
-            return partial(converge, tolerance=self.tolerance, max_iterations=MAX_ITERATIONS)
+            return partial(
+                LeastSquares.minimize, tolerance=self.tolerance, max_iterations=MAX_ITERATIONS
+            )
         white = float(np.abs(self._least_squares.best_mean(h)).mean()) / PUBLISHED_MEAN
         return partial(descend_as_published, unit=self._unit, white=white)
 

@@ -1,12 +1,22 @@
 """Recovery without P: for hidden images so fine that P, or even A, does not fit in memory.
 
-    f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV,   A⊥ = A − Q QᵀA,   Q an orthonormal basis of range(B)
+    f̂, σ = argmin_{f, σ} ‖W (A⊥ f − y⊥)‖₂² / σ + n σ + ω ‖A⊥‖_F ‖f‖_TV,   A⊥ = A − Q QᵀA
 
-where W weighs the few eigenvectors that the wall shows best down, see `matrix_free`.
+Q is an orthonormal basis of range(B), W weighs the k eigenvectors that the wall shows best down
+(see `matrix_free`), n = M − rank(B) − k is the number of values that tell of noise, and ω is
+`regularization`. The noise is thus found together with the image ("scaled" or "square-root" lasso):
+
+    σ² = ‖W (A⊥ f̂ − y⊥)‖² / n,   f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV,   λ = ω σ ‖A⊥‖_F
+
+The objective is convex, so that the result depends on no start and no decision on the way.
 
 Without the total variation this is P y (Eq. 8), since P is the pseudoinverse of A⊥. The paper
 applies total variation to P y instead (Eq. 10), which takes its noise for white. Where P y is
 nearly all noise, as on fine grids, the problem above is the one that is well posed.
+
+References
+----------
+Sun, Zhang, "Scaled sparse linear regression", 2012.
 """
 
 from __future__ import annotations
@@ -21,10 +31,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
-from periscopy_sim.reconstruction.large_scale.matrix_free import (
-    least_squares,
-    total_variation_least_squares,
-)
+from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import (
     Eigenvectors,
     Matrix,
@@ -33,15 +40,16 @@ from periscopy_sim.reconstruction.large_scale.transport_operator import (
 )
 from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
-EIGENVECTORS = 40
+EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥ found once for a scene, see `matrix_free`; of few patches an eighth."""
 
-SETTLED = 0.01
-"""Conjugate gradients stop where `SETTLING` of them lower the noise estimate by less than this."""
+ROUNDING = 1e-7
+"""Noise as a part of the photograph, below which it cannot be told from rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,31 +58,26 @@ class IterativeReconstruction:
 
     Attributes
     ----------
-    least_squares
-        (R, C, 3) where conjugate gradients ended.
     image
         (R, C, 3) the result, in units of the photograph's over those of A.
     noise
-        (3,) standard deviation of the photograph's noise, as estimated by conjugate gradients.
+        (3,) σ, standard deviation of the photograph's noise, as estimated from what the image
+        leaves of it.
     weight
         (3,) the total-variation weight λ used for each channel.
-    residual
-        (3,) ‖y⊥ − A⊥f‖ / √(M − r) of the result, in units of the photograph; with total variation
-        about the noise.
     iterations
-        Those of conjugate gradients and of the proximal gradient method, a pass over A each.
+        Those taken, a pass over A each.
     change
-        What the last iteration left, see `IterativePeriscope`.
+        The way that the image went in the last third of them, as a part of its norm; an upper
+        bound on what is left where the changes fall at least like 1/k², see `least_squares`.
     converged
         Whether that is what was asked for.
     """
 
-    least_squares: Array
     image: Array
     noise: Array
     weight: Array
-    residual: Array
-    iterations: tuple[int, int]
+    iterations: int
     change: float
     converged: bool
 
@@ -83,18 +86,12 @@ class IterativePeriscope(StillMethod[np.float64]):
     """The paper's problem solved by iterations, without P and without an N x N matrix.
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
-    `EIGENVECTORS` that the wall shows best. Each photograph then takes two stages:
+    `EIGENVECTORS` that the wall shows best. Each photograph then takes accelerated proximal
+    gradient steps for the problem above, see `total_variation.least_squares`: some 50 passes where
+    there is much noise and 140 where there is little. λ follows the photograph's noise and units,
+    and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
-    - Conjugate gradients for the least squares, which stop as soon as their estimate of the noise
-      σ has settled (`SETTLED`): some 40 passes.
-    - From there, accelerated proximal gradient steps for ‖W(A⊥f − y⊥)‖² + λ‖f‖_TV, see
-      `matrix_free`, with λ = `regularization` σ ‖A⊥‖_F. That follows the photograph's noise and
-      units, and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image
-      doubles. They stop when a step, momentum aside, changes f by less than `tolerance` of its
-      norm: some 100 passes.
-
-    With `regularization` 0 the conjugate gradients alone go on until the gradient is below
-    `tolerance` times the first, and give P y.
+    With `regularization` 0 conjugate gradients give P y.
 
     Parameters
     ----------
@@ -110,8 +107,11 @@ class IterativePeriscope(StillMethod[np.float64]):
         Relative tolerance on B's singular values, see `background_basis`.
     regularization
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
-    tolerance, max_iterations
-        Where the last stage stops.
+    tolerance
+        Stop where the image's way in the last third of the iterations is at most this part of its
+        norm. Its distance from the minimum then was less than a twentieth of that.
+    max_iterations
+        Stop after so many, with a warning.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
     mask
@@ -165,12 +165,20 @@ class IterativePeriscope(StillMethod[np.float64]):
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         planes = self._observation.planar(np.asarray(photograph)[None], self.photograph_shape)
         y = self.transport.reject_background(planes[0].T)
-        result = self._least_squares(y) if self.regularization == 0 else self._total_variation(y)
+        end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
+        result = IterativeReconstruction(
+            image=self._observation.image(end.f),
+            noise=noise,
+            weight=self._weight(noise),
+            iterations=end.iterations,
+            change=end.left,
+            converged=end.left <= self.tolerance,
+        )
         if not result.converged:
             warnings.warn(
-                f"stopped after {self.max_iterations} iterations, the last of which changed "
-                f"{result.change:.1e}, above {self.tolerance:.1e}: raise max_iterations or "
-                "tolerance",
+                f"stopped after {self.max_iterations} iterations, the last third of which changed "
+                f"the image by {result.change:.1e} of it, above {self.tolerance:.1e}: raise "
+                "max_iterations or tolerance",
                 RuntimeWarning,
                 stacklevel=2,
             )
@@ -183,53 +191,43 @@ class IterativePeriscope(StillMethod[np.float64]):
             max(min(EIGENVECTORS, self.transport.shape[1] // 8), 1)
         )
 
-    def _least_squares(self, y: Array) -> IterativeReconstruction:
-        solved = least_squares(
-            self.transport, y, tolerance=self.tolerance, max_iterations=self.max_iterations
+    def _least_squares(self, y: Array) -> tuple[Iterate, Array]:
+        """Return P y and no weights."""
+        h = self.transport.rmatmat(y)
+        end = least_squares(
+            self.transport, h, tolerance=self.tolerance, max_iterations=self.max_iterations
         )
-        image, change = self._observation.image(solved.f), float(solved.gradient.max())
-        return IterativeReconstruction(
-            least_squares=image,
-            image=image,
-            noise=solved.noise,
-            weight=np.zeros(3),
-            residual=self._residual(solved.misfit),
-            iterations=(solved.iterations, 0),
-            change=change,
-            converged=change <= self.tolerance,
-        )
+        misfit = np.sum(y**2, axis=0) + np.sum(end.f * (end.product - 2 * h), axis=0)
+        return end, self._noise(misfit, self.transport.shape[1])
 
-    def _total_variation(self, y: Array) -> IterativeReconstruction:
-        start = least_squares(
-            self.transport,
-            y,
-            settled=SETTLED,
-            max_iterations=self.max_iterations,
-            eigenvectors=self.eigenvectors,
-        )
-        weight = self.regularization * start.noise * np.sqrt(self.transport.squared_norm)
-        solved = total_variation_least_squares(
-            self.transport,
-            self.eigenvectors,
-            start.h,
-            weight,
-            start.f,
-            image_shape=self.hidden_shape,
+    def _total_variation(self, y: Array) -> tuple[Iterate, Array]:
+        problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
+        h = self.transport.rmatmat(y)
+        weighed, energy = problem.data(h), problem.energy(y, h)
+
+        def noise(f: Array, product: Array) -> Array:
+            misfit = energy + np.sum(f * (product - 2 * weighed), axis=0)
+            return self._noise(
+                np.maximum(misfit, ROUNDING**2 * energy), len(problem.eigenvectors.energy)
+            )
+
+        end = minimize(
+            problem,
+            weighed,
+            lambda f, product: self._weight(noise(f, product)),
+            problem.start(h),
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
         )
-        return IterativeReconstruction(
-            least_squares=self._observation.image(start.f),
-            image=self._observation.image(solved.f),
-            noise=start.noise,
-            weight=weight,
-            residual=self._residual(np.sum(y**2, axis=0) + solved.descent),
-            iterations=(start.iterations, solved.iterations),
-            change=solved.change,
-            converged=solved.change <= self.tolerance,
-        )
+        return end, noise(end.f, end.product)
 
-    def _residual(self, misfit: Array) -> Array:
-        freedom = max(self.transport.Q.shape[0] - self.transport.Q.shape[1], 1)
-        residual: Array = np.sqrt(np.maximum(misfit, 0) / freedom)
-        return residual
+    def _weight(self, noise: Array) -> Array:
+        """Return λ."""
+        weight: Array = self.regularization * noise * np.sqrt(self.transport.squared_norm)
+        return weight
+
+    def _noise(self, misfit: Array, used: int) -> Array:
+        """Return σ from a sum of squares, of which the image took `used` degrees of freedom."""
+        freedom = max(self.transport.Q.shape[0] - self.transport.Q.shape[1] - used, 1)
+        noise: Array = np.sqrt(np.maximum(misfit, 0) / freedom)
+        return noise

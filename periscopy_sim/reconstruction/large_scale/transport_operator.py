@@ -223,7 +223,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         Returns
         -------
         Eigenvectors
-            Some four passes for each.
+            Some two passes for each.
         """
         N = self.shape[1]
         if 2 * count >= N:  # more iterations than columns
@@ -233,7 +233,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                 (N, N), lambda f: self.gram_product(f.reshape(N, 1)).ravel(), dtype=np.float64
             )
             start = np.random.default_rng(0).standard_normal(N)
-            energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 3 * count), tol=1e-4)
+            energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 2 * count + 1), tol=1e-6)
         return Eigenvectors(energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count]))
 
     def _matmat(self, f: Array) -> Array:

@@ -9,7 +9,7 @@ from periscopy_sim.evaluation.metrics import registered
 from periscopy_sim.measurement import composite
 from periscopy_sim.reconstruction.baselines import differencing as baselines
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
-from periscopy_sim.reconstruction.baselines.fista import descend_as_published
+from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.preconditioned.still import Periscope

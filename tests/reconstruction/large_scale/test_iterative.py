@@ -8,6 +8,7 @@ import pytest
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.total_variation.least_squares import LeastSquares
 
 PHOTOGRAPH, HIDDEN = (20, 21), (5, 6)
 M, N = 420, 30
@@ -48,22 +49,53 @@ def test_without_total_variation_it_is_the_exact_preconditioner():
     exact = form_preconditioner(A, B).apply(y.reshape(M, 3)).reshape(*HIDDEN, 3)
     solved = periscope.solve(y)
     assert np.linalg.norm(solved.image - exact) < 1e-7 * np.linalg.norm(exact)
-    assert solved.converged and solved.iterations[1] == 0 and not solved.weight.any()
-    np.testing.assert_array_equal(solved.image, solved.least_squares)
+    assert solved.converged and not solved.weight.any()
+    left = y.reshape(M, 3) - B @ np.linalg.lstsq(B, y.reshape(M, 3))[0]
+    A_left = A - B @ np.linalg.lstsq(B, A)[0]
+    misfit = np.sum((left - A_left @ exact.reshape(N, 3)) ** 2, axis=0)
+    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (M - 3 - N)), rtol=1e-6)
 
 
-def test_noise_weight_and_residual_are_those_of_the_dense_problem():
+def test_image_and_noise_are_those_of_the_dense_problem():
     y = photograph().reshape(M, 3)
     solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0.02).solve(y)
     Q = background_basis(B)
-    dense = A - Q @ (Q.T @ A)
-    # About 390 degrees of freedom: 4 standard errors are 14 %, and early stopping leaves signal.
-    np.testing.assert_allclose(solved.noise, 1e-3, rtol=0.2)
+    dense, rejected = A - Q @ (Q.T @ A), y - Q @ (Q.T @ y)
+    U, σ, _ = np.linalg.svd(dense, full_matrices=False)
+    k = 3  # an eighth of the patches
+    U, factors = U[:, :k], σ[k - 1] / σ[:k]
+    W = np.eye(M) - (U * (1 - factors)) @ U.T
+    K, b = W @ dense, W @ rejected
+    residual = np.linalg.norm(b - K @ solved.image.reshape(N, 3), axis=0)
+    np.testing.assert_allclose(solved.noise, residual / np.sqrt(M - 3 - k), rtol=1e-6)
+    # 414 degrees of freedom: 4 standard errors are 14 %.
+    np.testing.assert_allclose(solved.noise, 1e-3, rtol=0.14)
     expected = 0.02 * solved.noise * np.linalg.norm(dense)
     np.testing.assert_allclose(solved.weight, expected, rtol=1e-6)
-    left = y - Q @ (Q.T @ y) - dense @ solved.image.reshape(N, 3)
-    residual = np.linalg.norm(left, axis=0) / np.sqrt(M - 3)
-    np.testing.assert_allclose(solved.residual, residual, rtol=1e-6)
+    quadratic = LeastSquares(K.T @ K, np.linalg.cholesky(K.T @ K).T, HIDDEN)
+    for c in range(3):
+        minimum = quadratic.minimize(
+            K.T @ b[:, c], float(solved.weight[c]), tolerance=1e-14, max_iterations=20_000
+        )
+        error = np.linalg.norm(solved.image[..., c].ravel() - minimum.f)
+        assert error < 1e-5 * np.linalg.norm(minimum.f)
+
+
+def test_noise_is_estimated_without_bias():
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN)
+    noise = np.array([periscope.solve(photograph(seed=seed)).noise for seed in range(20)])
+    # 60 draws of χ² with some 400 degrees of freedom; the image takes up to 27 of them more.
+    assert np.mean((noise / 1e-3) ** 2) == pytest.approx(1, abs=0.04)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_image_is_settled_where_the_iterations_stop(noise, tolerance):
+    y = photograph(noise)
+    settings = {"hidden_shape": HIDDEN, "max_iterations": 20_000}
+    found = IterativePeriscope(A, B, tolerance=tolerance, **settings).reconstruct(y)
+    exact = IterativePeriscope(A, B, tolerance=1e-8, **settings).reconstruct(y)
+    assert np.linalg.norm(found - exact) < tolerance * np.linalg.norm(exact)
 
 
 def test_total_variation_recovers_an_edge_that_noise_hides_from_least_squares():

@@ -1,14 +1,16 @@
+"""Least squares with total variation against other minimizers and its own duality gap."""
+
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy import optimize
 
-from periscopy_sim.reconstruction.baselines import fista
-from periscopy_sim.reconstruction.baselines.fista import (
+from periscopy_sim.reconstruction.total_variation.least_squares import (
+    GramMatrix,
+    Iterate,
     LeastSquares,
-    converge,
-    descend_as_published,
+    minimize,
+    path_of_last_third,
 )
-from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 SHAPE = (5, 6)
 M, N = 200, 30
@@ -79,13 +81,13 @@ def smoothed_minimum(K, b, weight):
             return residual @ residual + weight * length.sum(), slope
 
         options = {"maxiter": 3000, "maxfun": 6000, "ftol": 1e-15, "gtol": 1e-10, "maxcor": 40}
-        f = minimize(smooth, f, jac=True, method="L-BFGS-B", options=options).x
+        f = optimize.minimize(smooth, f, jac=True, method="L-BFGS-B", options=options).x
     return f
 
 
 def solved(K, b, weight, tolerance=1e-10, max_iterations=20_000):
-    return converge(
-        problem_of(K), K.T @ b, weight, tolerance=tolerance, max_iterations=max_iterations
+    return problem_of(K).minimize(
+        K.T @ b, weight, tolerance=tolerance, max_iterations=max_iterations
     )
 
 
@@ -156,8 +158,6 @@ def test_black_measurement_gives_a_black_image():
     K = ill_conditioned()
     minimum = solved(K, np.zeros(M), 0.0)
     assert not minimum.f.any() and minimum.gap == 0
-    published = descend_as_published(problem_of(K), np.zeros(N), 0.0, unit=1.0, white=0.0)
-    assert not published.f.any() and published.iterations == 11
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (3, 1)])
@@ -166,78 +166,8 @@ def test_smallest_images_are_solved_too(shape):
     size = shape[0] * shape[1]
     K, f = rng.normal(size=(10, size)), rng.normal(size=size)
     problem = LeastSquares(K.T @ K, np.linalg.cholesky(K.T @ K).T, shape)
-    minimum = converge(problem, K.T @ (K @ f), 0.0, tolerance=1e-9, max_iterations=1000)
+    minimum = problem.minimize(K.T @ (K @ f), 0.0, tolerance=1e-9, max_iterations=1000)
     np.testing.assert_allclose(minimum.f, f, rtol=1e-6)
-
-
-def published_solver(K, b, weight, white, most):
-    """[15] with the data term ½‖K f − b‖² itself; its K and its image, in [0, 1], scaled so."""
-    b = b / white
-
-    def data(f):
-        return 0.5 * np.sum((K @ f - b) ** 2)
-
-    def norm(f):
-        return np.linalg.norm(f.reshape(SHAPE), 2)
-
-    def prox(f, λ):  # of λ‖f‖_TV beside ½‖f − g‖²
-        return prox_total_variation(f.reshape(SHAPE), 2 * λ, tolerance=1e-6).ravel()
-
-    λ = weight / 2 / white
-    x_old = y = np.linalg.lstsq(K, b)[0]
-    step, used, t = 1e-5, 1e-5, 1.0
-    for iteration in range(1, most + 1):
-        slope = K.T @ (K @ y - b)
-        x = prox(y - step * slope, λ * used)
-        while data(x) > data(y) + slope @ (x - y) + norm(x - y) ** 2 / (2 * step):
-            step *= 0.3
-            used = step
-            x = prox(y - step * slope, λ * used)
-        t_next = 0.5 * (1 + np.sqrt(1 + 4 * t**2))
-        y = x + (t - 1) / t_next * (x - x_old)
-        if iteration > 10 and norm(x - x_old) / x.size < 2.4e-6:
-            break
-        x_old, t, step = x, t_next, 5 * step
-    return white * x, iteration
-
-
-@pytest.mark.parametrize(("white", "scale"), [(1.0, 1.0), (1.0, 1e3), (40.0, 1e5)])
-@pytest.mark.parametrize(("weight", "most"), [(1e-5, 1100), (1e-4, 1100), (1e-2, 30), (0.3, 30)])
-def test_published_steps_are_those_of_a_second_implementation(
-    white, scale, weight, most, monkeypatch
-):
-    monkeypatch.setattr(fista, "MOST_ITERATIONS", most)  # later, rounding decides
-    K = ill_conditioned(condition=5.0)
-    _, b = measured(K)
-    b, weight = white * b, white * weight
-    expected, iterations = published_solver(scale * K, scale * b, scale**2 * weight, white, most)
-    minimum = descend_as_published(problem_of(K), K.T @ b, weight, unit=scale, white=white)
-    assert minimum.iterations == iterations
-    assert (iterations < most) == (most == 1100)
-    assert np.linalg.norm(minimum.f - expected) < 1e-5 * np.linalg.norm(expected)
-
-
-def test_published_steps_give_up_at_their_cap_where_the_problem_is_hard():
-    K = ill_conditioned(condition=3000.0)
-    _, b = measured(K)
-    published = descend_as_published(problem_of(K), K.T @ b, 1e-3, unit=1e3, white=1.0)
-    assert published.iterations == 1100
-    best = solved(K, b, 1e-3, tolerance=1e-10)
-    excess = cost(published.f, K, b, 1e-3) - cost(best.f, K, b, 1e-3)
-    energy = np.sum((K @ np.linalg.lstsq(K, b)[0]) ** 2)
-    assert 1e-8 * energy < excess <= published.gap * energy * (1 + 1e-6)
-
-
-@pytest.mark.parametrize("weight", [1e-4, 1e-2, 1e-1])
-def test_gap_of_the_published_steps_bounds_what_they_leave(weight):
-    K = ill_conditioned(condition=5.0)
-    _, b = measured(K)
-    published = descend_as_published(problem_of(K), K.T @ b, weight, unit=1e3, white=1.0)
-    best = solved(K, b, weight, tolerance=1e-12)
-    energy = np.sum((K @ np.linalg.lstsq(K, b)[0]) ** 2)
-    excess = (cost(published.f, K, b, weight) - cost(best.f, K, b, weight)) / energy
-    assert excess <= published.gap * (1 + 1e-6)
-    assert published.gap < 100 * excess
 
 
 def test_lipschitz_constant_is_the_largest_squared_gain_beside_the_uniform_image():
@@ -246,10 +176,78 @@ def test_lipschitz_constant_is_the_largest_squared_gain_beside_the_uniform_image
     beside = K - np.outer(uniform, uniform @ K) / (uniform @ uniform)
     largest = np.linalg.norm(beside, 2) ** 2
     assert largest < 0.9 * np.linalg.norm(K, 2) ** 2
-    assert problem_of(K).lipschitz == pytest.approx(largest, rel=1e-9)
+    assert problem_of(K).without_mean.lipschitz == pytest.approx(largest, rel=1e-9)
 
 
 def test_restarted_momentum_spares_iterations():
     K = ill_conditioned()
     _, b = measured(K)
     assert solved(K, b, 0.003, tolerance=1e-10).iterations < 500  # 1000 without
+
+
+def gram_matrix(K):
+    G = K.T @ K
+    return GramMatrix(G, SHAPE, float(np.linalg.eigvalsh(G)[-1]))
+
+
+def together(K, b, weights, **stop):
+    """Minimize for columns of b at once, each with its weight."""
+    stop = {"tolerance": 1e-4, "max_iterations": 5000} | stop
+    λ = np.array(weights)
+    return minimize(gram_matrix(K), K.T @ b, lambda *_: λ, np.zeros((N, len(λ))), **stop)
+
+
+@pytest.mark.parametrize("condition", [3.0, 100.0, 1000.0])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_images_are_settled_where_the_iterations_stop(condition, seed):
+    K = ill_conditioned(seed, condition)
+    weights = [0.003, 0.03, 0.3]
+    b = np.stack([measured(K, seed=seed + k)[1] for k in range(3)], axis=1)
+    found = together(K, b, weights)
+    assert found.left <= 1e-4
+    for c, λ in enumerate(weights):
+        exact = solved(K, b[:, c], λ, tolerance=1e-14).f
+        assert np.linalg.norm(found.f[:, c] - exact) < 1e-4 * np.linalg.norm(exact)
+
+
+def test_columns_do_not_disturb_one_another():
+    K = ill_conditioned(condition=30.0)
+    b = np.stack([measured(K, seed=k)[1] for k in range(2)], axis=1)
+    both = together(K, b * [1, 0], [0.03, 0.03])
+    assert not both.f[:, 1].any()
+    np.testing.assert_allclose(both.f[:, :1], together(K, b[:, :1], [0.03]).f, rtol=1e-10)
+
+
+def test_account_of_an_iterate_is_the_problems():
+    K = ill_conditioned(condition=30.0)
+    b = measured(K)[1][:, None]
+    found = together(K, b, [0.03], max_iterations=7, tolerance=1e-12)
+    assert found.iterations == len(found.path) == 7
+    np.testing.assert_allclose(found.product, K.T @ K @ found.f, atol=1e-12)
+    found = together(K, b, [0.03], tolerance=1e-10)
+    np.testing.assert_allclose(found.divergence, found.product - K.T @ b, atol=1e-8)
+
+
+def test_weight_follows_the_image_it_is_told_of():
+    K = ill_conditioned(condition=30.0)
+    b = measured(K)[1][:, None]
+    h = K.T @ b
+
+    def scaled(f, product):  # λ = 0.1 ‖K f − b‖
+        return 0.1 * np.sqrt(np.sum(b * b, 0) + np.sum(f * (product - 2 * h), 0))
+
+    settings = {"tolerance": 1e-8, "max_iterations": 5000}
+    found = minimize(gram_matrix(K), h, scaled, np.zeros_like(h), **settings)
+    λ = 0.1 * float(np.linalg.norm(K @ found.f - b))
+    exact = solved(K, b[:, 0], λ, tolerance=1e-14).f
+    assert np.linalg.norm(found.f[:, 0] - exact) < 1e-6 * np.linalg.norm(exact)
+    again = minimize(gram_matrix(K), h, scaled, np.linalg.solve(K.T @ K, h), **settings)
+    np.testing.assert_allclose(again.f, found.f, atol=1e-7)
+
+
+def test_path_is_that_of_the_last_third():
+    path = [np.array([10.0, 0.0])] * 4 + [np.array([0.25, 1.0]), np.array([0.5, 1.5])]
+    none = np.zeros((N, 2))
+    iterate = Iterate(none, none, none, len(path), path, np.inf)
+    assert path_of_last_third(iterate) == 2.5
+    assert path_of_last_third(Iterate(none, none, none, 5, path[:5], np.inf)) == np.inf

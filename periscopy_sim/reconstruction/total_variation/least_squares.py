@@ -1,0 +1,362 @@
+"""Least squares with total variation, by one accelerated proximal gradient method.
+
+    f̂ = argmin_f ‖K f − b‖₂² + λ‖f‖_TV = argmin_f fᵀG f − 2 hᵀf + λ‖f‖_TV,   G = KᵀK,  h = Kᵀb
+
+An iteration costs one product with G and one proximal operator of total variation, which starts
+from the last one's dual field. `minimize` asks of a problem only how to multiply by G. Where G is a
+matrix, `minimize_gram_form` stops at a duality gap.
+
+The steps are longer than 1/L and the momentum is full until it points uphill ("greedy FISTA"),
+which took two thirds of the iterations of FISTA with restarts on the package's photographs.
+
+References
+----------
+Beck, Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear inverse problems",
+2009.
+O'Donoghue, Candès, "Adaptive restart for accelerated gradient schemes", 2015.
+Liang, Luo, Schönlieb, "Improving fast iterative shrinkage-thresholding algorithm: faster, smarter,
+and greedier", 2022.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation, total_variation
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP = 1.3
+"""First step times L."""
+
+STEP_SHRINKAGE = 0.96
+"""Factor on the step, down to 1/L, where the image changes by more than at first."""
+
+FEWEST_ITERATIONS = 6
+"""Before them the image's path tells nothing."""
+
+PROXIMAL_ITERATIONS = 200
+"""Of one proximal operator; the next one goes on from where it ended."""
+
+GAP_INTERVAL = 20
+"""Iterations between two duality gaps, each of which costs as much as several of them."""
+
+
+class Quadratic(Protocol):
+    """The quadratic fᵀG f, for one G."""
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """(R, C) of f, with product N."""
+        ...
+
+    @property
+    def lipschitz(self) -> float:
+        """L, no less than the largest eigenvalue of G."""
+        ...
+
+    def product(self, f: Array) -> Array:
+        """Multiply (N, K) by G."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """Where an iteration ended.
+
+    Attributes
+    ----------
+    f
+        (N, K) the images.
+    product
+        (N, K) G f.
+    divergence
+        (N, K) div q of a field q of length at most λ/2; at the minimum it is G f − h.
+    iterations
+        How many were taken.
+    path
+        (K,) length of each iteration's change, as a part of the image's norm.
+    left
+        What is left to do, by the measure that the iterations stop at.
+    """
+
+    f: Array
+    product: Array
+    divergence: Array
+    iterations: int
+    path: Sequence[Array]
+    left: float
+
+
+def path_of_last_third(iterate: Iterate) -> float:
+    """Return the way that the images went in the last third of the iterations, the longest.
+
+    As a part of their norm. It bounds the way that is left where the changes fall at least like
+    1/k², up to a factor of 2. Here they fall exponentially, and what was left was less than a
+    twentieth of it.
+    """
+    if iterate.iterations < FEWEST_ITERATIONS:
+        return math.inf
+    return float(np.sum(iterate.path[2 * iterate.iterations // 3 :], axis=0).max())
+
+
+def minimize(
+    problem: Quadratic,
+    h: Array,
+    weight: Callable[[Array, Array], Array],
+    start: Array,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    left: Callable[[Iterate], float] = path_of_last_third,
+    proximal_tolerance: float | None = None,
+) -> Iterate:
+    """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV for each column of h; all share the products with G.
+
+    Parameters
+    ----------
+    problem
+        G.
+    h
+        (N, K) Kᵀb.
+    weight
+        Returns the (K,) λ ≥ 0 from the latest f and G f, (N, K).
+    start
+        (N, K) the first iterate.
+    tolerance
+        Stop when `left` is at most this.
+    max_iterations
+        Stop after so many.
+    left
+        Tells what is left from an iterate, in units of the tolerance.
+    proximal_tolerance
+        Relative duality gap of the proximal operators, which bounds a squared distance; None for
+        the hundredth part of the squared tolerance.
+
+    Returns
+    -------
+    Iterate
+    """
+    if proximal_tolerance is None:
+        proximal_tolerance = tolerance**2 / 100
+    f, Gf = start, problem.product(start)
+    z, Gz = f, Gf
+    reach = np.full(h.shape[1], LONGEST_STEP)
+    dual = None
+    path: list[Array] = []
+    iterate = Iterate(f, Gf, np.zeros_like(f), 0, path, math.inf)
+    first = np.full(h.shape[1], math.inf)
+    while len(path) < max_iterations and iterate.left > tolerance:
+        step = reach / problem.lipschitz
+        proximal = solve_total_variation(
+            (z - step * (Gz - h)).reshape(*problem.image_shape, -1),
+            step * weight(f, Gf),
+            tolerance=proximal_tolerance,
+            max_iterations=PROXIMAL_ITERATIONS,
+            start=dual,
+        )
+        dual = proximal.dual
+        previous, G_previous = f, Gf
+        f = proximal.image.reshape(h.shape)
+        Gf = problem.product(f)
+        length = np.linalg.norm(f - previous, axis=0)
+        path.append(ratio(length, np.linalg.norm(f, axis=0)))
+        first = length if len(path) == 1 else first
+        iterate = Iterate(f, Gf, Gz - h + (f - z) / step, len(path), path, math.inf)
+        iterate = replace(iterate, left=left(iterate))
+        # The product with the next z follows from those with f by linearity.
+        momentum = np.sum((z - f) * (f - previous), axis=0) <= 0  # or it points uphill
+        reach = np.where(length > first, np.maximum(STEP_SHRINKAGE * reach, 1), reach)
+        z = f + momentum * (f - previous)
+        Gz = Gf + momentum * (Gf - G_previous)
+    return iterate
+
+
+def ratio(a: Array, b: Array) -> Array:
+    """Divide; 0 where both are: a black channel, or one that has converged to the last bit."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """The quadratic ‖K f − b‖², for one K and any b, by the Gram matrix: K is met only once.
+
+    Attributes
+    ----------
+    gram
+        (N, N) G = KᵀK.
+    cholesky
+        (N, N) upper triangular R with RᵀR = G.
+    image_shape
+        (R, C) of f, with product N.
+    """
+
+    gram: Array
+    cholesky: Array
+    image_shape: tuple[int, int]
+
+    def product(self, f: Array) -> Array:
+        """Multiply (N,) by G, on one thread: waking others takes longer, by far on a busy machine.
+
+        Its result does not depend on the number of threads either.
+        """
+        return _product(self.gram, f)
+
+    def solve(self, h: Array) -> Array:
+        """Apply G⁻¹ to (N,) or (N, K): the unregularized least squares."""
+        solution: Array = linalg.cho_solve((self.cholesky.T, True), h, check_finite=False)
+        return solution
+
+    def best_mean(self, residual: Array) -> Array:
+        """Return what to add to the mean of f for the least ‖K f − b‖², from h − G f, (N,...)."""
+        shift: Array = residual.sum(axis=0) / self.gram.sum()
+        return shift
+
+    @cached_property
+    def without_mean(self) -> GramMatrix:
+        """G where the mean of f is the best one, G − G11ᵀG / 1ᵀG1."""
+        g, last = self.gram.sum(axis=1), len(self.gram) - 1
+        matrix = self.gram - np.outer(g, g / g.sum())
+        largest = linalg.eigvalsh(matrix, subset_by_index=(last, last), check_finite=False)[0]
+        # A single patch is all mean, and leaves nothing.
+        rounding = np.finfo(np.float64).eps * float(np.trace(self.gram))
+        return GramMatrix(matrix, self.image_shape, max(float(largest), rounding))
+
+    def gap(self, h: Array, weight: float, f: Array, divergence: Array) -> float:
+        """Return the duality gap at f, an upper bound on ‖K(f − f̂)‖².
+
+        Every field q of length at most λ/2 bounds the minimum from below, by −uᵀG⁻¹u with
+        u = h + div q.
+
+        Parameters
+        ----------
+        h, weight
+            The problem.
+        f
+            (N,) image.
+        divergence
+            (N,) div q.
+
+        Returns
+        -------
+        float
+            Not negative; rounding errors of the two bounds' difference remain.
+        """
+        variation = total_variation(f.reshape(self.image_shape))
+        primal = f @ self.product(f) - 2 * h @ f + weight * variation
+        u = h + divergence
+        return max(float(primal + u @ self.solve(u)), 0.0)
+
+    def minimize(
+        self, h: Array, weight: float, *, tolerance: float, max_iterations: int
+    ) -> LeastSquaresMinimum:
+        """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV to a relative duality gap.
+
+        Total variation does not see the mean of f, so that the mean is solved for in closed form.
+        That matters: differences that wrap across the columns of a photograph make the uniform
+        image by far the largest singular vector of K. Without it the Lipschitz constant is an
+        eighth.
+
+        Parameters
+        ----------
+        h
+            (N,) Kᵀb.
+        weight
+            λ ≥ 0.
+        tolerance
+            Relative duality gap at which to stop.
+        max_iterations
+            Where to stop otherwise.
+
+        Returns
+        -------
+        LeastSquaresMinimum
+        """
+        start = self.solve(h)
+        energy = float(h @ start) or 1.0
+        λ = np.array([weight])
+
+        def centred(f: Array) -> Array:
+            return f + self.best_mean(h - self.product(f))
+
+        def relative_gap(iterate: Iterate) -> float:
+            if iterate.iterations % GAP_INTERVAL and iterate.iterations < max_iterations:
+                return math.inf
+            f = centred(iterate.f[:, 0])
+            return self.gap(h, weight, f, iterate.divergence[:, 0]) / energy
+
+        shift = self.best_mean(h) * self.gram.sum(axis=1)
+        end = minimize(
+            self.without_mean,
+            (h - shift)[:, None],
+            lambda *_: λ,
+            start[:, None],
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            left=relative_gap,
+            proximal_tolerance=tolerance / 10,
+        )
+        return LeastSquaresMinimum(centred(end.f[:, 0]), end.iterations, end.left)
+
+
+@dataclass(frozen=True, eq=False)
+class GramMatrix:
+    """A `Quadratic` whose G is a matrix.
+
+    Attributes
+    ----------
+    matrix
+        (N, N) G.
+    image_shape
+        (R, C) with product N.
+    lipschitz
+        Its largest eigenvalue.
+    """
+
+    matrix: Array
+    image_shape: tuple[int, int]
+    lipschitz: float
+
+    def product(self, f: Array) -> Array:
+        """Multiply (N, K) by G, see `LeastSquares.product`."""
+        return np.stack([_product(self.matrix, column) for column in f.T.copy()], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresMinimum:
+    """An image of least squares with total variation.
+
+    Attributes
+    ----------
+    f
+        (N,) the image.
+    iterations
+        How many were taken.
+    gap
+        The duality gap as a fraction of ‖K f‖² of the unregularized f. ‖K(f − f̂)‖² is at most
+        this fraction of it.
+    """
+
+    f: Array
+    iterations: int
+    gap: float
+
+
+@compiled_reordered
+def _product(G: Array, f: Array) -> Array:
+    product = np.empty(len(f))
+    for i in range(len(f)):
+        total = 0.0
+        for j in range(len(f)):
+            total += G[i, j] * f[j]
+        product[i] = total
+    return product
