@@ -1,4 +1,4 @@
-"""Pixels that do not measure light: saturated, dead and hot ones, told from one photograph.
+"""Pixels that do not measure light: saturated, dead and hot ones, found in one photograph.
 
 Each channel is looked at alone, and a pixel is defective if one of its channels is. A test asks for
 all of its conditions, so that it stays silent where noise or the wall itself may be the reason.
@@ -83,7 +83,10 @@ def defective_pixels(
       dead lines are found, but dark areas and the edges of shadows are none.
     - Hot: above the median of the 24 pixels around it by `threshold` standard deviations of the
       noise, there and in the whole channel, and as many steps of quantization, and by a tenth of
-      the median; with at most one pixel beside it that is half as far above.
+      the median; with at most one pixel beside it that is half as far above, and none that is
+      above by a quarter and by `threshold` standard deviations unless it is hot itself. So hot
+      pixels are found alone and in pairs, but the edges of a poster, its stripes and letters are
+      none; a bright dot as small as a pixel looks like one.
 
     Noise is told from the median deviation of pixels from their surroundings. Where it is white and
     Gaussian, a value is called hot at a rate of at most Q(threshold), its upper tail: for 7 that is
@@ -159,6 +162,11 @@ def _dead_and_hot(channel: Array, valid: Mask, threshold: float) -> tuple[Mask, 
 
     hot = above > np.maximum(threshold * noise, EXCESS * np.maximum(median, 0))
     hot &= sum(neighbour > median + above / 2 for neighbour in beside) <= 1
+    # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
+    lit_too, candidates = median + np.maximum(above / 4, threshold * noise), 0
+    while candidates != (candidates := int(hot.sum())):
+        others = _neighbours(np.where(hot, np.nan, channel), 1)
+        hot &= sum(neighbour > lit_too for neighbour in others) == 0
     for pixel in np.argwhere(hot):
         place = tuple(pixel)
         deviations = np.array([neighbour[place] for neighbour in around]) - median[place]

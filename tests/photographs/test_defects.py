@@ -162,6 +162,33 @@ def test_bright_lines_and_corners_are_no_hot_pixels():
     assert found.hot.sum() <= 2  # the ends of the line alone
 
 
+def covered(shape, centre, size, angle, oversampling=8):
+    """Share of each pixel within a turned rectangle."""
+    k = oversampling
+    y, x = (np.mgrid[: k * shape[0], : k * shape[1]] + 0.5) / k
+    x, y = x - centre[0], y - centre[1]
+    u, v = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+    inside = (abs(u) < size[0] / 2) & (abs(v) < size[1] / 2)
+    return inside.reshape(shape[0], k, shape[1], k).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("brightness", [0.1, 1.3, 4])
+@pytest.mark.parametrize("width", [0.7, 1.2, 9])
+def test_edges_of_a_poster_and_its_stripes_are_no_hot_pixels(width, brightness):
+    rng = np.random.default_rng(0)
+    for angle in np.linspace(0, np.pi, 13):
+        poster = covered((48, 56), rng.uniform(20, 30, 2), (width, 15), angle)
+        image = (1 + (brightness - 1) * poster)[..., np.newaxis] * [1, 0.8, 0.6]
+        image += rng.normal(0, 0.003, image.shape)
+        assert not defective_pixels(image).any_kind.any(), angle
+
+
+def test_two_hot_pixels_side_by_side_are_found():
+    image = photograph("slope", 0.01)
+    image[10, 10:12] = 3
+    assert np.argwhere(defective_pixels(image).hot).tolist() == [[10, 10], [10, 11]]
+
+
 @pytest.mark.parametrize("bits", [8, 10, 12, 16, None])
 @pytest.mark.parametrize("part", [0.01, 0.05, 0.3])
 def test_clipped_light_is_saturated(bits, part):

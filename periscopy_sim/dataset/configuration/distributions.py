@@ -17,7 +17,7 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Quantity(Strict):
+class Distribution(Strict):
     """A number, or how to draw one: exactly one of these is given.
 
     Attributes
@@ -76,7 +76,7 @@ class Quantity(Strict):
         return min(values), max(values)
 
     @property
-    def is_steady(self) -> bool:
+    def is_continuous(self) -> bool:
         """Whether no two draws are alike."""
         if self.normal is not None:
             return self.normal[1] > 0
@@ -112,13 +112,13 @@ class Source(Strict):
 
 
 def within(low: float, high: float) -> Any:
-    """Give a type for quantities that can only be drawn from [low, high]."""
+    """Return a type for distributions that can only be drawn from [low, high]."""
     from pydantic import AfterValidator
 
-    def check(quantity: Quantity) -> Quantity:
-        least, most = quantity.bounds
+    def check(distribution: Distribution) -> Distribution:
+        least, most = distribution.bounds
         if not (low <= least and most <= high):
             raise ValueError(f"every value must lie from {low:g} to {high:g}")
-        return quantity
+        return distribution
 
-    return Annotated[Quantity, AfterValidator(check)]
+    return Annotated[Distribution, AfterValidator(check)]

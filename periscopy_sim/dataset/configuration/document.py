@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from periscopy_sim.dataset.configuration.distributions import Quantity, Source, Strict, within
+from periscopy_sim.dataset.configuration.distributions import Distribution, Source, Strict, within
 from periscopy_sim.dataset.configuration.hidden_sources import HiddenSource
 from periscopy_sim.dataset.configuration.light_sources import AmbientSource
 from periscopy_sim.errors import ConfigurationError
@@ -47,7 +47,7 @@ class SceneSource(Source):
 
     scene: str
     version: str = ""
-    parameters: dict[str, Quantity | str] = Field(default_factory=dict)
+    parameters: dict[str, Distribution | str] = Field(default_factory=dict)
 
 
 class Splits(Strict):
@@ -139,9 +139,9 @@ class Configuration(Strict):
     hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
     ambient: Annotated[tuple[AmbientSource, ...], Field(min_length=1)]
     light: Annotated[Direct | PathTraced, Field(discriminator="kind")] = Direct()
-    sbr: within(1e-6, 1e6) = Quantity(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
-    snr: within(-100, 300) = Quantity(value=60.0)  # type: ignore[valid-type]
-    exposure: within(1e-12, 1e12) = Quantity(value=1.0)  # type: ignore[valid-type]
+    sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
+    snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
+    exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
     saturation: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     photograph_type: Literal["float32", "float16"] = "float32"
     keep_background: bool = False

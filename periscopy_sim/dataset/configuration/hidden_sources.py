@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from periscopy_sim.dataset.configuration.distributions import Quantity, Source, within
+from periscopy_sim.dataset.configuration.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
 
 Array = NDArray[np.float64]
@@ -40,14 +40,16 @@ class Shapes(Source):
     """
 
     kind: Literal["shapes", "moving"]
-    number: within(1, 100) = Quantity(choice=(1, 2, 3, 4, 5))  # type: ignore[valid-type]
-    size: within(1e-3, 10) = Quantity(uniform=(0.08, 0.35))  # type: ignore[valid-type]
+    number: within(1, 100) = Distribution(choice=(1, 2, 3, 4, 5))  # type: ignore[valid-type]
+    size: within(1e-3, 10) = Distribution(uniform=(0.08, 0.35))  # type: ignore[valid-type]
     speed: within(0, 10) | None = None  # type: ignore[valid-type]
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip."""
         aspect = shape[1] / shape[0]
-        default = Quantity(uniform=(0.01, 0.06)) if self.kind == "moving" else Quantity(value=0.0)
+        default = (
+            Distribution(uniform=(0.01, 0.06)) if self.kind == "moving" else Distribution(value=0.0)
+        )
         speed = self.speed or default
         count = round(self.number.draw(rng))
         ground = _colour(rng) * rng.uniform(0, 0.5)
@@ -83,13 +85,13 @@ class Text(Source):
     kind: Literal["text", "digits"]
     characters: Annotated[str, Field(pattern=r"^\S+$", max_length=1000)] | None = None
     length: within(1, 40) | None = None  # type: ignore[valid-type]
-    height: within(0.05, 2) = Quantity(uniform=(0.35, 0.9))  # type: ignore[valid-type]
+    height: within(0.05, 2) = Distribution(uniform=(0.35, 0.9))  # type: ignore[valid-type]
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, at rest."""
         digits = self.kind == "digits"
         characters = self.characters or ("0123456789" if digits else _LETTERS)
-        length = self.length or Quantity(choice=(1,) if digits else (1, 2, 3, 4))
+        length = self.length or Distribution(choice=(1,) if digits else (1, 2, 3, 4))
         text = "".join(rng.choice(list(characters), round(length.draw(rng))))
         covered = _lettering(text, self.height.draw(rng), rng.random(2), shape)
         ground, ink = _contrasting(rng)
@@ -108,7 +110,7 @@ class Gratings(Source):
     """
 
     kind: Literal["gratings"]
-    periods: within(0.01, 1000) = Quantity(log_uniform=(0.5, 8.0))  # type: ignore[valid-type]
+    periods: within(0.01, 1000) = Distribution(log_uniform=(0.5, 8.0))  # type: ignore[valid-type]
     square: Share = 0.5
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
@@ -137,8 +139,8 @@ class Smooth(Source):
     """
 
     kind: Literal["smooth"]
-    exponent: within(0, 10) = Quantity(uniform=(1.5, 3.0))  # type: ignore[valid-type]
-    saturation: within(0, 1) = Quantity(uniform=(0.0, 1.0))  # type: ignore[valid-type]
+    exponent: within(0, 10) = Distribution(uniform=(1.5, 3.0))  # type: ignore[valid-type]
+    saturation: within(0, 1) = Distribution(uniform=(0.0, 1.0))  # type: ignore[valid-type]
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, at rest."""

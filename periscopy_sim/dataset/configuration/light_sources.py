@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from periscopy_sim.dataset.configuration.distributions import Quantity, Source, within
+from periscopy_sim.dataset.configuration.distributions import Distribution, Source, within
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -29,11 +29,11 @@ class Lamps(Source):
     """
 
     kind: Literal["lamps"]
-    number: within(1, 1000) = Quantity(choice=(1, 2, 3, 4, 5, 6))  # type: ignore[valid-type]
-    across: within(-1000, 1000) = Quantity(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
-    away: within(0.05, 1000) = Quantity(uniform=(1.0, 7.0))  # type: ignore[valid-type]
-    up: within(-1000, 1000) = Quantity(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
-    tint: within(0, 3) = Quantity(value=0.2)  # type: ignore[valid-type]
+    number: within(1, 1000) = Distribution(choice=(1, 2, 3, 4, 5, 6))  # type: ignore[valid-type]
+    across: within(-1000, 1000) = Distribution(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
+    away: within(0.05, 1000) = Distribution(uniform=(1.0, 7.0))  # type: ignore[valid-type]
+    up: within(-1000, 1000) = Distribution(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
+    tint: within(0, 3) = Distribution(value=0.2)  # type: ignore[valid-type]
 
     def draw(self, rng: Rng) -> tuple[Array, Array]:
         """Draw places, (L, 3) as (across, away, up), and powers, (L, 3) by channel."""
@@ -61,7 +61,7 @@ class Conditions(Source):
 
     kind: Literal["conditions"]
     names: Annotated[tuple[str, ...], Field(min_length=1)]
-    mixed: within(1, 100) = Quantity(value=1.0)  # type: ignore[valid-type]
+    mixed: within(1, 100) = Distribution(value=1.0)  # type: ignore[valid-type]
     flip: bool = True
     target: Annotated[float, Field(gt=1e-6, lt=1)] = 3e-4
 

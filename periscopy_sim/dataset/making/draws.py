@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.dataset.configuration.distributions import Quantity, Source
+from periscopy_sim.dataset.configuration.distributions import Distribution, Source
 from periscopy_sim.dataset.configuration.document import SPLITS, Configuration
 from periscopy_sim.dataset.configuration.light_sources import Conditions, Darkness, Lamps
 
@@ -107,18 +107,18 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
 
     The splits follow multiples of the golden ratio, so that any number of geometries is shared
     among them as nearly by their sizes as it can be, the first to the largest. A scene of which
-    nothing varies steadily comes again: its splits follow from what it is.
+    nothing varies continuously comes again: its splits follow from what it is.
     """
     rng = generator(configuration, GEOMETRY, number)
     source = _weighted(rng, configuration.scenes)
     parameters = {
-        name: quantity if isinstance(quantity, str) else f"{quantity.draw(rng):.9g}"
-        for name, quantity in configuration.scenes[source].parameters.items()
+        name: distribution if isinstance(distribution, str) else f"{distribution.draw(rng):.9g}"
+        for name, distribution in configuration.scenes[source].parameters.items()
     }
     scene = configuration.scenes[source]
     sizes = np.array([getattr(configuration.splits, name) for name in SPLITS])
     edges = np.cumsum(sizes)
-    if any(isinstance(q, Quantity) and q.is_steady for q in scene.parameters.values()):
+    if any(isinstance(q, Distribution) and q.is_continuous for q in scene.parameters.values()):
         largest = int(sizes.argmax())
         place = (edges[largest] - sizes[largest] / 2 + number * GOLDEN) % 1
     else:
@@ -137,8 +137,8 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     hidden = source.draw(rng, configuration.hidden, configuration.clip_length)
     ambient = _draw_ambient(configuration, rng)
     sbr, snr, exposure = (
-        quantity.draw(rng)
-        for quantity in (configuration.sbr, configuration.snr, configuration.exposure)
+        distribution.draw(rng)
+        for distribution in (configuration.sbr, configuration.snr, configuration.exposure)
     )
     dark = isinstance(configuration.ambient[ambient.source], Darkness)
     return ClipDraw(number, hidden, source.kind, ambient, np.inf if dark else sbr, snr, exposure)

@@ -3,21 +3,21 @@ import pytest
 from pydantic import ValidationError
 from scipy import stats
 
-from periscopy_sim.dataset.configuration.distributions import Quantity, Strict, within
+from periscopy_sim.dataset.configuration.distributions import Distribution, Strict, within
 
 
-def draws(quantity, count=4000):
+def draws(drawn, count=4000):
     rng = np.random.default_rng(0)
-    return np.array([quantity.draw(rng) for _ in range(count)])
+    return np.array([drawn.draw(rng) for _ in range(count)])
 
 
-def quantity(given):
-    return Quantity.model_validate(given)
+def distribution_of(given):
+    return Distribution.model_validate(given)
 
 
 @pytest.mark.parametrize("given", [3, 2.5, "1e-3", -4])
 def test_bare_number_is_that_number(given):
-    assert set(draws(quantity(given), 5)) == {float(given)}
+    assert set(draws(distribution_of(given), 5)) == {float(given)}
 
 
 # Kolmogorov-Smirnov at 1e-4, one seed: each fails for a right distribution once in 10,000 seeds.
@@ -30,23 +30,23 @@ def test_bare_number_is_that_number(given):
     ],
 )
 def test_draws_follow_the_distribution(given, transform, distribution):
-    values = draws(quantity(given))
+    values = draws(distribution_of(given))
     values = values if transform is None else transform(values)
     assert stats.kstest(values, distribution.cdf).pvalue > 1e-4
 
 
 def test_every_choice_is_drawn_alike():
-    values, counts = np.unique(draws(quantity({"choice": [1, 2, 7]})), return_counts=True)
+    values, counts = np.unique(draws(distribution_of({"choice": [1, 2, 7]})), return_counts=True)
     assert values.tolist() == [1, 2, 7]
     assert stats.chisquare(counts).pvalue > 1e-4
 
 
 def test_draws_stay_within_the_bounds():
     for given in ({"uniform": [2, 5]}, {"log_uniform": [0.1, 0.1]}, {"choice": [3, -1]}, 7):
-        low, high = quantity(given).bounds
-        values = draws(quantity(given), 200)
+        low, high = distribution_of(given).bounds
+        values = draws(distribution_of(given), 200)
         assert low <= values.min() and values.max() <= high
-    assert quantity({"normal": [0, 1]}).bounds == (-np.inf, np.inf)
+    assert distribution_of({"normal": [0, 1]}).bounds == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,9 @@ def test_draws_stay_within_the_bounds():
         ({"unifrom": [0, 1]}, "not permitted"),
     ],
 )
-def test_what_is_no_quantity_is_refused(given, message):
+def test_what_is_no_distribution_is_refused(given, message):
     with pytest.raises(ValidationError, match=message):
-        quantity(given)
+        distribution_of(given)
 
 
 def test_quantities_that_could_leave_the_range_are_refused():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.configuration.distributions import Quantity
+from periscopy_sim.dataset.configuration.distributions import Distribution
 from periscopy_sim.dataset.making.draws import draw_clip
 from periscopy_sim.dataset.making.geometry import as_json, geometry_of, view_digest
 from periscopy_sim.dataset.making.samples import make_samples
@@ -68,7 +68,7 @@ def test_lamps_and_monitor_stay_as_they_are_throughout_a_clip(block):
 def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry):
     bright = configured(photograph_type="float16", exposure=90, ambient=[{"kind": "none"}])
     make_samples(bright, geometry, {}, 0, 2)
-    too_bright = bright.model_copy(update={"exposure": Quantity(value=1e6)})
+    too_bright = bright.model_copy(update={"exposure": Distribution(value=1e6)})
     with pytest.raises(ConfigurationError, match="do not fit float16"):
         make_samples(too_bright, geometry, {}, 0, 2)
 
