@@ -117,6 +117,10 @@ def test_nothing_shines_negatively(problem):
     seen = A - Q @ (Q.T @ A)
     unit = np.sum(seen**2) / 12
     misfits = found.noise**2 * (PIXELS - LIGHTS)
+    free, noise, _ = dense(A, Q, y)
+    lost = 2 * (PIXELS - LIGHTS) * np.log(found.noise / noise)
+    assert lost.sum() > 1
+    assert found.evidence == pytest.approx(free + lost.sum(), abs=1e-3)
     for c, misfit in enumerate(misfits):
         rest = y[:, c] - Q @ (Q.T @ y[:, c])
 
@@ -127,6 +131,48 @@ def test_nothing_shines_negatively(problem):
         ratio = np.exp(optimize.brentq(excess, -12, 6))
         expected = bounded(seen, rest, unit * ratio).x
         np.testing.assert_allclose(found.images[:, c], expected, atol=2e-4)
+
+
+def test_patches_that_are_dark_follow_nothing(problem):
+    A, Q, y, change = problem
+    y = y - 1.5 * A[:, [2]] - 1.2 * A[:, [7]]
+    found = explain(A, Q, y, SHAPE)
+    images, moved = found.images, found.jacobian(change)
+    assert (images == 0).any()
+    seen = A - Q @ (Q.T @ A)
+    unit, told = np.sum(seen**2) / 12, found.projected_jacobian(change)
+    for c in range(3):
+        lit = images[:, c] > 0
+        # What is left of a move is the least that images of the patches that are lit leave of it:
+        # the prior, too, in rows below; its weight is the one by which they are the most probable.
+        rest = y[:, c] - Q @ (Q.T @ y[:, c])
+        slope = seen.T @ (rest - seen @ images[:, c])
+        weight = np.mean(slope[lit] / (precision() @ images[:, c])[lit])
+        assert 0 < weight < unit
+        H = seen[:, lit].T @ seen[:, lit] + weight * precision()[np.ix_(lit, lit)]
+        expected = moved[:, c] - seen[:, lit] @ np.linalg.solve(H, seen[:, lit].T @ moved[:, c])
+        np.testing.assert_allclose(told[:, c], expected, atol=1e-5 * np.abs(moved).max())
+
+
+def test_without_noise_there_is_that_of_single_precision(problem):
+    A, Q, _, _ = problem
+    y = A @ np.ones((12, 3))
+    found = explain(A, Q, y, SHAPE)
+    rounding = 1e-7 * np.sqrt(np.mean(y**2))
+    assert np.isfinite(found.evidence)
+    assert (found.noise > 0.5 * rounding).all() and (found.noise < 20 * rounding).all()
+
+
+def test_what_shows_nothing_of_the_scene_is_explained_by_darkness(problem):
+    A, Q, y, _ = problem
+    shown = explain(A, Q, y, SHAPE)
+    assert shown.darkness - shown.evidence > 100
+    both = np.linalg.qr(np.hstack([Q, A]))[0]
+    nothing = 1e-3 * (y - both @ (both.T @ y))
+    found = explain(A, Q, nothing, SHAPE)
+    assert found.darkness - found.evidence < 1
+    expected = (PIXELS - LIGHTS) * np.log(np.sum(nothing**2, axis=0)).sum()
+    assert found.darkness == pytest.approx(expected)
 
 
 def bounded(seen, rest, weight):

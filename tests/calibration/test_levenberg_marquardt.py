@@ -1,4 +1,5 @@
 from copy import copy
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -67,9 +68,26 @@ def test_visits_go_downhill(slat_level):
     level = slat_level(noise=0.01, seed=3)
     end = descend(level, np.array([0.2, 0.5]), STEPS, LONGEST, 30, visit)
     assert len(visited) > 2
+    assert visited[0] == (0.2, 0.5, level.explain(np.array([0.2, 0.5])).evidence)
     assert (np.diff([evidence for *_, evidence in visited]) < 0).all()
     assert visited[-1] == (*end.values, end.explanation.evidence)
     assert end.explanation.evidence == level.explain(end.values).evidence
+
+
+def test_steps_that_lead_uphill_are_shortened(slat_level):
+    level, start = slat_level(noise=1e-3, seed=3), np.array([0.1, 0.45])
+    whole, visited = level.explain, []
+
+    def walled(values, seed=None):
+        found = whole(values, seed)
+        height = 1e6 * (np.abs(values - start).max() > 0.02)
+        return replace(found, evidence=found.evidence + height)
+
+    level.explain = walled
+    end = descend(level, start, STEPS / 4, LONGEST, 5, lambda _, evidence: visited.append(evidence))
+    assert len(visited) > 1 and (np.diff(visited) < 0).all()
+    assert 0.005 < np.abs(end.values - start).max() <= 0.02
+    assert end.unphysical is None
 
 
 def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_so(slat_level):
