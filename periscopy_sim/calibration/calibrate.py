@@ -22,6 +22,7 @@ from periscopy_sim.calibration.levenberg_marquardt import descend, settle
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
 from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
+from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array
@@ -199,7 +200,7 @@ def calibrate(
     first = load_scenario(path, hidden, given)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
-    y = _checked(photograph, mask, first.photograph_shape)
+    y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
     in_front = InFront(first)
     resolutions = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))
     coarse, middle, fine = (
@@ -249,24 +250,6 @@ def calibrate(
         residual_before=fine.picture(before.residuals),
         residual=fine.picture(after.residuals),
     )
-
-
-def _checked(
-    photograph: NDArray[np.floating[Any]], mask: NDArray[np.bool_] | None, shape: tuple[int, int]
-) -> Array:
-    y = np.asarray(photograph, np.float64)
-    if y.shape != (*shape, 3):
-        raise PhotographError(
-            f"the photograph has shape {y.shape}, the scene's camera takes {(*shape, 3)}"
-        )
-    if mask is not None and mask.shape != shape:
-        raise PhotographError(f"the mask has shape {mask.shape}, the photograph {shape}")
-    used = y if mask is None else y[mask]
-    if not np.isfinite(used).all():
-        raise PhotographError("the photograph has NaN or infinite values; leave them out by a mask")
-    if not used.any():
-        raise PhotographError("the photograph is black; nothing can be learned from it")
-    return y
 
 
 class _Log:

@@ -90,6 +90,13 @@ def test_steps_that_lead_uphill_are_shortened(slat_level):
     assert end.unphysical is None
 
 
+def test_steps_are_doubled_while_that_gains(slat_level):
+    level, start, longest = slat_level(noise=1e-3, seed=3), np.array([0.15, 0.4]), LONGEST / 10
+    end = descend(level, start, STEPS / 4, longest, 1, ignore)
+    assert 3 * longest[0] < np.abs(end.values - start).max() <= 8 * longest[0]
+    assert end.explanation.evidence == level.explain(end.values).evidence
+
+
 def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_so(slat_level):
     # The truth, at a distance of 0.4, lies beyond a wall moved to 0.45.
     level = slat_level(noise=1e-3, seed=4)
