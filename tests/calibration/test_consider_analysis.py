@@ -63,7 +63,7 @@ def test_values_move_as_when_another_number_is_changed_and_all_is_found_again():
 
 def test_without_uncertain_parameters_nothing_is_added():
     level = HeldSlat(noise=0.01, seed=1)
-    nothing = UncertainParameters((), np.empty(0), np.empty(0))
+    nothing = uncertain_parameters(CHAIR, ("occluder_dx",), {}, {})
     assert sensitivity(level, found(level), nothing).shape == (1, 0)
 
 
