@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from experiments.timing import median_seconds
 from periscopy_sim.evaluation.diagnostics import rank_row, residual_background, spectral_norm
 from periscopy_sim.reconstruction.total_variation.prox import divergence, gradient, total_variation
 
@@ -124,20 +123,18 @@ def check_prox() -> dict[str, Any]:
 def check_times(runs: int = 7) -> dict[str, Any]:
     """Time A, forming P against pinv, one reconstruction against P.sum(); medians of one run."""
     scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
-    ps.render_transport(scene, samples=36)  # compiles
-    render = _median(lambda: ps.render_transport(scene, samples=36), runs)
+    render = median_seconds(lambda: ps.render_transport(scene, samples=36), runs)
     A = ps.render_transport(scene, samples=36).astype(np.float64)
     B = ps.point_light_backgrounds(scene)
-    form = _median(lambda: ps.form_preconditioner(A, B), runs)
-    explicit = _median(lambda: ps.form_preconditioner(A, B).matrix(), 3)
-    pseudoinverse = _median(lambda: np.linalg.pinv(np.hstack([A, B])), 3)
+    form = median_seconds(lambda: ps.form_preconditioner(A, B), runs)
+    explicit = median_seconds(lambda: ps.form_preconditioner(A, B).matrix(), 3)
+    pseudoinverse = median_seconds(lambda: np.linalg.pinv(np.hstack([A, B])), 3)
     periscope = ps.Periscope(A, B, hidden_shape=HIDDEN)
     f = ps.read_hidden_image(ps.find_image("mushroom"), HIDDEN)
     y = ps.add_noise((A @ f.reshape(-1, 3)).reshape(*scene.photograph_shape, 3), 60, 0)
-    periscope.reconstruct(y)  # compiles
-    reconstruct = _median(lambda: periscope.reconstruct(y), 10 * runs)
+    reconstruct = median_seconds(lambda: periscope.reconstruct(y), 10 * runs)
     P = periscope.preconditioner.matrix().astype(np.float32)
-    bytes_pass = _median(lambda: P.sum(), 10 * runs)
+    bytes_pass = median_seconds(lambda: P.sum(), 10 * runs)
     return {
         "A at 36 samples a patch, seconds": within(render, 4),
         "shadow rays per second": A.size * 36 / render,
@@ -150,15 +147,6 @@ def check_times(runs: int = 7) -> dict[str, Any]:
         "P.sum() of the float32 P, seconds": bytes_pass,
         "reconstruction over P.sum()": reconstruct / bytes_pass,
     }
-
-
-def _median(action: Callable[[], object], runs: int) -> float:
-    seconds = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        action()
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds))
 
 
 def _relative(a: Array, b: Array) -> float:
