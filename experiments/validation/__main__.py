@@ -17,7 +17,7 @@ import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.validation import solver
+from experiments.validation import coverage, solver
 from experiments.validation.solver import within
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.scenario import Scenario
@@ -195,6 +195,7 @@ CHECKS: dict[str, Callable[[], dict[str, Any]]] = {
     "preconditioner": solver.check_preconditioner,
     "ranks": solver.check_ranks,
     "prox": solver.check_prox,
+    "standard-errors": coverage.check_standard_errors,
     "times": solver.check_times,
 }
 
