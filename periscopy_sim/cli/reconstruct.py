@@ -26,7 +26,7 @@ from periscopy_sim.cli.method_options import (
     settings_for,
     takes_options_of,
 )
-from periscopy_sim.cli.output import Stopwatch, fixable, say, write_json
+from periscopy_sim.cli.output import Stopwatch, fixable, say, warn, write_json
 from periscopy_sim.reconstruction.registry import DEFAULT
 
 if TYPE_CHECKING:
@@ -104,6 +104,9 @@ def reconstruct(
             image, solved = _recovered(fitted, given.values, scenario.hidden_shape)
         inputs.warn_without_record(matrix)
         told = _told(folder, fitted, solved, given.values, text) if solved is not None else {}
+        doubts = told.pop("doubts", [])
+        for doubt in doubts:
+            warn(f"{photo}: {doubt}")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         defects.suggest_mask(folder, text)
         shown = panels.enlarged(panels.displayable(image))
@@ -118,7 +121,7 @@ def reconstruct(
             **settings,
             **told,
             **inputs.mask_record(mask, used),
-            "warnings": [*given.warnings, *defects.warnings],
+            "warnings": [*given.warnings, *defects.warnings, *doubts],
             "truth": truth,
         }
         if known is not None:
@@ -167,8 +170,7 @@ def _told(
         panels.draw_certainty(folder / "certainty.png", found.image, errors, text)
     if remark := method.remark(found):
         say(remark)
-    told: dict[str, Any] = method.told(found)
-    return told
+    return {**method.told(found), "doubts": [doubt] if (doubt := method.doubt(found)) else []}
 
 
 def _compare(

@@ -63,8 +63,8 @@ class Solved(Protocol[Found]):
 class StillMethod(ABC, Generic[Precision]):
     """A method fitted to one scene, which recovers each photograph's hidden image on its own.
 
-    What a method knows beside the image, it says in `told`, `remark`, `stages` and
-    `standard_errors`; each takes what `solve` returned.
+    What a method knows beside the image, it says in `told`, `remark`, `doubt`, `stages`
+    and `standard_errors`; each takes what `solve` returned.
     """
 
     takes_backgrounds: ClassVar[bool] = True
@@ -124,6 +124,10 @@ class StillMethod(ABC, Generic[Precision]):
 
     def remark(self, found: Any) -> str:  # noqa: ARG002
         """Return a sentence for the user about a solution, or nothing."""
+        return ""
+
+    def doubt(self, found: Any) -> str:  # noqa: ARG002
+        """Return why a solution may show nothing of the hidden scene; empty where it may not."""
         return ""
 
     def stages(self, found: Any) -> Sequence[tuple[str, Image]]:  # noqa: ARG002

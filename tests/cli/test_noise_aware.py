@@ -33,6 +33,22 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     assert np.allclose(summary["noise"], 1e-3 * signal.mean(), rtol=0.2)
     assert summary["lambda"] > 0
     assert summary["wall_gain_found"] is False and summary["wall_gain_range"] == [1, 1]
+    assert "the scene is right" in summary["standard_errors_assume"]
+    assert summary["warnings"] == []
+
+
+DOT = np.zeros((24, 24, 3))
+DOT[9, 14] = 1
+RAMP = np.linspace(1, 2, 24)[:, None] * np.ones((24, 24, 3))
+
+
+@pytest.mark.parametrize("y", [np.ones((24, 24, 3)), RAMP, RAMP.swapaxes(0, 1), DOT])
+def test_photograph_that_shows_nothing_is_told(periscopy, tmp_path, y):
+    np.save(tmp_path / "y.npy", y)
+    outcome = periscopy("reconstruct", "y.npy", *TINY, "--out", "out")
+    assert outcome.code == 0 and "hidden image: " in outcome.err
+    warnings = json.loads((tmp_path / "out/summary.json").read_text())["warnings"]
+    assert any("hidden image" in each for each in warnings)
 
 
 OWN = """

@@ -56,7 +56,7 @@ WRITERS = {
 }
 
 
-def test_every_format_gives_the_same_image(reconstruct, tmp_path):
+def test_every_format_gives_the_same_image(reconstruct, without_doubts, tmp_path):
     np.save(tmp_path / "y.npy", COUNTS.astype(">f8"))
     expected, _ = reconstruct("y.npy")
     assert np.ptp(expected) > 0
@@ -64,7 +64,7 @@ def test_every_format_gives_the_same_image(reconstruct, tmp_path):
         write(tmp_path / name)
         image, summary = reconstruct(name)
         assert np.array_equal(image, expected), name
-        assert summary["warnings"] == []
+        assert without_doubts(summary["warnings"]) == []
 
 
 def test_one_channel_is_taken_as_grey(reconstruct, tmp_path):
@@ -75,7 +75,9 @@ def test_one_channel_is_taken_as_grey(reconstruct, tmp_path):
     assert np.array_equal(grey, thrice)
 
 
-def test_8_bit_photograph_is_decoded_with_a_warning(reconstruct, periscopy, tmp_path):
+def test_8_bit_photograph_is_decoded_with_a_warning(
+    reconstruct, periscopy, without_doubts, tmp_path
+):
     codes = (COUNTS // 257).astype(np.uint8)
     Image.fromarray(codes).save(tmp_path / "y.png")
     shown = codes / 255
@@ -84,12 +86,12 @@ def test_8_bit_photograph_is_decoded_with_a_warning(reconstruct, periscopy, tmp_
     expected, _ = reconstruct("y.npy")
     outcome = periscopy("reconstruct", "y.png", *TINY, "--out", "out")
     assert outcome.code == 0
-    assert outcome.err.startswith("periscopy: warning: y.png: 8-bit PNG, which is normally gamma")
-    assert outcome.err.count("\n") == 1
+    (line,) = without_doubts(outcome.err.splitlines())
+    assert line.startswith("periscopy: warning: y.png: 8-bit PNG, which is normally gamma")
     image = np.load(tmp_path / "out" / "reconstruction.npy")
     assert np.allclose(image, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert f"periscopy: warning: {summary['warnings'][0]}\n" == outcome.err
+    assert f"periscopy: warning: {summary['warnings'][0]}" == line
 
 
 # -- what is refused -----------------------------------------------------------------------------
@@ -232,11 +234,11 @@ def test_type_and_order_of_an_array_do_not_matter(reconstruct, tmp_path, change)
     ids=["even", "one value", "hot pixel", "saturated", "a dark channel", "negative", "dim",
          "bright"],
 )  # fmt: skip
-def test_extreme_photographs_are_reconstructed(periscopy, tmp_path, change):
+def test_extreme_photographs_are_reconstructed(periscopy, without_doubts, tmp_path, change):
     np.save(tmp_path / "y.npy", change(COUNTS.astype(np.float64)))
     outcome = periscopy("reconstruct", "y.npy", *TINY, "--out", "out")
     assert outcome.code == 0
-    for line in outcome.err.splitlines():  # of pixels that a mask should leave out
+    for line in without_doubts(outcome.err.splitlines()):  # of pixels that a mask should leave out
         assert line.startswith("periscopy: warning: y.npy: ") and "--mask" in line
     assert np.isfinite(np.load(tmp_path / "out" / "reconstruction.npy")).all()
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting, advance, right_hand_side
 
@@ -29,31 +30,6 @@ RIDGE = 0.01
 
 FARTHEST = 1e12
 """A frame before that is brighter than this is as far away as can be: squares stay finite."""
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """All that the objective needs of a photograph.
-
-    Attributes
-    ----------
-    coefficients
-        (3, N) WᵀA⊥ᵀ y, y over its level.
-    noise
-        (3,) standard deviation of y, likewise.
-    level
-        Root mean square of the photograph, range(B) projected out.
-    share
-        This over the root mean square of the photograph itself.
-    noise_to_signal
-        Energy of the noise in y over that of the signal.
-    """
-
-    coefficients: Array
-    noise: Array
-    level: float
-    share: float
-    noise_to_signal: float
 
 
 @dataclass(frozen=True)

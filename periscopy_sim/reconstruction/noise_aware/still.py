@@ -30,14 +30,17 @@ from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
+from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
-    Objective,
-    Schedule,
+    doubt_of,
+    noise_of,
+    noise_to_signal,
+    root_mean_squares,
 )
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
-from periscopy_sim.reconstruction.noise_aware.uncertainty import standard_errors
+from periscopy_sim.reconstruction.noise_aware.uncertainty import ASSUMPTIONS, standard_errors
 from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
 from periscopy_sim.reconstruction.observation import observation_of
 
@@ -50,24 +53,11 @@ PENALTY = 0.2
 SEEN = 1e-12
 """Curvatures below this part of the largest are patterns that the wall does not show."""
 
-LARGEST_RATIO = 30
-"""Between the noises of two channels: one that has less is not believed."""
-
 CHECKED = 10
 """Iterations between two looks at the residuals."""
 
 FIRST = 20
 """Iterations for the image that the gain over the wall is found from; more tell nothing more."""
-
-
-LEAST_SHARE = 1e-6
-"""Of a photograph, range(B) projected out: where less is left, it is no more than rounding."""
-
-SIGNIFICANT = 3
-"""Standard errors of noise: what A⊥ can explain of a photograph is more, or it is noise."""
-
-LEAST_EXPLAINED = 0.2
-"""Of what A⊥ can explain of a photograph: where the image explains less, it is mostly noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +84,6 @@ class NoiseAwareReconstruction:
         or none was looked for. (M,) where the photograph's shape is not known.
     evidence
         Of the photograph, the gain corrected for.
-    doubt
-        Why the image may show nothing of a hidden scene; empty where nothing says so, and of a
-        frame of a video, where it is not looked for.
     """
 
     image: Array
@@ -107,7 +94,6 @@ class NoiseAwareReconstruction:
     tolerance: float
     gain: Array
     evidence: Evidence
-    doubt: str = ""
 
     @property
     def has_gain(self) -> bool:
@@ -220,6 +206,7 @@ class NoiseAware(StillMethod[np.float64]):
         self._basis = SpectralBasis(gram / self._unit**2, hidden_shape)
         curvatures = self._basis.curvatures  # they ascend
         self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
+        self._curvatures = curvatures[self._seen]
         self._wall_gain = self._fitted_gain(wall_gain)
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
@@ -231,12 +218,13 @@ class NoiseAware(StillMethod[np.float64]):
         else:
             found = self._recover_with_gain(self._wall_gain, planes, evidence)
         found.warn_unless_converged()
-        return replace(found, doubt=self._doubt(found))
+        return found
 
     def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
         """Return the noise, the weight, the iterations and the gain; see `StillMethod`."""
         return {
             **found.told(),
+            "standard_errors_assume": ASSUMPTIONS,
             "wall_gain_found": found.has_gain,
             "wall_gain_range": [float(found.gain.min()), float(found.gain.max())],
         }
@@ -250,6 +238,10 @@ class NoiseAware(StillMethod[np.float64]):
             "explains part of the photograph: vignetting, or a scene that is off (see periscopy "
             "calibrate)"
         )
+
+    def doubt(self, found: NoiseAwareReconstruction) -> str:
+        """Return why a photograph may show nothing of a hidden image; see `StillMethod`."""
+        return doubt_of(found.evidence.share, *self._unexplained(found), len(self._curvatures))
 
     def evidence(self, photographs: Image) -> list[Evidence]:
         """Return what the objective needs of photographs, Aᵀ applied to all in one product.
@@ -274,25 +266,26 @@ class NoiseAware(StillMethod[np.float64]):
     def _rejected(self, photographs: Image) -> tuple[Array, Array]:
         """Project range(B) out of photographs: (K, 3, M'), and the share that is left, (K,)."""
         planes = self._observation.planar(photographs, self.photograph_shape)
-        whole = _levels(planes)
+        whole = root_mean_squares(planes)
         y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
-        return planes, _levels(planes) / np.where(whole > 0, whole, 1)
+        return planes, root_mean_squares(planes) / np.where(whole > 0, whole, 1)
 
     def _evidence(self, planes: Array, shares: Array) -> list[Evidence]:
         """Return the evidence of (K, 3, M') planes, and divide them by their levels, in place."""
-        levels = _levels(planes)
+        levels = root_mean_squares(planes)
         levels[levels == 0] = 1
         planes /= levels[:, None, None]  # single precision needs numbers near 1
         y = planes.reshape(-1, planes.shape[-1]).astype(np.float32)
         h = times_rows(y, self._transport) * np.float32(1 / self._unit)
         products = times_rows(h, self._basis.rows).astype(np.float64)
         coefficients = products.reshape(*planes.shape[:2], -1)
-        noises = map(self._noise, planes, coefficients)
-        return [
-            Evidence(d, noise, float(level), float(share), self._noise_to_signal(noise))
-            for d, noise, level, share in zip(coefficients, noises, levels, shares, strict=True)
-        ]
+        pixels, rank, found = y.shape[1], len(self._background), []
+        for d, plane, level, share in zip(coefficients, planes, levels, shares, strict=True):
+            noise = noise_of(plane, d[:, self._seen], self._curvatures, rank)
+            ratio = noise_to_signal(noise, pixels, rank, len(self._curvatures))
+            found.append(Evidence(d, noise, float(level), float(share), ratio))
+        return found
 
     def recover(
         self,
@@ -358,8 +351,9 @@ class NoiseAware(StillMethod[np.float64]):
             (R, C, 3) standard errors, in units of the image.
         """
         misfit = self._unexplained(found)[1]
-        rank = len(self._basis.curvatures[self._seen])
-        return standard_errors(self._gram, found.noise, found.image, found.weight, misfit, rank)
+        return standard_errors(
+            self._gram, found.noise, found.image, found.weight, misfit, len(self._curvatures)
+        )
 
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence
@@ -394,7 +388,7 @@ class NoiseAware(StillMethod[np.float64]):
             self._transport,
             self._background,
             self._basis.rows[self._seen],
-            self._basis.curvatures[self._seen] * self._unit**2,
+            self._curvatures * self._unit**2,
             shape,
             self._observation.mask,
         )
@@ -404,45 +398,7 @@ class NoiseAware(StillMethod[np.float64]):
         evidence = found.evidence
         images = found.image.reshape(-1, 3).T / (evidence.level * self._unit)
         shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
-        scales = np.sqrt(self._basis.curvatures[self._seen]) * evidence.noise[:, None]
+        scales = np.sqrt(self._curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self._seen] / scales
         left = whole - shown[:, self._seen] / scales
         return float(np.sum(whole**2)), float(np.sum(left**2))
-
-    def _doubt(self, found: NoiseAwareReconstruction) -> str:
-        """Return what makes it doubtful that the image shows anything, if anything does."""
-        if found.evidence.share < LEAST_SHARE:
-            return "the photograph shows no hidden image: ambient light alone explains all of it"
-        whole, left = self._unexplained(found)
-        freedom = 3 * len(self._basis.curvatures[self._seen])
-        is_noise = whole - freedom < SIGNIFICANT * np.sqrt(2 * freedom)
-        if is_noise or whole - left < LEAST_EXPLAINED * whole:
-            return (
-                "the photograph hardly shows a hidden image: what the scene explains of it is no "
-                "more than noise"
-            )
-        return ""
-
-    def _noise_to_signal(self, noise: Array) -> float:
-        """Return the noise's energy over the signal's, of y of mean square 1."""
-        pixels = self._transport.shape[1]
-        energy = (pixels - len(self._background)) * float(np.sum(noise**2))
-        # A signal below its own standard error is none.
-        least = np.sqrt(2 * self._basis.curvatures[self._seen].size * np.sum(noise**4))
-        return float(energy / max(3 * pixels - energy, least))
-
-    def _noise(self, y: Array, coefficients: Array) -> Array:
-        """Return the standard deviation of what the least-squares hidden image leaves."""
-        curvatures = self._basis.curvatures[self._seen]
-        explained = (coefficients[:, self._seen] ** 2 / curvatures).sum(axis=1)
-        left = np.einsum("cm,cm->c", y, y) - explained
-        freedom = max(y.shape[1] - len(self._background) - len(curvatures), 1)
-        noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
-        # Without noise there still is finite precision; and a black channel is no oracle.
-        rounding = 1e-7 * np.sqrt(np.einsum("cm,cm->c", y, y).max() / y.shape[1]) + 1e-30
-        return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))
-
-
-def _levels(planes: Array) -> Array:
-    """Return the root mean square of each of (K, 3, M') planes."""
-    return np.asarray(np.sqrt(np.mean(planes**2, axis=(1, 2))))

@@ -9,7 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Evidence, Schedule
+from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
 from periscopy_sim.reconstruction.video_method import FrameByFrame
