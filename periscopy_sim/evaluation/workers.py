@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from itertools import islice
+from queue import Empty, Queue
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from periscopy_sim.errors import PeriscopyError
@@ -61,6 +64,7 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                 yield client
             return
         try:
+            _check_answer(scheduler)
             client = Client(scheduler, timeout=PATIENCE)
         except (OSError, ValueError, TypeError) as error:
             raise PeriscopyError(
@@ -141,6 +145,40 @@ def _submitted(
         yield future.result()
         for item in islice(waiting, 1):
             running.add(submit(item))
+
+
+def _check_answer(address: str) -> None:
+    """Ask who is at an address, in a thread of its own: whatever it is may answer anything, or not.
+
+    Raises
+    ------
+    OSError
+        If no Dask scheduler answers in time.
+    """
+    from distributed.comm import connect
+
+    async def identity() -> str:
+        comm = await connect(address, timeout=PATIENCE)
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return str((await comm.read())["type"])
+        finally:
+            comm.abort()
+
+    def ask() -> None:
+        try:
+            answers.put(asyncio.run(asyncio.wait_for(identity(), PATIENCE)))
+        except Exception:  # MemoryError too, where it sends what reads as a length of terabytes
+            answers.put("")
+
+    answers: Queue[str] = Queue()
+    Thread(target=ask, daemon=True).start()
+    try:
+        answer = answers.get(timeout=PATIENCE)  # signals interrupt it
+    except Empty:
+        raise TimeoutError(f"{address} does not answer") from None
+    if answer != "Scheduler":
+        raise ConnectionError(f"{address} is no scheduler")
 
 
 class _Parcel(Generic[Shared]):

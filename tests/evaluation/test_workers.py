@@ -1,5 +1,8 @@
 import logging
+import socket
+import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -49,6 +52,37 @@ def test_scheduler_that_does_not_answer_is_one_line(address, capfd, monkeypatch)
     with refused as error, connect(address):
         pass
     assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+ANSWERS = {
+    "silent": b"",
+    "another protocol": b"HTTP/1.1 400 Bad Request\r\n\r\n" * 20,
+    "a length of terabytes": b"\x01\x00\x00\x00\x00\x00\x00\x00" + b"\xff" * 64,
+}
+
+
+@pytest.mark.parametrize("answer", ANSWERS)
+def test_what_listens_but_is_no_scheduler_is_one_line_in_time(answer, monkeypatch, capfd):
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 1.0)
+    held = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            with suppress(OSError):
+                while True:
+                    held.append(server.accept()[0])
+                    held[-1].sendall(ANSWERS[answer])
+
+        threading.Thread(target=serve, daemon=True).start()
+        start = time.monotonic()
+        refused = pytest.raises(PeriscopyError, match="no Dask scheduler answers at")
+        with refused, connect(f"tcp://127.0.0.1:{server.getsockname()[1]}"):
+            pass
+        assert time.monotonic() - start < 10
+        server.shutdown(socket.SHUT_RDWR)
+    for connection in held:
+        connection.close()
     assert capfd.readouterr() == ("", "")
 
 
