@@ -22,7 +22,9 @@ def ambient(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", help="Folder of the pictures; each appears complete or not at all, and stays."
+            "--out",
+            metavar="FOLDER",
+            help="Folder of the pictures; each appears complete or not at all, and stays.",
         ),
     ],
     names: Annotated[
@@ -32,7 +34,10 @@ def ambient(
         ),
     ] = None,
     target: Annotated[
-        float, typer.Option(min=1e-5, max=1, help="Relative error of a pixel at which to stop.")
+        float,
+        typer.Option(
+            min=1e-5, max=1, metavar="NUMBER", help="Relative error of a pixel at which to stop."
+        ),
     ] = 3e-4,
     seed: Seed = 0,
     define: Define = None,

@@ -29,7 +29,10 @@ def analyze(
     samples: Samples = 16,
     model: inputs.ModelOption = inputs.Model.rendered,
     rank_tolerance: Annotated[
-        float, typer.Option(min=1e-15, max=0.5, help="Relative tolerance on B's singular values.")
+        float,
+        typer.Option(
+            min=1e-15, max=0.5, metavar="NUMBER", help="Relative tolerance on B's singular values."
+        ),
     ] = 1e-10,
     mask: MaskOption = None,
     seed: Seed = 0,

@@ -50,10 +50,15 @@ def make(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="The archive, a Zarr folder; goes on with one that is begun."),
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="The archive, a Zarr folder; goes on with one that is begun.",
+        ),
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, help="Samples, instead of the configuration's.")
+        int | None,
+        typer.Option(min=1, metavar="NUMBER", help="Samples, instead of the configuration's."),
     ] = None,
     scheduler: Annotated[
         str | None,

@@ -29,9 +29,13 @@ def demo(
     ] = None,
     resolution: Annotated[
         int | None,
-        typer.Option(min=2, help="Pixels along each side; 126, or 63 if only scalar works."),
+        typer.Option(
+            min=2, metavar="NUMBER", help="Pixels along each side; 126, or 63 if only scalar works."
+        ),
     ] = None,
-    image: Annotated[str, typer.Option(help="What the monitor shows.")] = "mushroom",
+    image: Annotated[
+        str, typer.Option(metavar="IMAGE", help="What the monitor shows.")
+    ] = "mushroom",
     seed: Seed = 0,
     effort: Annotated[
         float, typer.Option(min=0, max=1, hidden=True, help="Part of the path tracer's samples.")

@@ -35,14 +35,20 @@ def photograph(
     hidden: Annotated[
         str, typer.Option(metavar="ROWSxCOLUMNS", help="Patches to average the image down to.")
     ] = "29x36",
-    samples: Annotated[int, typer.Option(min=1, help="Camera samples a pixel.")] = 4096,
+    samples: Annotated[
+        int, typer.Option(min=1, max=2**20, metavar="NUMBER", help="Camera samples a pixel.")
+    ] = 4096,
     ambient: Annotated[
-        Path | None, typer.Option(help="Photograph of ambient light to add, at --sbr.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Photograph of ambient light to add, at --sbr."),
     ] = None,
     sbr: Annotated[
         float | None,
         typer.Option(
-            min=1e-6, max=1e6, help="Signal-to-background ratio; scales the sum to mean 1."
+            min=1e-6,
+            max=1e6,
+            metavar="RATIO",
+            help="Signal-to-background ratio; scales the sum to mean 1.",
         ),
     ] = None,
     snr: OptionalSnr = None,
@@ -51,23 +57,37 @@ def photograph(
         typer.Option(
             min=1e-3,
             max=1e12,
+            metavar="NUMBER",
             help="Expose a sensor, instead of --snr: mean electrons a value collects in a frame.",
         ),
     ] = None,
     read_noise: Annotated[
         float | None,
-        typer.Option(min=0, max=1e12, help="The sensor's read noise, electrons. [default: 2.5]"),
+        typer.Option(
+            min=0,
+            max=1e12,
+            metavar="NUMBER",
+            help="The sensor's read noise, electrons. [default: 2.5]",
+        ),
     ] = None,
     full_well: Annotated[
         float | None,
-        typer.Option(min=1, max=1e12, help="The sensor's full well, electrons. [default: 10000]"),
+        typer.Option(
+            min=1,
+            max=1e12,
+            metavar="NUMBER",
+            help="The sensor's full well, electrons. [default: 10000]",
+        ),
     ] = None,
     bits: Annotated[
-        int | None, typer.Option(min=4, max=32, help="The sensor's bit depth. [default: 12]")
+        int | None,
+        typer.Option(min=4, max=32, metavar="NUMBER", help="The sensor's bit depth. [default: 12]"),
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, max=10**5, help="Frames of the sensor to average. [default: 1]"),
+        typer.Option(
+            min=1, max=10**5, metavar="NUMBER", help="Frames of the sensor to average. [default: 1]"
+        ),
     ] = None,
     seed: Seed = 0,
     define: Define = None,

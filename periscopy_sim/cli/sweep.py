@@ -48,16 +48,23 @@ def sweep(
     scene: SceneArgument,
     hidden: Hidden,
     out: Annotated[
-        Path, typer.Option("--out", help="Folder of results; a sweep that stopped goes on there.")
+        Path,
+        typer.Option(
+            "--out", metavar="FOLDER", help="Folder of results; a sweep that stopped goes on there."
+        ),
     ],
     photograph: Annotated[
-        Path | None, typer.Option(help="A photograph without ambient light; needs --truth.")
+        Path | None,
+        typer.Option(metavar="FILE", help="A photograph without ambient light; needs --truth."),
     ] = None,
     truth: Annotated[
-        str | None, typer.Option(help="What the monitor showed in --photograph.")
+        str | None, typer.Option(metavar="IMAGE", help="What the monitor showed in --photograph.")
     ] = None,
     hidden_image: Annotated[
-        str | None, typer.Option(help="What the monitor shows; the photograph is path traced.")
+        str | None,
+        typer.Option(
+            metavar="IMAGE", help="What the monitor shows; the photograph is path traced."
+        ),
     ] = None,
     sbr: Annotated[
         str,
@@ -81,7 +88,9 @@ def sweep(
         ),
     ] = "preconditioned,differencing",
     snr: Snr = 60.0,
-    seeds: Annotated[int, typer.Option(min=1, help="Noise draws for each background and SBR.")] = 1,
+    seeds: Annotated[
+        int, typer.Option(min=1, metavar="NUMBER", help="Noise draws for each background and SBR.")
+    ] = 1,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine's cores."),

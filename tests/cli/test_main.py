@@ -2,6 +2,7 @@ import os
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import pytest
 import typer
@@ -89,6 +90,67 @@ def test_every_option_is_explained(command):
     assert [parameter.name for parameter in parameters if not parameter.help] == []
 
 
+@pytest.mark.parametrize("command", OPTIONS)
+def test_every_option_names_what_it_takes_or_its_choices(command, succeeds):
+    commands = [command, *(OPTIONS[command] if command == "dataset" else ())]
+    for name in commands:
+        shown = succeeds(*dict.fromkeys([command, name]), "--help").partition("Options:")[2]
+        forms = [line.split("  ")[1] for line in shown.splitlines() if line.startswith("  --")]
+        taken = {form.partition(" ")[2] for form in forms} - {"", "<rendered|analytic>"}
+        assert not {form for form in taken if "<" in form}, name
+
+
+@pytest.mark.parametrize(
+    ("words", "completions"),
+    [("rec", {"reconstruct"}), ("video y.npy --method ", {"noise-aware", "preconditioned"})],
+)
+def test_shell_completes_commands_and_methods(words, completions):
+    line = f"periscopy {words}"
+    ended = run(
+        *("-m", "periscopy_sim"),
+        _PERISCOPY_COMPLETE="complete_bash",
+        COMP_WORDS=line,
+        COMP_CWORD=str(len(line.split(" ")) - 1),
+    )
+    assert set(ended.stdout.split()) == completions and ended.stderr == ""
+
+
+def test_completion_is_installed(tmp_path):
+    ended = run("-m", "periscopy_sim", "--install-completion", "bash", HOME=str(tmp_path))
+    assert ended.returncode == 0 and "completion installed" in ended.stdout
+    assert "_periscopy_completion" in (tmp_path / ".bash_completions/periscopy.sh").read_text()
+
+
+def test_interrupt_before_the_command_has_begun_is_one_line():
+    code = (
+        "import sys\n"
+        "class Interrupts:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'periscopy_sim.cli':\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupts())\n"
+        "from periscopy_sim.__main__ import main\n"
+        "main()\n"
+    )
+    ended = run("-c", code)
+    assert (ended.returncode, ended.stdout) == (130, "")
+    assert ended.stderr == "periscopy: error: interrupted; nothing was written\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("dataset", "--example")])
+def test_output_that_is_full_is_one_line(arguments):
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "periscopy_sim", *arguments],
+            stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr == (
+        "periscopy: error: cannot print: No space left on device; free some space\n"
+    )
+
+
 def test_help_needs_no_renderer():
     code = "import sys; from periscopy_sim import cli; sys.exit('mitsuba' in sys.modules)"
     assert run("-c", code).returncode == 0
@@ -109,6 +171,7 @@ def test_help_needs_no_renderer():
         ((*TRANSPORT, "--model", "guessed"), "'rendered', 'analytic'"),
         ((*TRANSPORT, "--samples", "0"), "'--samples'"),
         ((*TRANSPORT, "--samples", "many"), "'--samples'"),
+        ((*TRANSPORT, "--samples", "2000000000"), "'--samples'"),
         ((*TRANSPORT, "--seed", "-1"), "'--seed'"),
         ((*TRANSPORT, "--seed", str(2**32)), "'--seed'"),
     ],
