@@ -74,6 +74,15 @@ def test_errors_through_the_wall_are_refused():
         require_effect(level, TRUTH[:1], distance(1.1 * (TRUTH[1] - NEAREST)))
 
 
+def test_errors_that_the_photograph_does_not_show_are_refused():
+    class Unlit(HeldSlat):
+        def matrix(self, values, seed=None):
+            return super().matrix(np.array([values[0], TRUTH[1]]), seed)
+
+    with pytest.raises(SceneError, match=r"distance=0\.1: the photograph does not show"):
+        require_effect(Unlit(noise=0.01, seed=1), TRUTH[:1], distance(0.1))
+
+
 def test_uncertain_parameters_stay_at_their_defaults_or_as_given():
     errors = {"occluder_turn": 2, "occluder_stretch_x": 0.03}
     uncertain = uncertain_parameters(CHAIR, ("occluder_dx",), {"occluder_turn": "-1.5"}, errors)
