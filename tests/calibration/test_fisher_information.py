@@ -56,16 +56,46 @@ def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
     np.testing.assert_allclose(np.diag(about.information), expected, rtol=0.5)
 
 
-def test_what_rays_add_is_in_the_errors():
-    about = Curvature(
-        jacobian=None,
-        slope=np.zeros(1),
-        information=np.array([[4.0]]),
-        noisy_diagonal=np.array([4.0]),
-        scores=np.zeros((5, 1)),
-        slope_errors=np.array([6.0]),
+def told(information, **known):
+    """Return a curvature of two parameters of which only this is known."""
+    zeros = {"slope": np.zeros(2), "scores": np.zeros((1, 2)), "slope_errors": np.zeros(2)}
+    return Curvature(
+        **{"jacobian": None, "information": information, "noisy_diagonal": np.diag(information)}
+        | zeros
+        | known
     )
-    np.testing.assert_allclose(about.covariance(), [[1 / 4 + (6 / 4) ** 2]], rtol=1e-3)
+
+
+def test_what_rays_add_is_in_the_errors():
+    about = told(np.diag([4.0, 9.0]), slope_errors=np.array([6.0, 0.0]))
+    expected = np.diag([1 / 4 + (6 / 4) ** 2, 1 / 9])
+    np.testing.assert_allclose(about.covariance(), expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+@pytest.mark.parametrize("spread", [0.1, 0.5, 30.0])
+def test_errors_are_those_of_white_noise_or_of_the_blocks_if_larger(spread, unit):
+    information = np.array([[4.0, 3.0], [3.0, 9.0]]) * unit
+    scores = np.sqrt(unit) * spread * np.random.default_rng(0).standard_normal((50, 2))
+    white = np.linalg.inv(information)
+    sandwich = white @ scores.T @ scores @ white
+    covariance = told(information, scores=scores).covariance()
+    np.testing.assert_allclose(
+        np.diag(covariance), np.maximum(np.diag(white), np.diag(sandwich)), rtol=1e-3
+    )
+    correlations = [
+        matrix[0, 1] / np.sqrt(matrix[0, 0] * matrix[1, 1]) for matrix in (covariance, white)
+    ]
+    assert correlations[0] == pytest.approx(correlations[1], rel=1e-3)
+
+
+@pytest.mark.parametrize("longest", [1.0, 2.0, 10.0])
+def test_steps_are_newtons_or_shortened(longest):
+    about, most = told(np.diag([2.0, 1.0]), slope=np.array([8.0, -3.0])), np.array([longest, 9.0])
+    newton = np.array([-4.0, 3.0])
+    np.testing.assert_allclose(about.step(0.0, most), newton * min(1, longest / 4))
+    np.testing.assert_allclose(about.step(1.0, most), newton * min(0.5, longest / 4))
+    assert about.predicted_gain == pytest.approx(8 * 4 + 3 * 3, rel=1e-3)
 
 
 def test_slopes_err_by_as_much_as_told(slat_level):

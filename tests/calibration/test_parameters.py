@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration import parameters
 from periscopy_sim.calibration.calibrated_scene import with_defaults
-from periscopy_sim.calibration.parameters import SPREAD, start_values, steps_and_spreads
+from periscopy_sim.calibration.parameters import SPREAD, STEP, start_values, steps_and_spreads
 from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
@@ -49,23 +50,64 @@ def test_a_text_is_no_parameter(tmp_path):
         start_values(path, ["mesh"], {})
 
 
-@pytest.mark.usefixtures("jit")
-def test_half_widths_change_the_light_transport_by_as_much_as_stated():
-    names = ("occluder_dx", "vertical_exponent")
-    start = np.array([0.0, 18.0])
-    here = level(names)
-    steps, spreads = steps_and_spreads(here, start)
-    A = here.matrix(start)
-    for k in range(2):
-        for offset, low, high in ((spreads[k], 1, 3), (spreads[k] / 2, 0, 1)):
-            moved = here.matrix(start + offset * np.eye(2)[k])
-            change = np.linalg.norm(moved - A) / np.linalg.norm(A)
-            assert low * SPREAD <= change < high * SPREAD
-    assert (steps < spreads / 2).all()
+class Lamp:
+    """A level whose one light grows by `change` of how far its parameter is moved."""
+
+    names = ("dimmer",)
+    path = "lamp.xml"
+
+    def __init__(self, change, below=np.inf, above=np.inf):
+        self.change, self.below, self.above = change, below, above
+
+    def matrix(self, values):
+        moved = values[0] - 2.0
+        if not -self.below <= moved <= self.above:
+            raise SceneError("not physical")
+        return np.full((4, 3), 7 * (1 + self.change(abs(moved))))
+
+
+def linear(moved):
+    return moved
+
+
+@pytest.mark.parametrize("above", [np.inf, 0.0])
+def test_steps_and_spreads_are_the_first_doublings_that_change_enough(above):
+    (step,), (spread,) = steps_and_spreads(Lamp(linear, above=above), np.array([2.0]))
+    assert STEP <= step < 2 * STEP and SPREAD <= spread < 2 * SPREAD
+    assert np.log2(step / 1e-6) % 1 == pytest.approx(0, abs=1e-9)
+    assert spread / step == 8
+
+
+@pytest.mark.parametrize(
+    ("lamp", "low", "high"),
+    [
+        (Lamp(linear, 0.3, 0.3), 0.15, 0.3),  # to the border
+        (Lamp(lambda moved: 0.2 * np.tanh(10 * moved)), 0.1, 0.4),  # it grows no more
+        (Lamp(lambda moved: 0.3 * abs(np.sin(moved))), 0.8, 2.2),  # it comes round again
+    ],
+)
+def test_spreads_end_where_a_change_does(lamp, low, high):
+    (step,), (spread,) = steps_and_spreads(lamp, np.array([2.0]))
+    assert STEP <= lamp.change(step) < 2 * STEP
+    assert low < spread <= high
+
+
+@pytest.mark.parametrize(
+    ("lamp", "message"),
+    [
+        (Lamp(linear, 0, 0), "'dimmer' cannot be moved from 2"),
+        (Lamp(lambda moved: 0 * moved), "cannot see 'dimmer', however it is moved from 2;"),
+        (Lamp(linear, 0.03, 0.03), r"cannot see 'dimmer': moved by up to 0\.01\d+, .* by 1\.\d %"),
+    ],
+)
+def test_why_a_parameter_cannot_be_found_is_told(lamp, message):
+    with pytest.raises(SceneError, match=message):
+        steps_and_spreads(lamp, np.array([2.0]))
 
 
 @pytest.mark.usefixtures("jit")
-def test_what_the_photograph_cannot_see_is_told(tmp_path):
+def test_ambient_light_is_not_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr(parameters, "DOUBLINGS", 3)
     scene = tmp_path / "scene.xml"
     text = with_defaults(CHAIR, {}, tmp_path).replace(
         '<integrator type="path"/>',
@@ -113,9 +155,3 @@ def test_a_black_channel_is_no_trouble():
     found = here.explain(np.array([0.0]))
     assert np.isfinite(here.picture(found.residuals)).all()
     assert np.isfinite(found.noise / here.scale).all()
-
-
-@pytest.mark.usefixtures("jit")
-def test_a_turn_is_not_searched_beyond_where_it_comes_round_again():
-    _, (spread,) = steps_and_spreads(level(("occluder_turn",)), np.array([0.0]))
-    assert 5 < spread < 100
