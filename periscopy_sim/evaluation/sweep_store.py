@@ -88,7 +88,7 @@ class SweepLayout:
 
     @property
     def blocks(self) -> int:
-        """Number of trials."""
+        """Return the number of trials."""
         return len(self.trials)
 
     def block(self, number: int) -> Block:

@@ -10,7 +10,7 @@ from periscopy_sim.storage.formats.srgb import srgb_encode
 
 
 def evenly_chosen(count: int, most: int) -> list[int]:
-    """Choose at most so many of the numbers below `count`, the first and the last among them.
+    """Return at most so many of the numbers below `count`, the first and the last among them.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class Photograph:
     def __array__(
         self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
     ) -> NDArray[Any]:
-        """Serve as `values` wherever an array is taken."""
+        """Return `values`, wherever an array is taken."""
         return np.array(self.values, dtype=dtype, copy=copy)
 
 

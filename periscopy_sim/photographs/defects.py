@@ -54,7 +54,7 @@ class DefectivePixels:
     hot: Mask
 
     def __str__(self) -> str:
-        """Tell how many there are of each kind, and where the first is."""
+        """Return how many there are of each kind, and where the first is."""
         counts = [int(np.count_nonzero(kind)) for kind in (self.saturated, self.dead, self.hot)]
         numbers = "{} saturated, {} dead and {} hot pixels".format(*counts)
         places = np.argwhere(self.any_kind)
@@ -64,14 +64,14 @@ class DefectivePixels:
 
     @property
     def any_kind(self) -> Mask:
-        """(rows, columns) bool, the defective pixels of all kinds."""
+        """Return (rows, columns) bool, the defective pixels of all kinds."""
         return self.saturated | self.dead | self.hot
 
 
 def defective_pixels(
     photograph: NDArray[Any], mask: Mask | None = None, *, threshold: float = 7.0
 ) -> DefectivePixels:
-    """Find the pixels of a photograph that should be left out.
+    """Return the pixels of a photograph that should be left out.
 
     - Saturated: `PLATEAU` values or more that equal the largest of their channel, more than three
       times as many as any of the next `NEXT_LEVELS` levels has, or more than one and a half times
@@ -88,10 +88,10 @@ def defective_pixels(
       pixels are found alone and in pairs, but the edges of a poster, its stripes and letters are
       none; a bright dot as small as a pixel looks like one.
 
-    Noise is told from the median deviation of pixels from their surroundings. Where it is white and
-    Gaussian, a value is called hot at a rate of at most Q(threshold), its upper tail: for 7 that is
-    1.3e-12, or one in 16 million photographs of 126 x 126 pixels. Defects that were averaged with
-    sound pixels, as when a photograph is reduced to a smaller size, leave no such traces.
+    Noise is estimated by the median deviation of pixels from their surroundings. Where it is white
+    and Gaussian, a value is called hot at a rate of at most Q(threshold), its upper tail: for 7
+    that is 1.3e-12, or one in 16 million photographs of 126 x 126 pixels. Defects that were
+    averaged with sound pixels, as when a photograph is reduced in size, leave no such traces.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def _dead_and_hot(channel: Array, valid: Mask, threshold: float) -> tuple[Mask, 
 
 
 def _neighbours(channel: Array, reach: int) -> list[Array]:
-    """Give views of the values at each offset of up to `reach` pixels; NaN where there is none."""
+    """Return views of the values at each offset of up to `reach` pixels; NaN outside."""
     rows, columns = channel.shape
     padded = np.pad(channel, reach, constant_values=np.nan)
     return [
@@ -187,7 +187,7 @@ def _neighbours(channel: Array, reach: int) -> list[Array]:
 
 
 def _median(images: list[Array]) -> Array:
-    """Take the median over images of what is not NaN, a strip of rows at a time; else NaN."""
+    """Return the median over images of what is not NaN, a strip of rows at a time; else NaN."""
     rows, columns = images[0].shape
     height = max(STRIP // (columns * len(images)), 1)
     strips = []
@@ -201,13 +201,13 @@ def _median(images: list[Array]) -> Array:
 
 
 def _spread(deviations: Array) -> float:
-    """Give the standard deviation of Gaussian noise with this median deviation."""
+    """Return the standard deviation of Gaussian noise with this median deviation."""
     magnitudes = np.abs(deviations[np.isfinite(deviations)])
     return 1.4826 * float(np.median(magnitudes)) if magnitudes.size else 0.0
 
 
 def _step(values: Array, level: float) -> float:
-    """Step of quantization, if it is one: of several, and no larger than the level."""
+    """Return the step of quantization, if it is one: of several, and no larger than the level."""
     steps = np.diff(np.unique(values))
     step = float(steps.min(initial=np.inf))
     return step if len(steps) > 1 and step <= level else 0.0

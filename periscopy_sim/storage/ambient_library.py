@@ -14,7 +14,7 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
-"""Told what is being rendered, gives what the fraction done is reported to."""
+"""Takes what is being rendered, gives what the fraction done is reported to."""
 
 
 def _silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
@@ -30,7 +30,7 @@ def ambient_photographs(
     target: float = 3e-4,
     progress: Progress = _silent,
 ) -> dict[str, NDArray[np.float64]]:
-    """Photograph a scenario's wall under ambient conditions; what the folder holds is read.
+    """Return photographs of a wall under ambient conditions; what the folder lacks is rendered.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def ambient_photographs(
     target
         Relative error of a pixel, see `render_background`.
     progress
-        Told of each condition that is rendered.
+        Called with each condition that is rendered.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def ambient_photographs(
 
 
 def find_condition(name: str) -> Path:
-    """Find a shipped condition or a scene file.
+    """Return the file of a shipped condition, or the scene file named.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def find_condition(name: str) -> Path:
 
 
 def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[str, str]:
-    """Record what a picture depends on; the scenario's hidden size is not of it."""
+    """Return what a picture depends on; the scenario's hidden size is not of it."""
     import mitsuba as mi
 
     from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256

@@ -1,4 +1,4 @@
-"""Masks: pictures that tell where the wall is used."""
+"""Masks: pictures of where the wall is used."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -102,21 +103,28 @@ def write_png(path: Path, linear_image: ArrayLike, text: Mapping[str, str]) -> N
     OutputError
         If the path cannot be written.
     """
-    from PIL import Image, PngImagePlugin
-
     encoded = 255 * srgb_encode(np.clip(linear_image, 0, 1))
     if encoded.ndim != 3 or encoded.shape[2] != 3 or np.isnan(encoded).any():
         raise ValueError(f"image: expected (rows, columns, 3) without NaN, got {encoded.shape}")
+    with staged_file(path) as staged:
+        staged.write_bytes(png_bytes(np.rint(encoded).astype(np.uint8), text))
+
+
+def png_bytes(pixels: NDArray[np.uint8], text: Mapping[str, str]) -> bytes:
+    """Return the PNG file of 8-bit sRGB values, (rows, columns, 3)."""
+    from PIL import Image, PngImagePlugin
+
     chunks = PngImagePlugin.PngInfo()
     chunks.add(b"sRGB", b"\x00")  # declares the curve; 0: perceptual intent
     for key, value in sorted(text.items()):
         chunks.add_text(key, value)
-    with staged_file(path) as staged:
-        Image.fromarray(np.rint(encoded).astype(np.uint8)).save(staged, "PNG", pnginfo=chunks)
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "PNG", pnginfo=chunks)
+    return stream.getvalue()
 
 
 def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Resample an image by its exact mean over the area of each new pixel.
+    """Return an image resampled by its exact mean over the area of each new pixel.
 
     Parameters
     ----------
@@ -137,7 +145,7 @@ def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64
 def _average(
     band: Callable[[slice], NDArray[np.float64]], size: tuple[int, ...], shape: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Average as `area_average` over bands of rows, so that a large image needs little memory."""
+    """Return what `area_average` does, by bands of rows: a large image needs little memory."""
     rows, columns = size
     down, across = _coverage(shape[0], rows), _coverage(shape[1], columns)
     height = max(1, _BAND // columns)
@@ -147,7 +155,7 @@ def _average(
 
 
 def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
-    """(boxes, pixels) fractions of each of equal boxes that each of equal pixels covers."""
+    """Return (boxes, pixels) fractions of each of equal boxes that each of equal pixels covers."""
     edges = np.arange(boxes + 1) * (pixels / boxes)
     pixel = np.arange(pixels)
     upper = np.minimum(edges[1:, None], pixel + 1)
@@ -156,7 +164,7 @@ def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
 
 
 def _fraction(values: NDArray[Any], path: Path) -> NDArray[np.float64]:
-    """Integers as fractions of the largest of their dtype; floating-point values as they are."""
+    """Return integers as fractions of the largest of their dtype, other values as they are."""
     if values.dtype.kind == "f":
         with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
             return values.astype(np.float64)

@@ -1,4 +1,4 @@
-"""What a data set's archive is made of: its variables, its sizes, and what tells it from others."""
+"""What a data set's archive is made of: its variables and their sizes."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Layout:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks; the last may be cut short."""
+        """Return the number of blocks; the last may be cut short."""
         return -(-self.count // self.block_size)
 
     def samples_in(self, number: int) -> slice:

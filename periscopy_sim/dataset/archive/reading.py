@@ -180,7 +180,7 @@ def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
 
 
 def describe(path: str | Path) -> dict[str, Any]:
-    """Tell a data set's sizes, what is done of it, and what its samples are.
+    """Return a data set's sizes, what is done of it, and what its samples are.
 
     Parameters
     ----------

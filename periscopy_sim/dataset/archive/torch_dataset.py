@@ -105,7 +105,7 @@ class TorchDataset:
 
 
 def _tensor(value: Any) -> Any:
-    """Turn a picture into a tensor, channels first; a number into one; leave text."""
+    """Return a picture as a tensor, channels first, a number as one, text as it is."""
     import torch
 
     if isinstance(value, np.ndarray) and value.ndim == 3:

@@ -69,7 +69,7 @@ class Distribution(Strict):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Least and greatest that can be drawn."""
+        """Return the least and the greatest that can be drawn."""
         if self.normal is not None:
             return (-math.inf, math.inf) if self.normal[1] else (self.normal[0],) * 2
         values = self.choice or self.uniform or self.log_uniform or (self.value or 0.0,)
@@ -77,7 +77,7 @@ class Distribution(Strict):
 
     @property
     def is_continuous(self) -> bool:
-        """Whether no two draws are alike."""
+        """Return whether no two draws are alike."""
         if self.normal is not None:
             return self.normal[1] > 0
         interval = self.uniform or self.log_uniform

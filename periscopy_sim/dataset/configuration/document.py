@@ -188,7 +188,7 @@ class Configuration(Strict):
 
     @property
     def geometries(self) -> int:
-        """Number of geometries; the last may be cut short."""
+        """Return the number of geometries; the last may be cut short."""
         return -(-self.count // self.samples_per_geometry)
 
 
@@ -230,7 +230,7 @@ def load_configuration(path: str | Path) -> Configuration:
         raise
     except yaml.YAMLError as error:
         raise ConfigurationError(
-            f"{path}{_place(error)}: {_problem(error)}; mend the YAML"
+            f"{path}{_place(error)}: {_problem(error)}; fix the YAML"
         ) from None
     except _MISTAKES as error:
         raise ConfigurationError(f"{path}: cannot be read as YAML: {error}") from None
@@ -245,7 +245,7 @@ def load_configuration(path: str | Path) -> Configuration:
 
 
 def _size(node: yaml.Node | None, known: dict[yaml.Node, int]) -> int:
-    """Count the entries of a document, those of an anchor again at each of its aliases.
+    """Return the number of entries of a document, those of an anchor again at each of its aliases.
 
     Refuses keys given twice, of which YAML readers commonly keep the last.
     """
@@ -283,7 +283,7 @@ def _problem(error: yaml.YAMLError) -> str:
 
 
 def _first_mistake(error: ValidationError | RecursionError, document: yaml.Node | None) -> str:
-    """Put the first of pydantic's complaints into words, with its line."""
+    """Return the first of pydantic's complaints in words, with its line."""
     if isinstance(error, RecursionError):
         return "is nested too deeply"
     mistakes = error.errors(include_url=False, include_context=False, include_input=False)
@@ -312,7 +312,7 @@ _IN_WORDS = {
 
 
 def _located(node: Any, location: tuple[int | str, ...]) -> tuple[list[int | str], int]:
-    """Follow pydantic's location through the document, past the names of its own."""
+    """Return the known part of pydantic's location in the document, and its line."""
     line, found = 1, []
     for part in location:
         if isinstance(node, yaml.MappingNode):

@@ -191,7 +191,7 @@ HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discr
 
 @lru_cache(maxsize=64)
 def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: ARG001
-    """List the pictures of a folder, sorted; remembered for each version of it.
+    """Return the pictures of a folder, sorted; remembered for each version of it.
 
     Raises
     ------
@@ -246,7 +246,7 @@ def _contrasting(rng: Rng) -> tuple[Array, Array]:
 
 
 def _outline(rng: Rng) -> Array:
-    """Corners of a shape of radius about 1, turned by a random angle: (n, 2) as (x, y)."""
+    """Return (n, 2) corners (x, y) of a shape of radius about 1, turned by a random angle."""
     kind = rng.choice(["ellipse", "rectangle", "triangle", "star"])
     turn = rng.uniform(0, 2 * np.pi)
     corners = {"ellipse": 48, "rectangle": 4, "triangle": 3, "star": 10}[str(kind)]
@@ -260,12 +260,12 @@ def _outline(rng: Rng) -> Array:
 
 
 def _reflected(places: Array, size: tuple[float, float]) -> Array:
-    """Fold straight paths into the image, as if its edges were mirrors."""
+    """Return straight paths folded into the image, as if its edges were mirrors."""
     return np.asarray(np.abs((places + size) % (2 * np.array(size)) - size))
 
 
 def _grid(shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Coordinates y and x of an oversampled image, in image heights."""
+    """Return coordinates y and x of an oversampled image, in image heights."""
     rows, columns = (OVERSAMPLING * size for size in shape)
     y = (np.arange(rows) + 0.5) / rows
     return y[:, None], (np.arange(columns) + 0.5) / rows
@@ -277,7 +277,7 @@ def _averaged(image: Array, shape: tuple[int, int]) -> Array:
 
 
 def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
-    """Share of each patch within a polygon given in image heights: (R, C, 1)."""
+    """Return the share of each patch within a polygon given in image heights: (R, C, 1)."""
     from PIL import Image, ImageDraw
 
     rows, columns = (OVERSAMPLING * size for size in shape)
@@ -287,7 +287,7 @@ def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
 
 
 def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -> Array:
-    """Share of each patch within letters: (R, C, 1)."""
+    """Return the share of each patch within letters: (R, C, 1)."""
     from PIL import Image, ImageDraw
 
     rows, columns = (OVERSAMPLING * size for size in shape)

@@ -16,7 +16,7 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Scenario
 
 Rendering = Callable[[str], AbstractContextManager[Callable[[float], None]]]
-"""Told of a condition that is rendered, gives what takes the fraction done."""
+"""Takes the condition that is rendered, gives what takes the fraction done."""
 
 
 def backgrounds_of(
@@ -26,7 +26,7 @@ def backgrounds_of(
     folder: Path,
     rendering: Rendering | None = None,
 ) -> Backgrounds:
-    """Gather the ambient light of every wall that is seen.
+    """Return the ambient light of every wall that is seen.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def backgrounds_of(
     folder
         Where rendered conditions are kept, in a folder for each view of a wall.
     rendering
-        Told of each that is not there yet.
+        Called with each that is not there yet.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def backgrounds_of(
 def _rendered(
     name: str, target: float, scenario: Scenario, folder: Path, seed: int, show: Rendering
 ) -> NDArray[np.float32]:
-    """Photograph a condition, once: the archive's attributes tell what it was made of."""
+    """Return a condition's photograph, rendered once."""
     from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.storage.ambient_library import find_condition
     from periscopy_sim.storage.formats.exr import read_exr, write_exr

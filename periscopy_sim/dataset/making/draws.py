@@ -98,7 +98,7 @@ class ClipDraw:
 
 
 def generator(configuration: Configuration, stream: int, number: int) -> np.random.Generator:
-    """Give the random generator of one of the streams above and a number in it."""
+    """Return the random generator of one of the streams above and a number in it."""
     return np.random.default_rng([configuration.seed, stream, number])
 
 
@@ -145,7 +145,7 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
 
 
 def random_seed(configuration: Configuration, stream: int, index: int) -> int:
-    """Give a seed of 31 bits to one of the streams above and a number in it."""
+    """Return a seed of 31 bits to one of the streams above and a number in it."""
     return int(generator(configuration, stream, index).integers(2**31))
 
 

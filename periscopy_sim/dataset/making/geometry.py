@@ -51,7 +51,7 @@ class Geometry:
 
 
 def scenario_of(configuration: Configuration, number: int) -> Scenario:
-    """Load the scene of a geometry.
+    """Return the scene of a geometry.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def scenario_of(configuration: Configuration, number: int) -> Scenario:
 
 
 def found_scene(configuration: Configuration, name: str) -> Path:
-    """Find a scene file, as seen from the configuration's folder, or a shipped one."""
+    """Return a scene file, as seen from the configuration's folder, or a shipped one."""
     from periscopy_sim.shipped import find_scene
 
     beside = configuration.folder / name
@@ -90,7 +90,7 @@ def found_scene(configuration: Configuration, name: str) -> Path:
 
 
 def geometry_of(configuration: str, number: int) -> Geometry:
-    """Render what all photographs of a geometry share; the last few are remembered.
+    """Return what all photographs of a geometry share; the last few are remembered.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def as_json(configuration: Configuration) -> str:
 
 
 def view_digest(scenario: Scenario) -> str:
-    """Tell walls apart that ambient light falls on differently; their colour aside."""
+    """Return what tells walls apart that ambient light falls on differently, colour aside."""
     digest = hashlib.sha256()
     for values in (scenario.wall_points, scenario.wall_normals, scenario.photograph_shape):
         digest.update(np.ascontiguousarray(np.round(values, 6)).tobytes())

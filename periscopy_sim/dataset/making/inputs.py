@@ -65,7 +65,7 @@ def resolved(configuration: Configuration) -> Configuration:
 
 
 def attributes_of(settings: Configuration, layout: Layout) -> dict[str, Any]:
-    """Tell all that the samples depend on, ready for JSON; where files lie does not matter.
+    """Return all that the samples depend on, ready for JSON; where files lie does not matter.
 
     Parameters
     ----------

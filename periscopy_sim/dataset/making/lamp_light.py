@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:
-    """Add the responses of the wall to point lights, each scaled to its mean over the wall.
+    """Return the wall's responses to point lights, each scaled to its mean over the wall, added.
 
     Σ_l p_l ψ(α_l) / mean ψ(α_l), with ψ of Eq. 4, see `point_light_response`.
 

@@ -73,7 +73,7 @@ def make_dataset(
         Called with the samples that are done and those that there will be, before each block is
         kept; what it raises stops the making.
     rendering
-        Told of each ambient condition that is rendered, gives what takes the fraction done.
+        Called with each ambient condition that is rendered, gives what takes the fraction done.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def _make_share(
 
 
 def _tasks(shares: Mapping[int, list[int]], wanted: int) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """Share the work: a geometry's blocks stay together unless workers would go idle."""
+    """Yield shares of the work: a geometry's blocks stay together unless workers would go idle."""
     pieces = max(1, -(-wanted // len(shares)))
     for geometry, blocks in shares.items():
         for part in np.array_split(blocks, min(pieces, len(blocks))):
@@ -209,7 +209,7 @@ def _layout(settings: Configuration, scenario: Scenario) -> Layout:
 
 
 def _of_count(configuration: Configuration, count: int) -> Configuration:
-    """Change the number of samples, which is checked as the file's own.
+    """Return a configuration of another number of samples, checked as the file's own.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def _of_count(configuration: Configuration, count: int) -> Configuration:
 
 
 def _checked_scenes(settings: Configuration, draws: Sequence[GeometryDraw]) -> Scenario:
-    """Load each scene once, and read the given ambient light; return the scenario of geometry 0.
+    """Return the scenario of geometry 0, once every scene and given ambient light was read.
 
     Raises
     ------

@@ -111,7 +111,7 @@ def make_samples(
 def _signals(
     configuration: Configuration, geometry: Geometry, hidden: Array, start: int
 ) -> NDArray[np.floating[Any]]:
-    """Photographs of the monitor's light alone, (n, rows, columns, 3)."""
+    """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
     scenario = geometry.scenario
     if geometry.transport is None:
         assert geometry.photographer is not None
@@ -131,7 +131,7 @@ def _signals(
 def _background(
     ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: Backgrounds
 ) -> Array | None:
-    """Ambient light on the wall, (rows, columns, 3), in any unit."""
+    """Return ambient light on the wall, (rows, columns, 3), in any unit."""
     colour = scenario.channel_gain
     if ambient.lamps is not None:
         places, powers = ambient.lamps
@@ -152,7 +152,7 @@ def _background(
 def _labels(
     configuration: Configuration, geometry: Geometry, clips: list[ClipDraw], start: int, stop: int
 ) -> Block:
-    """Give the variables of one value for each sample."""
+    """Return the variables of one value for each sample."""
     index = np.arange(start, stop)
     of_clips = {
         "sbr": np.array([clip.sbr for clip in clips]),

@@ -15,26 +15,11 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import check_count, decoding, listed, place_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
-_STRUCTURAL = frozenset(  # attributes that describe the pixels, which metadata must not replace
-    {
-        "channels",
-        "chunkCount",
-        "compression",
-        "dataWindow",
-        "deepImageState",
-        "displayWindow",
-        "lineOrder",
-        "maxSamplesPerPixel",
-        "name",
-        "pixelAspectRatio",
-        "screenWindowCenter",
-        "screenWindowWidth",
-        "tiles",
-        "type",
-        "version",
-        "view",
-    }
-)
+_STRUCTURAL = {  # attributes that describe the pixels, which metadata must not replace
+    *("channels", "chunkCount", "compression", "dataWindow", "deepImageState", "displayWindow"),
+    *("lineOrder", "maxSamplesPerPixel", "name", "pixelAspectRatio", "screenWindowCenter"),
+    *("screenWindowWidth", "tiles", "type", "version", "view"),
+}
 _LONGEST_NAME = 255  # characters, "long names" in the OpenEXR file layout
 _FLAT = ("scanlineimage", "tiledimage")
 
@@ -239,12 +224,12 @@ def _colour_channels(names: Sequence[str], place: Path) -> list[str]:
 
 
 def _attribute(value: str | float) -> str | NDArray[np.float64]:
-    """Value as OpenEXR takes it: Python floats become single precision, arrays stay double."""
+    """Return a value as OpenEXR takes it: a Python float would lose its double precision."""
     return value if isinstance(value, str) else np.array([value], dtype=np.float64)
 
 
 def _metadata(header: Mapping[str, Any]) -> dict[str, str | float]:
-    """Text and numbers of a header, doubles unpacked from the arrays they come in."""
+    """Return text and numbers of a header, doubles unpacked from the arrays they come in."""
     found: dict[str, str | float] = {}
     for name, value in header.items():
         if name in _STRUCTURAL:

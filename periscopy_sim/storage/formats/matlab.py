@@ -51,7 +51,7 @@ def read_matlab_counts(path: Path) -> Picture:
 def averaged_counts(
     colour: NDArray[np.float64], exposure: float, shape: tuple[int, int], name: str
 ) -> NDArray[np.float64]:
-    """Average the counts of a sensor down to a photograph, for each unit of exposure time.
+    """Return the counts of a sensor averaged down to a photograph, for each unit of exposure time.
 
     So files of one camera share a scale.
 
@@ -105,7 +105,7 @@ def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
 
 
 def block_means(image: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Average an image over equal blocks of pixels.
+    """Return an image averaged over equal blocks of pixels.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def read_tiff(path: Path, *_: object) -> Picture:
 
 
 def _png_header(path: Path) -> tuple[int, int, int]:
-    """Rows, columns and bit depth of a PNG file, once the checksums of all its chunks are right."""
+    """Return rows, columns and bit depth of a PNG file, its chunks' checksums compared."""
     import png
 
     with decoding(path, "PNG"):

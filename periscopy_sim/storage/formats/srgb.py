@@ -13,7 +13,7 @@ _ENCODED_END = 0.04045  # of the straight piece, encoded
 
 
 def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
-    """Encode linear light by the sRGB curve.
+    """Return linear light encoded by the sRGB curve.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
 
 
 def srgb_decode(encoded: ArrayLike) -> NDArray[np.float64]:
-    """Decode sRGB values to linear light.
+    """Return the linear light of sRGB values.
 
     Parameters
     ----------

@@ -108,7 +108,7 @@ def staged_folder(path: Path) -> Iterator[Path]:
 
 
 def _resolved(path: Path) -> Path:
-    """Absolute path, so that the block may change folder; symbolic links followed."""
+    """Return an absolute path, so that the block may change folder; symbolic links followed."""
     return Path(os.path.realpath(path))
 
 
@@ -206,7 +206,7 @@ def _merge(staged: Path, target: Path) -> None:
 
 @contextmanager
 def _reported(path: Path) -> Iterator[None]:
-    """Turn what the system says against `path` into an `OutputError`."""
+    """Raise what the system says against `path` as an `OutputError`."""
     try:
         yield
     except OutputError:
@@ -218,7 +218,7 @@ def _reported(path: Path) -> Iterator[None]:
 
 @contextmanager
 def out_of_space_reported(path: Path) -> Iterator[None]:
-    """Turn a full disk, met while the block writes, into an `OutputError`."""
+    """Raise a full disk, met while the block writes, as an `OutputError`."""
     try:
         yield
     except OSError as error:

@@ -44,15 +44,15 @@ class StoreLayout(Protocol):
 
     @property
     def what(self) -> str:
-        """What to call the store in messages: a sweep."""
+        """Return what to call the store in messages: a sweep."""
 
     @property
     def count(self) -> int | None:
-        """Entries, where these may become more from run to run; an attribute of the store."""
+        """Return the entries, where they may become more from run to run; None elsewhere."""
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
+        """Return the number of blocks."""
 
     def block(self, number: int) -> Block:
         """Return a block."""

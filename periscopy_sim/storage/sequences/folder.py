@@ -27,7 +27,7 @@ def folder_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | 
 
 
 def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
-    """List the pictures in a folder in natural order.
+    """Return the pictures in a folder in natural order.
 
     Returns
     -------
@@ -66,6 +66,6 @@ def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _natural(name: str) -> tuple[list[str | int], str]:
-    """Sort key by which frame2 comes before frame10: text and numbers in turn."""
+    """Return a sort key by which frame2 comes before frame10: text and numbers in turn."""
     pieces = re.split("([0-9]+)", name.lower())
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name

@@ -56,7 +56,7 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
 
 
 def _opened(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
-    """Count the frames, and tell what reads one."""
+    """Return the number of frames, and what reads one."""
     if path.is_dir():
         files, _ = files_of_one_kind(path)
         return len(files), lambda k: read_hidden_image(files[k], shape)

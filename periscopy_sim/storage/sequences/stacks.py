@@ -62,7 +62,7 @@ def npy_writer(
 
 
 def mapped_stack(path: Path) -> NDArray[Any]:
-    """Map an NPY file of any shape into memory; values are read as they are used.
+    """Return an NPY file of any shape as a memory map, read as it is used.
 
     Raises
     ------
