@@ -117,7 +117,10 @@ class Room:
 
     @staticmethod
     def camera(
-        size: tuple[int | str, int | str] = (5, 6), *, film: str = "hdrfilm", inside_film: str = ""
+        size: tuple[int | str, int | str] = (5, 6),
+        *,
+        film: str = "hdrfilm",
+        inside_film: str = '<rfilter type="box"/>',
     ) -> str:
         return (
             '<sensor type="orthographic" id="camera"><transform name="to_world">'
@@ -125,6 +128,20 @@ class Room:
             f'up="0, 0, 1"/></transform><film type="{film}">'
             f'<integer name="height" value="{size[0]}"/><integer name="width" value="{size[1]}"/>'
             f"{inside_film}</film></sensor>"
+        )
+
+    @staticmethod
+    def lens(
+        radius: float, focus: float, size: tuple[int, int] = (5, 6), *, angle: float = 17
+    ) -> str:
+        """A thin lens at (1.2, 0, 0.3), 27 degrees off the wall's normal, its angle in degrees."""
+        return (
+            f'<sensor type="thinlens" id="camera"><float name="fov" value="{angle}"/>'
+            f'<float name="aperture_radius" value="{radius}"/>'
+            f'<float name="focus_distance" value="{focus}"/><transform name="to_world">'
+            '<lookat origin="1.2, 0, 0.3" target="0.7, 1, 0.3" up="0, 0, 1"/></transform>'
+            f'<film type="hdrfilm"><integer name="height" value="{size[0]}"/>'
+            f'<integer name="width" value="{size[1]}"/><rfilter type="box"/></film></sensor>'
         )
 
     @staticmethod
@@ -159,6 +176,24 @@ class Room:
 @pytest.fixture
 def room(tmp_path: Path) -> Room:
     return Room(tmp_path)
+
+
+@pytest.fixture
+def mitsubas() -> Callable[..., list[np.ndarray]]:
+    """Render pictures of a scene file by Mitsuba alone, in grey: one a seed, of an integrator."""
+
+    def run(
+        path: Path, *, seeds: int = 8, samples: int = 1 << 14, **integrator: object
+    ) -> list[np.ndarray]:
+        import mitsuba as mi
+
+        scene, traced = mi.load_file(str(path)), mi.load_dict(integrator)
+        return [
+            np.array(mi.render(scene, integrator=traced, spp=samples, seed=seed)).mean(axis=2)
+            for seed in range(seeds)
+        ]
+
+    return run
 
 
 @pytest.fixture
