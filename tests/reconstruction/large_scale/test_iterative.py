@@ -104,7 +104,7 @@ def test_total_variation_recovers_an_edge_that_noise_hides_from_least_squares():
     error = np.linalg.norm(solved.image - TRUTH)
     assert error < 0.25 * np.linalg.norm(exact - TRUTH)
     assert error < 0.1 * np.linalg.norm(TRUTH)
-    assert solved.converged and solved.change <= 1e-4
+    assert solved.converged and solved.change <= 1e-3
 
 
 def test_any_amount_of_background_light_gives_the_same_image():
@@ -116,7 +116,7 @@ def test_any_amount_of_background_light_gives_the_same_image():
 
 
 def test_image_follows_the_unit_of_the_photograph():
-    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN)
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tolerance=1e-5)
     image = periscope.reconstruct(photograph())
     np.testing.assert_allclose(periscope.reconstruct(1e3 * photograph()), 1e3 * image, atol=1e-2)
 
