@@ -21,9 +21,9 @@ from .photographs.defects import defective_pixels
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
+from .reconstruction.noise_aware.portable import PortableNoiseAware
 from .reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
-from .reconstruction.preconditioned.portable import PortablePeriscope
 from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.preconditioned.repair import repair
 from .reconstruction.preconditioned.still import Periscope, Reconstruction
@@ -52,7 +52,7 @@ __all__ = [
     "NoiseAwareVideo",
     "Periscope",
     "PeriscopyError",
-    "PortablePeriscope",
+    "PortableNoiseAware",
     "Preconditioner",
     "Reconstruction",
     "Scenario",

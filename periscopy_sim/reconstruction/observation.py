@@ -114,24 +114,33 @@ class Observation:
             If a photograph has another size or is not finite where it is used.
         """
         photographs = _real(photographs)
-        size = photographs.shape[1:-1]
+        self.check_size(photographs.shape, photograph_shape)
+        values = photographs.reshape(len(photographs), self.pixels, 3)
+        if self.mask is not None:
+            values = values[:, self.mask.ravel()]
+        planes = np.moveaxis(values, -1, 1)
+        return _checked(np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64))
+
+    def check_size(
+        self, shape: tuple[int, ...], photograph_shape: tuple[int, int] | None = None
+    ) -> None:
+        """Refuse photographs of another shape than `planar` takes, or than the mask's."""
+        size = shape[1:-1]
         if photograph_shape is not None and len(size) == 2 and size != tuple(photograph_shape):
             raise ValueError(
                 f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
                 f"{photograph_shape[0]}x{photograph_shape[1]}"
             )
-        count = len(photographs)
-        if photographs.shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
+        if shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
             raise ValueError(
-                f"the photograph has shape {photographs.shape[1:]}; A has {self.pixels} rows, so "
+                f"the photograph has shape {shape[1:]}; A has {self.pixels} rows, so "
                 f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
             )
-        self._check_size(size)
-        values = photographs.reshape(count, self.pixels, 3)
-        if self.mask is not None:
-            values = values[:, self.mask.ravel()]
-        planes = np.moveaxis(values, -1, 1)
-        return _checked(np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64))
+        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
+                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
+            )
 
     def image(self, f: Array) -> Array:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
@@ -145,14 +154,6 @@ class Observation:
             rows, columns = self.mask.shape
             return rows, columns
         return photograph_shape
-
-    def _check_size(self, size: tuple[int, ...]) -> None:
-        """Refuse a photograph whose rows and columns are not those of the mask."""
-        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
-            raise ValueError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
-                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
-            )
 
 
 def _real(photograph: Image) -> Image:
