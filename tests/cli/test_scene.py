@@ -54,7 +54,7 @@ def test_monitor_that_faces_away_is_refused(edited_scene, refused):
         (None, "missing file"),
         (b"", "empty file"),
         (b"solid metal\n", "no PLY header"),
-        (1500, "cut short"),
+        (1500, "out of 1092 bytes"),
     ],
 )
 def test_unreadable_mesh_is_refused_by_name(content, message, edited_scene, refused, tmp_path):

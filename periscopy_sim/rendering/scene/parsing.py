@@ -86,6 +86,11 @@ def _file_of(props: Any, document: SceneDocument, path: Path) -> Path:
         check_mesh(file, plugin)
     except ValueError as error:
         raise SceneError(f"{where}: the file '{file}' {error}; export it again") from None
+    except RuntimeError as error:
+        reason = one_line(error).rpartition(f'of type "{plugin}": ')[2].rpartition("Mesh] ")[2]
+        raise SceneError(
+            f"{where}: the file '{file}' cannot be read ({reason}); export it again"
+        ) from None
     return file
 
 
