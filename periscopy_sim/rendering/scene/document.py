@@ -100,7 +100,10 @@ class _Reader:
 
     def __init__(self, scene: Path, parameters: Mapping[str, str]) -> None:
         self._scene = scene
-        self._values = dict(parameters)
+        self._values: dict[str, str] = {}
+        self._lengths: list[int] = []
+        for name, value in parameters.items():
+            self._set(name, value)
         self.defaults: dict[str, str] = {}
         self.named: list[Path | str] = []
         """Files in order, and names that plugins look for once all is parsed."""
@@ -126,7 +129,7 @@ class _Reader:
             match element.tag, attributes:
                 case "default", {"name": name, "value": value}:
                     self.defaults.setdefault(name, value)
-                    self._values.setdefault(name, value)
+                    self._set(name, value)
                 case "path", {"value": name}:
                     folders[:0] = self._found(name, nearer, Path.exists)
                 case "include", {"filename": name}:
@@ -146,19 +149,33 @@ class _Reader:
             self.missing.append(name)
         return [] if path is None else [path]
 
+    def _set(self, name: str, value: str) -> None:
+        """Take a parameter's value, unless it has one: the first counts."""
+        if "$" in value:
+            raise SceneError(
+                f"scene '{self._scene}': '{name}' has the value '{value[:80]}', whose '$' no "
+                "parameter before it fills in"
+            )
+        if name not in self._values:
+            self._values[name] = value
+            self._lengths = sorted({*self._lengths, len(name)}, reverse=True)
+
     def _filled(self, text: str) -> str:
         """Fill the values of parameters in, the longest names first, but for an escaped dollar."""
         if "$" not in text:
             return text
-        for name in sorted(self._values, key=len, reverse=True):
-            value = self._values[name]
-            if len(text) + text.count(f"${name}") * len(value) > LONGEST:
-                raise SceneError(
-                    f"scene '{self._scene}': with '${name}' filled in, a value has more than "
-                    f"{LONGEST} characters; shorten it"
-                )
-            text = re.sub(rf"(?<!\\)\${re.escape(name)}", value.replace("\\", r"\\"), text)
-        return text.replace("\\$", "$")
+        first, *parts = re.split(r"(?<!\\)\$", text)
+        filled = [first]
+        for part in parts:
+            names = (part[:length] for length in self._lengths)
+            name = next((name for name in names if name in self._values), "")
+            filled += [self._values.get(name, "$"), part[len(name) :]]
+        if sum(map(len, filled)) > LONGEST:
+            raise SceneError(
+                f"scene '{self._scene}': a value has more than {LONGEST} characters with "
+                "parameters filled in; shorten it"
+            )
+        return "".join(filled).replace("\\$", "$")
 
 
 def _first(
