@@ -1,4 +1,4 @@
-"""What a photograph tells of a hidden image: how strong its noise is, and whether it shows any."""
+"""Evidence of a hidden image in a photograph: its noise, its signal, and whether it shows any."""
 
 from __future__ import annotations
 

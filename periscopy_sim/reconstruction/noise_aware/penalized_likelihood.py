@@ -29,7 +29,7 @@ RIDGE = 0.01
 """Weight of K beside A⊥ᵀA⊥ in the image that the scale is taken from."""
 
 FARTHEST = 1e12
-"""A frame before that is brighter than this is as far away as can be: squares stay finite."""
+"""A frame before that is brighter is cut off here, so that squares stay finite."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Schedule:
     checked
         Iterations between two looks at the residuals.
     weak
-        SpectralBasis of curvature below this part of ρ, see `SpectralBasis.solver`, ...
+        Patterns of curvature below this part of ρ, see `SpectralBasis.solver`, ...
     renewed
         ... are summed anew after so many iterations.
     """
@@ -111,7 +111,7 @@ class Objective:
         previous: Image | None = None,
         l1_weight: float = 0.0,
     ) -> Minimum:
-        """Run the splitting.
+        """Return the minimizer that the splitting finds.
 
         Parameters
         ----------

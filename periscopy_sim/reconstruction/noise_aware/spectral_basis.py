@@ -1,4 +1,4 @@
-"""The linear equations behind `penalized_likelihood`, by the patterns of a scene.
+"""The linear equations behind `penalized_likelihood`, solved in the spectral basis of a scene.
 
 The patterns W_k are the generalized eigenvectors of A⊥ᵀA⊥ and K = ∇ᵀ∇ + I, their curvatures λ_k the
 eigenvalues. Found once, they solve (w A⊥ᵀA⊥ + ρ K) f = d + ρ g for any weight w of a channel, any ρ
@@ -24,7 +24,7 @@ Image = NDArray[np.floating[Any]]
 
 
 class SpectralBasis:
-    """The patterns of one scene.
+    """The generalized eigenvectors of one scene, its patterns.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ class SpectralBasis:
         self.inverse_laplacian = InverseLaplacian(shape)
 
     def combined(self, coefficients: Array) -> Image:
-        """Sum patterns, by (3, N) coefficients: (3, N)."""
+        """Return the sum of patterns by (3, N) coefficients, (3, N)."""
         nothing = np.zeros(coefficients.shape, np.float32)
         return filter_rows(nothing, self.rows, nothing, coefficients.astype(np.float32))
 
     def solver(self, weights: Array, ρ: float, data: Array, weak: float = 0.0) -> Solver:
-        """Prepare to solve the equations of three channels for many g.
+        """Return what solves the equations of three channels for many g.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class SpectralBasis:
         data
             (3, N) d_k.
         weak
-            SpectralBasis of w λ_k below this part of ρ are summed only when asked to.
+            Patterns of w λ_k below this part of ρ are summed only when asked to.
         """
         return Solver(self, weights[:, None] * self.curvatures, ρ, data, weak)
 
@@ -97,7 +97,7 @@ class Solver:
         self._kept: Image | None = None
 
     def __call__(self, g: Image, renew: bool = True) -> Image:
-        """Solve for (3, N) g in single precision, the weak patterns summed anew only if `renew`."""
+        """Return f of (3, N) g in single precision; weak patterns are summed anew if `renew`."""
         f = self._strong(g)
         if self._inverse is not None:
             if renew or self._kept is None:
@@ -116,14 +116,14 @@ class InverseLaplacian:
         self._U, self._V = (np.ascontiguousarray(each, np.float32) for each in (U, V))
 
     def __call__(self, vectors: Image) -> Image:
-        """Apply it to (K, R C) in single precision."""
+        """Return K⁻¹ of each of (K, R C) images in single precision."""
         images = vectors.reshape(-1, *self._gain.shape)
         inverse = self._U @ ((self._U.T @ images @ self._V) * self._gain) @ self._V.T
         return np.reshape(inverse, vectors.shape)
 
 
 def laplacian(shape: tuple[int, int]) -> Array:
-    """Form K = ∇ᵀ∇ + I for images of (R, C) patches, (N, N), of forward differences."""
+    """Return K = ∇ᵀ∇ + I for images of (R, C) patches, (N, N), of forward differences."""
     down, across = (second_differences(size) for size in shape)
     K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
     K[np.diag_indices_from(K)] += 1
@@ -131,6 +131,6 @@ def laplacian(shape: tuple[int, int]) -> Array:
 
 
 def second_differences(size: int) -> Array:
-    """Form ∇ᵀ∇ for a row of patches, (size, size)."""
+    """Return ∇ᵀ∇ for a row of patches, (size, size)."""
     differences = np.diff(np.eye(size), axis=0)
     return differences.T @ differences

@@ -24,7 +24,7 @@ Image = NDArray[Any]
 RELAXATION = 1.8
 
 BISECTIONS = 24
-"""As many as single precision tells apart."""
+"""Halvings after which single precision has no more digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +46,20 @@ class Splitting:
 
     @classmethod
     def zeros(cls, shape: tuple[int, int]) -> Splitting:
-        """Start from a black image of (R, C) patches, in single precision."""
+        """Return the start from a black image of (R, C) patches, in single precision."""
         fields = (np.zeros((2, 3, *shape), np.float32) for _ in range(2))
         images = (np.zeros((3, *shape), np.float32) for _ in range(2))
         (u, p), (v, q) = fields, images
         return cls(u, p, v, q)
 
     def scaled(self, image: float, multiplier: float) -> Splitting:
-        """Multiply what is of the image, and the multipliers over ρ, by numbers of their own."""
+        """Return it with the image's parts and the multipliers over ρ each times a number."""
         primal, dual = np.float32(image), np.float32(multiplier)
         return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
 
 
 def right_hand_side(split: Splitting) -> Image:
-    """Give ∇ᵀ(u − p) + v − q, (3, R C)."""
+    """Return ∇ᵀ(u − p) + v − q, (3, R C)."""
     g = np.empty_like(split.v)
     _set_right_hand_side(split.u, split.p, split.v, split.q, g)
     return g.reshape(3, -1)
@@ -73,7 +73,7 @@ def advance(
     previous: Image | None = None,
     pull: float = 0.0,
 ) -> tuple[float, float]:
-    """Update what is split off from a new f.
+    """Update u, v, p and q from a new f, and return the residuals.
 
     Parameters
     ----------

@@ -93,13 +93,13 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         return found.told()
 
     def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
-        """Apply A to many photographs in one product; see `FrameByFrame.begun`."""
+        """Yield what finishes each frame, A applied to many at once; see `FrameByFrame.begun`."""
         for start in range(0, len(photographs), BATCH):
             for evidence in self.method.evidence(np.asarray(photographs[start : start + BATCH])):
                 yield partial(self.finish, evidence)
 
     def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:
-        """Recover the next frame from its photograph's evidence."""
+        """Return the next frame, of its photograph's evidence."""
         if self.previous is None:
             found, split = self.method.recover(evidence)
         else:
