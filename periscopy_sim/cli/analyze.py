@@ -42,6 +42,7 @@ def analyze(
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
+    from periscopy_sim.reconstruction.observation import observation_of
     from periscopy_sim.storage.outputs.provenance import as_text
     from periscopy_sim.storage.outputs.staging import staged_folder
 
@@ -59,16 +60,16 @@ def analyze(
                 mask=used,
                 rank_tolerance=rank_tolerance,
             )
-            if used is not None:
-                A, B = A[used.ravel()], B[used.ravel()]
+            observed = observation_of(A, scenario.hidden_shape, mask=used)
+            seen, modelled = observed.used(A), observed.used(B)
             report(0.4)
             table = []
             for number, tolerance in enumerate(TOLERANCES, 1):
-                table.append(diagnostics.rank_row(A, B, tolerance))
+                table.append(diagnostics.rank_row(seen, modelled, tolerance))
                 report(0.4 + 0.6 * number / len(TOLERANCES))
         provenance = inputs.provenance_of(scenario, seed)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
-        noise = 1e-3 * float(A.sum(axis=1).mean())
+        noise = 1e-3 * float(seen.sum(axis=1).mean())
         maps = {
             "bounds": found.bounds,
             "bounds_without_background": found.bounds_without_background,

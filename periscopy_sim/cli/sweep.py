@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from periscopy_sim.cli import inputs
 from periscopy_sim.cli import photograph as photographs
@@ -27,21 +24,12 @@ from periscopy_sim.cli.arguments import (
     parse_ratios,
     require,
 )
-from periscopy_sim.cli.output import fixable, progress, say, to_be_continued, write_json
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.cli.output import fixable, progress, say, to_be_continued
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.lock import alone_in
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from periscopy_sim.scenario import Array, Scenario
-
-SETTINGS = "settings.json"
-RENDERED = ("A.npy", "photograph.exr", "ambient")
-STORE = "sweep.zarr"
-RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
-VARIED = ("ambient", "flips", "methods", "sbr", "snr", "seeds")
-"""Settings that nothing rendered follows from: they may change until there are results."""
 
 
 def sweep(
@@ -105,6 +93,8 @@ def sweep(
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
+    from periscopy_sim.evaluation.sweep_folder import RESULTS, check_folder, claim_folder
+    from periscopy_sim.evaluation.sweep_store import mean_errors
     from periscopy_sim.figures import panels
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.outputs.provenance import as_text
@@ -148,12 +138,12 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    _check_folder(out, settings)
+    check_folder(out, settings)
     if scheduler is not None:
         with workers.connect(scheduler):  # does it answer?
             pass
     with to_be_continued(), alone_in(out):
-        _claim_folder(out, settings)
+        claim_folder(out, settings)
         if not (out / "A.npy").is_file():
             matrices.transport(
                 scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
@@ -191,7 +181,8 @@ def sweep(
         with staged_file(out / "sweep.png") as file:
             text = as_text(inputs.provenance_of(scenario, seed))
             panels.draw_sweep(file, results, metadata=text)
-    _tell(results)
+    for line in mean_errors(results):
+        say(line)
     say(f"wrote {', '.join(str(out / name) for name in RESULTS)}")
 
 
@@ -200,45 +191,6 @@ def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
     record = inputs.provenance_of(scenario, None)
     left_out = ("command", "scene", "seed")
     return {name: value for name, value in record.items() if name not in left_out}
-
-
-def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
-    """Refuse a folder of other settings, or with files that are not known to be of these.
-
-    Until there are results, what is varied may differ from what the folder was made for.
-
-    Raises
-    ------
-    OutputError
-        Naming what differs.
-    """
-    from periscopy_sim.storage.outputs.resume import check_settings
-
-    file = out / SETTINGS
-    if file.is_file():
-        try:
-            held = dict(json.loads(file.read_text("utf-8")))
-        except (ValueError, TypeError, OSError):
-            raise OutputError(f"{file}: is damaged; name another folder") from None
-        if not (out / STORE).exists():
-            held |= {name: settings[name] for name in VARIED}
-        check_settings(held, settings, str(out), "sweep")
-        return
-    for name in (*RENDERED, *RESULTS):
-        if (out / name).exists():
-            raise OutputError(
-                f"{out} holds {name} but no {SETTINGS} that tells of what; name another folder"
-            )
-
-
-def _claim_folder(out: Path, settings: Mapping[str, Any]) -> None:
-    """Write down what all that follows in the folder belongs to."""
-    from periscopy_sim.storage.outputs.staging import staged_file
-
-    _check_folder(out, settings)  # again, now that nobody else writes there
-    if not (out / STORE).exists():
-        with staged_file(out / SETTINGS) as staged:
-            write_json(staged, settings)
 
 
 def _rendered(
@@ -252,27 +204,3 @@ def _rendered(
 
         rendered = ambient_photographs(names, scenario, folder, seed)
     return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
-
-
-def _tell(results: xr.Dataset) -> None:
-    """Print the mean error of each method at each SBR, and what failed."""
-    errors = results["mean_squared_error"].transpose("algorithm", "sbr", "background", "seed")
-    names = [str(name) for name in results["algorithm"].values]
-    width = max(18, *map(len, names))
-    say(f"{'mean squared error':{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values]))
-    for name, method in zip(names, errors.values, strict=True):
-        say(f"{name:{width}}" + _row([_mean(values) for values in method]))
-    failures = results["failure"].transpose("algorithm", ...).values.reshape(len(names), -1)
-    for name, messages in zip(names, failures, strict=True):
-        failed = messages[messages != ""]
-        if failed.size:
-            say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "".join(f"{cell:>9}" for cell in cells)
-
-
-def _mean(errors: NDArray[np.float64]) -> str:
-    seen = errors[np.isfinite(errors)]
-    return f"{seen.mean():.5f}" if seen.size else "failed"

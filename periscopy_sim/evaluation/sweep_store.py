@@ -6,7 +6,7 @@ A trial is one photograph reconstructed by every method.
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -223,3 +223,27 @@ def write_table(path: Path, results: xr.Dataset) -> None:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow((*LABELS, *columns))
         table.writerows((*place, *row) for place, *row in zip(places, *values, strict=True))
+
+
+def mean_errors(results: xr.Dataset) -> Iterator[str]:
+    """Yield lines of the mean error of each method at each SBR, and of what failed."""
+    errors = results["mean_squared_error"].transpose("algorithm", "sbr", "background", "seed")
+    names = [str(name) for name in results["algorithm"].values]
+    width = max(18, *map(len, names))
+    yield f"{'mean squared error':{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values])
+    for name, of_method in zip(names, errors.values, strict=True):
+        yield f"{name:{width}}" + _row([_mean(values) for values in of_method])
+    failures = results["failure"].transpose("algorithm", ...).values.reshape(len(names), -1)
+    for name, messages in zip(names, failures, strict=True):
+        failed = messages[messages != ""]
+        if failed.size:
+            yield f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "".join(f"{cell:>9}" for cell in cells)
+
+
+def _mean(errors: NDArray[np.float64]) -> str:
+    seen = errors[np.isfinite(errors)]
+    return f"{seen.mean():.5f}" if seen.size else "failed"

@@ -264,6 +264,7 @@ def test_weight_of_total_variation_reaches_every_method(method, light, reconstru
 
 
 MINE = """
+import sys
 import numpy as np
 
 class Mine:
@@ -281,6 +282,10 @@ class Wrong(Mine):
 class Raising(Mine):
     def reconstruct(self, photograph):
         raise RuntimeError("lost")
+
+class Leaving(Mine):
+    def reconstruct(self, photograph):
+        sys.exit(0)
 
 class Unfit:
     def __init__(self, scenario, A, B):
@@ -308,6 +313,7 @@ def test_own_method_that_breaks_its_promise_is_refused(refused, light, tmp_path)
     for name, told in {
         "Wrong": "failed on y.npy: ValueError: returned shape (24, 24, 3) instead of (4, 5, 3)",
         "Raising": f"failed on y.npy: RuntimeError: lost (mine.py:{number[LOST]})",
+        "Leaving": f"failed on y.npy: SystemExit: 0 (mine.py:{number['sys.exit(0)']})",
         "Unfit": f"cannot be fitted: KeyError: 'no' (mine.py:{number[UNFIT]})",
     }.items():
         method = f"mine.py:{name}"

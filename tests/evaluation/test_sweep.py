@@ -253,6 +253,20 @@ def test_complete_sweep_is_not_done_again(done):
     assert contents(folder) == before
 
 
+class Leaving:
+    """Calls `sys.exit`, as a script made into a method may."""
+
+    def reconstruct(self, _):
+        sys.exit(0)
+
+
+def test_method_that_exits_fails_alone(tmp_path):
+    found = run_sweep(sweep_of(methods={"leaving": Leaving(), "first": Linear(1)}), tmp_path)
+    assert (found["failure"].sel(algorithm="leaving") == "SystemExit: 0").all()
+    assert np.isnan(found["psnr"].sel(algorithm="leaving")).all()
+    assert np.isfinite(found["psnr"].sel(algorithm="first")).all()
+
+
 def test_store_of_an_older_version_is_refused_by_one_line(tmp_path):
     (tmp_path / "sweep.zarr" / "method").mkdir(parents=True)
     with pytest.raises(OutputError, match="called the dimension 'algorithm' 'method'; remove it"):
