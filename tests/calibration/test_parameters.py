@@ -78,6 +78,17 @@ def test_steps_and_spreads_are_the_first_doublings_that_change_enough(above):
     assert spread / step == 8
 
 
+def test_each_parameter_is_moved_alone():
+    class TwoLamps(Lamp):
+        names = ("one", "other")
+
+        def matrix(self, values):
+            return super().matrix(2 + np.abs(values - 2) @ [[1], [0.25]])
+
+    steps, spreads = steps_and_spreads(TwoLamps(linear), np.array([2.0, 2.0]))
+    assert steps[1] == 4 * steps[0] and spreads[1] == 4 * spreads[0]
+
+
 @pytest.mark.parametrize(
     ("lamp", "low", "high"),
     [
