@@ -20,7 +20,7 @@ from periscopy_sim.calibration.constraints import InFront
 from periscopy_sim.calibration.global_search import explore, points_visited
 from periscopy_sim.calibration.levenberg_marquardt import descend, settle
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
-from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values
+from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values, Visit
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -266,7 +266,7 @@ class _Log:
         self._progress = progress or (lambda _: None)
         self._visited: list[tuple[ResolutionLevel, list[tuple[Values, float]]]] = []
 
-    def at(self, level: ResolutionLevel) -> Callable[[Values, float], None]:
+    def at(self, level: ResolutionLevel) -> Visit:
         points: list[tuple[Values, float]] = []
         cost = self._costs[len(self._visited)]
         self._visited.append((level, points))

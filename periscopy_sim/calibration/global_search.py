@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values, Visit
 from periscopy_sim.scenario import Array
-
-Visit = Callable[[Values, float], None]
 
 GENERATIONS = 4
 ELITE = 10

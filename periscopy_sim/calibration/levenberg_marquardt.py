@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.calibration.fisher_information import UNSEEN, Curvature, curvature
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values, Visit
 from periscopy_sim.errors import SceneError
-
-Visit = Callable[[Values, float], None]
 
 DAMPING = 1e-3
 """The first: part of the curvature that is added to it."""

@@ -16,6 +16,7 @@ from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.scenario import Array, Scenario
 
 Values = NDArray[np.float64]
+Visit = Callable[[Values, float], None]
 
 COVERED = 0.5
 """Part of a coarse pixel that must be left by the mask; its mean is that of what is left."""
