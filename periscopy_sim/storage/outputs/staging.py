@@ -221,8 +221,16 @@ def out_of_space_reported(path: Path) -> Iterator[None]:
     """Raise a full disk, met while the block writes, as an `OutputError`."""
     try:
         yield
-    except OSError as error:
-        if error.errno in _OUT_OF_SPACE or _CUT_SHORT.search(str(error)):
-            reason = error.strerror or os.strerror(errno.ENOSPC)
+    except (OSError, RuntimeError) as error:  # the latter is OpenEXR's
+        if reason := _why_out_of_space(error):
             raise OutputError(f"cannot write {path}: {reason}; free some space") from error
         raise
+
+
+def _why_out_of_space(error: OSError | RuntimeError) -> str:
+    """Return what the system says of a full disk; empty where the error is another."""
+    if _CUT_SHORT.search(str(error)):
+        return os.strerror(errno.ENOSPC)
+    reasons = {number: os.strerror(number) for number in _OUT_OF_SPACE}
+    told = [text for text in reasons.values() if text in str(error)]
+    return reasons.get(getattr(error, "errno", None) or 0, told[0] if told else "")

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
+from periscopy_sim.storage.pictures import write_png
 
 
 def entries(folder: Path) -> set[str]:
@@ -129,26 +131,39 @@ def test_full_disk_is_the_users_to_fix(tmp_path):
         raise PermissionError(errno.EACCES, "of something else the block opened")
 
 
-def test_full_disk_that_numpy_meets_is_reported(tmp_path):
-    """NumPy's own message has no error number: a file that may not grow stands for a full disk."""
+def write_numpy(path):
+    with staged_file(path) as staged:
+        np.save(staged, np.ones(1 << 20))
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        write_numpy,  # whose message has no error number
+        lambda path: write_exr(path, np.random.default_rng(0).random((400, 400, 3)), {}),
+        lambda path: write_png(path, np.random.default_rng(0).random((400, 400, 3)), {}),
+    ],
+)
+def test_full_disk_is_reported_whatever_the_library_says(write, tmp_path):
+    """A file that may not grow stands for a full disk."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 16, limits[1]))
     try:
-        with (
-            pytest.raises(OutputError, match="free some space"),
-            staged_file(tmp_path / "A.npy") as staged,
-        ):
-            np.save(staged, np.ones(1 << 20))
+        with pytest.raises(OutputError, match="free some space"):
+            write(tmp_path / "A.npy")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     with pytest.raises(OutputError, match="free some space"), staged_file(tmp_path / "A"):
         raise OSError("8 requested and 4 written")
+    with pytest.raises(RuntimeError, match="another"), staged_file(tmp_path / "A"):
+        raise RuntimeError("another")
     assert entries(tmp_path) == set()
 
 
 STAGING = """
 import sys, time
 from pathlib import Path
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 with {staged}(Path(sys.argv[1])) as staged:
     (staged / "half" if "folder" in "{staged}" else staged).write_text("half")
