@@ -34,7 +34,9 @@ def draw_contact_sheet(
     rows: Sequence[tuple[str, Sequence[Image]]],
     *,
     titles: Sequence[str],
-    notes: Sequence[str],
+    notes: Sequence[str] | None = None,
+    columns: int | None = None,
+    fontsize: float = 9,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw rows of linear images, as in the paper's Fig. 7.
@@ -49,27 +51,35 @@ def draw_contact_sheet(
         What stands above each column.
     notes
         What stands beneath each column.
+    columns
+        Most columns beside each other; the others follow below. None: all.
+    fontsize
+        Of the text, in points.
     metadata
         Text chunks of a PNG, such as provenance.
     """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    columns = min(columns or len(titles), len(titles))
+    lines = -(-len(titles) // columns)
     aspects = [images[0].shape[0] / images[0].shape[1] for _, images in rows]
     width = 1.35
-    size = (width * len(titles) + 0.35, 1.06 * width * sum(aspects) + 0.6)
+    size = (width * columns + 0.35, lines * (1.06 * width * sum(aspects) + 0.6))
     layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.01)
     figure = Figure(figsize=size, layout=layout)
-    axes = figure.subplots(len(rows), len(titles), height_ratios=aspects, squeeze=False)
-    for line, (name, images) in zip(axes, rows, strict=True):
-        for ax, image in zip(line, images, strict=True):
-            ax.imshow(srgb_encode(image), interpolation="nearest", aspect="equal")
-            ax.set_xticks([])
-            ax.set_yticks([])
-            ax.spines[:].set_visible(False)
-        line[0].set_ylabel(name, fontsize=9)
-    for ax, title in zip(axes[0], titles, strict=True):
-        ax.set_title(title, fontsize=9)
-    for ax, note in zip(axes[-1], notes, strict=True):
-        ax.set_xlabel(note, fontsize=9)
+    axes = figure.subplots(lines * len(rows), columns, height_ratios=aspects * lines, squeeze=False)
+    for ax in axes.flat:
+        ax.set(xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+    for k, title in enumerate(titles):
+        line, column = divmod(k, columns)
+        below = axes[line * len(rows) : (line + 1) * len(rows), column]
+        for ax, (name, images) in zip(below, rows, strict=True):
+            ax.imshow(srgb_encode(images[k]), interpolation="nearest", aspect="equal")
+            if column == 0:
+                ax.set_ylabel(name, fontsize=fontsize)
+        below[0].set_title(title, fontsize=fontsize)
+        if notes is not None:
+            below[-1].set_xlabel(notes[k], fontsize=fontsize)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))

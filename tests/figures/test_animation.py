@@ -215,6 +215,17 @@ def test_sheet_shows_rows_beneath_each_other_and_frames_in_order(tmp_path):
     assert written[:, :left].any()
 
 
+def test_sheet_goes_on_below_where_columns_are_few(tmp_path):
+    rows = [("", [plain(COLOURS[k]) for k in range(3)]), ("", [plain(1)] * 3)]
+    path = tmp_path / "sheet.png"
+    draw_contact_sheet(path, rows, titles=["0", "1", "2"], columns=2)
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    first, second, third = (box(covers(pixels, code)) for code in CODES)
+    assert first[:2] == second[:2] and first[3] < second[2]
+    assert third[0] > 2 * first[1] - first[0] and abs(third[2] - first[2]) <= 2
+
+
 def test_import_brings_in_no_drawing_library():
     script = (
         "import sys, periscopy_sim.figures.animation, periscopy_sim.figures.contact_sheet\n"

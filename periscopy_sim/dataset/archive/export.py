@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 SHEET_SIZE, SHEET_COLUMNS = 24, 6
 """Samples on a contact sheet, and beside each other on it."""
 
-PATCHES = ("hidden_row", "hidden_column")
-
 
 def export_samples(
     path: str | Path,
@@ -50,6 +48,7 @@ def export_samples(
     DatasetError
         If a sample is not there.
     """
+    from periscopy_sim.figures.contact_sheet import draw_contact_sheet
     from periscopy_sim.storage.formats.exr import write_exr
     from periscopy_sim.storage.pictures import write_png
 
@@ -70,43 +69,18 @@ def export_samples(
             written += [f"{stem}.exr", f"{stem}.png"]
         if progress is not None:
             progress(done, len(indices))
-    draw_sheet(folder / "sheet.png", data, list(indices)[:SHEET_SIZE])
+    shown = [data.isel(sample=index) for index in indices[:SHEET_SIZE]]
+    draw_contact_sheet(
+        folder / "sheet.png",
+        [
+            ("photograph", [_shown(sample["photograph"].values, None) for sample in shown]),
+            ("hidden", [_shown(sample["hidden"].values, 1.0) for sample in shown]),
+        ],
+        titles=[_title(*each) for each in zip(shown, indices, strict=False)],
+        columns=SHEET_COLUMNS,
+        fontsize=5.5,
+    )
     return [*written, "sheet.png"]
-
-
-def draw_sheet(file: Path, data: xr.Dataset, indices: Sequence[int]) -> None:
-    """Draw photographs, each scaled to its brightest value, with the hidden image beneath each.
-
-    Parameters
-    ----------
-    file
-        A PNG file.
-    data
-        From `open_dataset`.
-    indices
-        Of the samples.
-    """
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    from periscopy_sim.storage.formats.srgb import srgb_encode
-
-    columns = min(len(indices), SHEET_COLUMNS)
-    lines = -(-len(indices) // columns)
-    aspects = [data.sizes[d] / data.sizes[w] for d, w in (("row", "column"), PATCHES)]
-    size = 1.7 * columns, (1.62 * sum(aspects) + 0.6) * lines
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(hspace=0.005, h_pad=0.01))
-    axes = figure.subplots(2 * lines, columns, height_ratios=aspects * lines, squeeze=False)
-    for ax in axes.flat:
-        ax.set_axis_off()
-    for place, index in enumerate(indices):
-        sample = data.isel(sample=index)
-        line, column = divmod(place, columns)
-        above, beneath = axes[2 * line : 2 * line + 2, column]
-        above.imshow(srgb_encode(_shown(sample["photograph"].values, None)))
-        above.set_title(_title(sample, index), fontsize=7)
-        beneath.imshow(srgb_encode(_shown(sample["hidden"].values, 1.0)), interpolation="nearest")
-    figure.savefig(file, dpi=160)
 
 
 def _labels(data: xr.Dataset) -> list[str]:
