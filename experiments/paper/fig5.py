@@ -103,7 +103,8 @@ def _table(setting: Setting, trials: dict[str, Trial]) -> Table:
         errors = [ps.mean_squared_error(image, truth) for image in (trial.image, trial.twin)]
         rows.append((PLACES[name], f"{100 * outside:.3f} %", *(f"{e:.4f}" for e in errors)))
     return Table(
-        f"Part of the light outside range(B), and mean squared errors at SBR {SBR}.",
+        "Part of the light outside range(B), Monte Carlo noise included, and mean squared errors "
+        f"at SBR {SBR}.",
         ("place", "outside range(B)", "proposed", "differencing"),
         rows,
     )

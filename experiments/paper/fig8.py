@@ -177,8 +177,8 @@ def _table(
     return Table(
         f"Estimates of the signal against the signal itself at SBR {SBR}, {SNR:.0f} dB. Penumbrae: "
         "with range(B) projected out, which is all that an estimate can know of the signal. The "
-        "background outside range(B), the noise and the errors are norms over that of the "
-        "penumbrae.",
+        "background outside range(B), its Monte Carlo noise included, the sensor's noise and the "
+        "errors are norms over that of the penumbrae.",
         ("background", "background outside range(B)", "noise", *estimates),
         [row(name) for name in photographs],
     )

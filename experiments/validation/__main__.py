@@ -193,7 +193,6 @@ CHECKS: dict[str, Callable[[], dict[str, Any]]] = {
     "point-light": check_point_light,
     "analytic": check_analytic,
     "preconditioner": solver.check_preconditioner,
-    "ranks": solver.check_ranks,
     "prox": solver.check_prox,
     "standard-errors": coverage.check_standard_errors,
     "times": solver.check_times,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.timing import median_seconds
-from periscopy_sim.evaluation.diagnostics import rank_row, residual_background, spectral_norm
+from periscopy_sim.evaluation.diagnostics import residual_background
 from periscopy_sim.reconstruction.total_variation.prox import divergence, gradient, total_variation
 
 Array = NDArray[np.float64]
@@ -21,15 +21,11 @@ def within(value: float, limit: float) -> dict[str, Any]:
     return {"value": value, "limit": limit, "ok": bool(value <= limit)}
 
 
-def _chair() -> tuple[NDArray[np.float32], Array]:
-    scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
-    return ps.render_transport(scene, samples=36), ps.point_light_backgrounds(scene)
-
-
 def check_preconditioner() -> dict[str, Any]:
     """Compare P at tolerance 1e-10 with pseudoinverses of [A, s Q] and of [A, B]."""
-    A32, B = _chair()
-    A = A32.astype(np.float64)
+    scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
+    A = ps.render_transport(scene, samples=36).astype(np.float64)
+    B = ps.point_light_backgrounds(scene)
     P = ps.form_preconditioner(A, B, rank_tolerance=1e-10)
     rng = np.random.default_rng(0)
     f, e = rng.random((A.shape[1], 3)), rng.random((B.shape[1], 3))
@@ -53,28 +49,6 @@ def check_preconditioner() -> dict[str, Any]:
         ),
         "largest |P A - I|, P factored": within(float(np.abs(P.apply(A) - identity).max()), 1e-8),
     }
-
-
-def check_ranks() -> dict[str, Any]:
-    """Tabulate the rank tolerance of B: residual background, noise gain, noise-free recovery."""
-    A, B = _chair()
-    rng = np.random.default_rng(0)
-    f, e = rng.random((A.shape[1], 3)), rng.random((B.shape[1], 3))
-    background = B @ e
-    signal = A.astype(np.float64) @ f
-    y = signal / signal.mean() + background / background.mean()
-    f = f / signal.mean()
-    rows = {}
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14):
-        P = ps.form_preconditioner(A, B, rank_tolerance=tolerance)
-        row = rank_row(A, B, tolerance)
-        identity = np.abs(P.matrix() @ P.A - np.eye(A.shape[1])).max()
-        rows[f"{tolerance:.0e}"] = (
-            f"rank {row['rank']:3.0f}  residual {row['residual_background']:.1e}  "
-            f"error of f {_relative(P.apply(y), f):.1e}  |PA - I| {identity:.1e}  "
-            f"trace(PP') {row['noise_gain']:.5e}  |P| {spectral_norm(P):.4e}"
-        )
-    return rows
 
 
 def check_prox() -> dict[str, Any]:
