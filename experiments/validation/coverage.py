@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.validation.solver import within
-from periscopy_sim.dataset.configuration.distributions import Quantity
+from periscopy_sim.dataset.configuration.distributions import Distribution
 from periscopy_sim.dataset.configuration.hidden_sources import Shapes, Smooth
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ LARGEST_BIAS = 0.05
 def field(exponent: float) -> Callable[[np.random.Generator], Array]:
     """Return what draws coloured random fields whose amplitude falls with a power of frequency."""
     source = Smooth(
-        kind="smooth", exponent=Quantity(value=exponent), saturation=Quantity(value=0.3)
+        kind="smooth", exponent=Distribution(value=exponent), saturation=Distribution(value=0.3)
     )
     return lambda rng: source.draw(rng, HIDDEN, 1)[0]
 
