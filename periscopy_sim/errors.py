@@ -1,4 +1,4 @@
-"""What a user can mend: each error says what is wrong, where, and what would mend it."""
+"""What a user can fix: each error says what is wrong, where, and what would fix it."""
 
 _LONGEST = 900
 """Characters of a message; it may quote what a damaged or hostile file holds."""

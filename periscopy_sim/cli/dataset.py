@@ -122,7 +122,7 @@ def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
-    """Tell a data set's sizes, what is done of it, and what its samples are."""
+    """Print a data set's sizes, what is done of it, and what its samples are."""
     import json
 
     from periscopy_sim.dataset.archive.reading import describe
@@ -205,7 +205,7 @@ def parse_indices(text: str, count: int) -> list[int]:
 
 
 def _warn_of_empty_splits(data: Path, splits: Splits) -> None:
-    """Tell splits that were asked for and have no geometry."""
+    """Warn of splits that were asked for and have no geometry."""
     from periscopy_sim.dataset.archive.reading import open_dataset
 
     found = set(open_dataset(data)["geometry_split"].values.tolist())

@@ -142,7 +142,7 @@ def photograph(
 
 
 def _sensor(electrons: float | None, chosen: Mapping[str, Any]) -> Sensor | None:
-    """Make the sensor that was asked for; None if none was.
+    """Return the sensor that was asked for; None if none was.
 
     Raises
     ------

@@ -145,7 +145,7 @@ def spectral_norm(P: Preconditioner) -> float:
 def rank_row(
     A: NDArray[np.floating[Any]], B: NDArray[np.floating[Any]], rank_tolerance: float
 ) -> dict[str, float]:
-    """Tell what one rank tolerance of B costs and leaves.
+    """Return what one rank tolerance of B costs and leaves.
 
     Returns
     -------

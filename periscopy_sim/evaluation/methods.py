@@ -84,7 +84,7 @@ def find_method(name: str) -> Factory:
 
 
 def source_sha256(name: str) -> str | None:
-    """Digest of the file that a user's own method comes from; None for one of `METHODS`.
+    """Return the digest of the file that a user's own method comes from; None for one of `METHODS`.
 
     Raises
     ------
@@ -281,7 +281,7 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def _takes_mask(fit: Factory, name: str) -> bool:
-    """Tell whether a callable accepts the keyword `mask`, and warn if not."""
+    """Return whether a callable accepts the keyword `mask`, and warn if not."""
     try:
         inspect.signature(fit).bind(None, None, None, mask=None)
     except TypeError:

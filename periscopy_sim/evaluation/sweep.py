@@ -126,7 +126,7 @@ class Sweep:
         }
 
     def photograph(self, background: str, sbr: float, seed: int) -> Array:
-        """Make one measurement (Sec. 4.1).
+        """Return one measurement (Sec. 4.1).
 
         Its noise follows from its own labels and the sweep's seed, so that it stays the same
         whatever else is swept.
@@ -159,7 +159,7 @@ class Sweep:
         return image if self.mask is None else image[self.mask]
 
     def configuration(self) -> dict[str, Any]:
-        """Tell all that the results depend on; arrays by their digests."""
+        """Return all that the results depend on; arrays by their digests."""
         return {
             **self.conditions,
             **{f"{name}s": values for name, values in self.labels().items()},
@@ -173,7 +173,7 @@ class Sweep:
 
 
 def array_sha256(array: NDArray[Any]) -> str:
-    """Digest of an array's shape, type and values."""
+    """Return the digest of an array's shape, type and values."""
     state = hashlib.sha256(f"{array.shape} {array.dtype.str}".encode())
     state.update(np.ascontiguousarray(array).data)
     return state.hexdigest()
