@@ -7,7 +7,7 @@ import pytest
 
 from periscopy_sim.calibration.fisher_information import BLOCKS, Curvature, curvature
 from periscopy_sim.calibration.levenberg_marquardt import descend, settle
-from tests.calibration.conftest import NEAREST, PIXELS, TRUTH
+from tests.calibration.conftest import NEAREST, PIXELS, TRUTH, transport
 
 STEPS = np.array([0.01, 0.01])
 LONGEST = np.array([0.1, 0.1])
@@ -31,6 +31,24 @@ def test_scores_are_summed_over_squares_of_the_photograph(slat_level):
         assert list(np.flatnonzero(scores.any(axis=1))) == [down * BLOCKS + across]
 
 
+def test_each_parameter_has_its_own_derivatives(slat_level):
+    level = slat_level(0.01, seed=0)
+    explanation = level.explain(TRUTH)
+    about = curvature(level, TRUTH, explanation, STEPS / 4)
+    residuals = explanation.residuals / explanation.noise
+    changes = [
+        (transport(TRUTH + step) - transport(TRUTH - step)) / (2 * step.sum())
+        for step in np.diag(STEPS / 4)
+    ]
+    for k, change in enumerate(changes):
+        projected = explanation.projected_jacobian(change)
+        assert about.slope[k] == pytest.approx(explanation.slope(change) / 2)
+        assert about.scores.sum(axis=0)[k] == pytest.approx(np.vdot(projected, residuals))
+        for j, other in enumerate(changes):
+            expected = np.vdot(projected, explanation.jacobian(other))
+            assert about.information[k, j] == pytest.approx(expected)
+
+
 def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
     clean, noisy = slat_level(0.01, seed=1), slat_level(0.01, seed=1, rendering=4e-4)
     there = clean.explain(TRUTH)
@@ -38,6 +56,7 @@ def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
     about = curvature(noisy, TRUTH, there, STEPS / 4)
     assert (about.noisy_diagonal > 1.5 * expected).all()  # what one rendering alone would tell
     np.testing.assert_allclose(np.diag(about.information), expected, rtol=0.5)
+    np.testing.assert_array_equal(about.information, about.information.T)
 
 
 def told(information, **known):
