@@ -47,6 +47,7 @@ def test_each_parameter_has_its_own_derivatives(slat_level):
         for j, other in enumerate(changes):
             expected = np.vdot(projected, explanation.jacobian(other))
             assert about.information[k, j] == pytest.approx(expected)
+    np.testing.assert_allclose(about.noisy_diagonal, np.diag(about.information))
 
 
 def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
