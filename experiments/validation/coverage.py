@@ -84,7 +84,7 @@ def check_standard_errors() -> dict[str, Any]:
                 y, scale = signal / signal.mean(), 1 / signal.mean()
                 if method is lit:
                     y, scale = ps.composite(signal, ambient, SBR), scale * SBR / (1 + SBR)
-                found.append(_row(method, ps.add_noise(y, snr, seed), f * scale))
+                found.append(numbers(method, ps.add_noise(y, snr, seed), f * scale))
             mean = np.mean(found, axis=0)
             error = np.std(found, axis=0, ddof=1) / np.sqrt(len(found))
             size = np.sqrt(mean[2])
@@ -104,7 +104,7 @@ def check_standard_errors() -> dict[str, Any]:
     }
 
 
-def _row(method: ps.NoiseAware, photograph: Array, truth: Array) -> list[float]:
+def numbers(method: ps.NoiseAware, photograph: Array, truth: Array) -> list[float]:
     """Return the shares of |z| below 1 and 2, the mean square, the largest, and the light."""
     found = method.solve(photograph)
     z = np.abs(found.image - truth) / method.standard_errors(found)
