@@ -226,42 +226,21 @@ def checked_mask(
     transport_shape: tuple[int, ...],
     photograph_shape: tuple[int, int] | None = None,
 ) -> Mask:
-    """Check that a mask fits A and leaves enough of it; see `check_mask`.
+    """Check that a mask fits A and leaves enough of it.
+
+    Parameters
+    ----------
+    mask
+        Boolean, (rows, columns) or (M,).
+    transport_shape
+        (M, N) of A.
+    photograph_shape
+        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
 
     Returns
     -------
     ndarray
         A copy of the mask.
-    """
-    checked = np.array(mask)
-    is_boolean = checked.dtype == np.bool_
-    check_mask(
-        checked.shape if is_boolean else None,
-        int(np.count_nonzero(checked)),
-        transport_shape,
-        photograph_shape,
-    )
-    return checked
-
-
-def check_mask(
-    shape: tuple[int, ...] | None,
-    count: int,
-    transport_shape: tuple[int, ...],
-    photograph_shape: tuple[int, int] | None = None,
-) -> None:
-    """Check that a mask fits A and leaves enough of it.
-
-    Parameters
-    ----------
-    shape
-        Of the mask, which must be (rows, columns) or (M,); None if it is not boolean.
-    count
-        M', how many of its entries are True.
-    transport_shape
-        (M, N) of A.
-    photograph_shape
-        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
 
     Raises
     ------
@@ -269,8 +248,10 @@ def check_mask(
         If it is not boolean, has another shape, leaves nothing, or leaves fewer pixels than patches
         where the whole photograph has as many.
     """
-    if shape is None:
+    checked = np.array(mask)
+    if checked.dtype != np.bool_:
         raise ValueError("the mask must be boolean, True where the wall is to be used")
+    shape, count = checked.shape, int(np.count_nonzero(checked))
     pixels, patches = transport_shape
     rectangular = shape if photograph_shape is None else tuple(photograph_shape)
     is_rectangular = len(shape) == 2 and shape == rectangular
@@ -287,3 +268,4 @@ def check_mask(
             f"the mask leaves {count} pixels for {patches} patches: leave out less of the wall, or "
             "use fewer patches"
         )
+    return checked

@@ -1,6 +1,6 @@
 """Isotropic total variation and its proximal operators: Eq. 11, its video form, and Eq. 12.
 
-`solve_total_variation` tells how they are computed; the loops are in `gradient_projection`.
+`solve_total_variation` tells how they are computed; the loops are in `dual_solver`.
 
 References
 ----------
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.numerics.threads import in_parallel, ranges
 from periscopy_sim.numerics.validation import checked_companion, checked_image
-from periscopy_sim.reconstruction.total_variation.channels import denoise_channels
+from periscopy_sim.reconstruction.total_variation.dual_solver import denoise_channels
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]  # of the type of the image given
@@ -313,22 +313,11 @@ def solve_total_variation(
         dual[:] = start
     iterations = np.zeros(len(weights), dtype=np.int64)
     gaps = np.zeros(len(weights))
+    stop = float(tolerance), int(max_iterations)
 
     def denoise(part: tuple[int, int]) -> None:
-        denoise_channels(
-            g,
-            p,
-            weights,
-            l1_weights,
-            w,
-            float(tolerance),
-            int(max_iterations),
-            *part,
-            denoised,
-            dual,
-            iterations,
-            gaps,
-        )
+        told = denoised, dual, iterations, gaps
+        denoise_channels(g, p, weights, l1_weights, w, stop, part, *told)
 
     if g.size < _SMALL:
         denoise((0, len(weights)))

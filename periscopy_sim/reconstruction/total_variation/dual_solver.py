@@ -1,4 +1,4 @@
-"""Total variation's dual problem by accelerated gradient projection, in compiled loops.
+"""Total variation's proximal operators in compiled loops: its dual problem, channel by channel.
 
 Minimized over f is
 
@@ -11,6 +11,9 @@ For a given q the best s is known, −s shrinks g + div q − p towards zero by 
 iterated upon: by projected gradient steps of 1/‖∇‖², with Nesterov's momentum (FGP, Beck and
 Teboulle 2009), which is dropped whenever it points uphill (O'Donoghue and Candès 2015). The
 duality gap is then Σ(τ|∇f| − ∇f·q), whose terms are all non-negative.
+
+Each channel is first shifted and scaled to mean 0 and peak 1. Where the answer is known, it is
+given without iterating.
 
 Images are flat in the loops. The neighbour that lies `stride` entries on may belong to the next
 row or frame, but there the difference, and with it the dual field, is zero: `inside` holds 1
@@ -26,43 +29,192 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.compilation import compiled_reordered
 
 Array = NDArray[Any]
+Bounds = tuple[float, float]
+"""τ and τ₂."""
+
+Stop = tuple[float, int]
+"""The relative duality gap to stop at, and the number of iterations to give up after."""
+
+_RESOLVED = 16
+"""Relative duality gaps below this many roundings are left to double precision."""
 
 _GAP_INTERVAL = 10
 
 
 @compiled_reordered
-def minimize(
-    g: Array,
-    p: Array,
-    shape: tuple[int, int, int],
-    bound: float,
-    l1_bound: float,
+def denoise_channels(
+    images: Array,
+    previous: Array,
+    weights: NDArray[np.float64],
+    l1_weights: NDArray[np.float64],
     temporal_weight: float | None,
-    tolerance: float,
-    max_iterations: int,
-    relative_dual: Array,
-) -> tuple[Array, int, float]:
-    """Minimize ½‖f − g‖₂² + τ Σ|∇f| + τ₂‖f − p‖₁ for one channel, of numbers near 1.
+    stop: Stop,
+    part: tuple[int, int],
+    denoised: Array,
+    duals: Array,
+    iterations: NDArray[np.int64],
+    gaps: NDArray[np.float64],
+) -> None:
+    """Denoise some of the channels of a stack of images, each on its own.
 
     Parameters
     ----------
-    g, p
-        (frames · rows · columns,) of the same type.
-    shape
-        (frames, rows, columns).
-    bound, l1_bound
-        τ > 0 and τ₂ ≥ 0.
-    temporal_weight, tolerance, max_iterations
-        As in `dual_ascent.denoise_channels`.
-    relative_dual
-        (axes, frames · rows · columns) q/τ, to start from; receives that of f.
+    images
+        (stack, frames, rows, columns, channels) float32 or float64, finite: g. Without
+        `temporal_weight`, frames is 1.
+    previous
+        p, of the same shape and type; not read where λ₂ is 0.
+    weights, l1_weights
+        (stack · channels,) λ = 2τ and λ₂ = 2τ₂ of each channel.
+    temporal_weight
+        w > 0; None for images without time.
+    stop
+        When to stop.
+    part
+        First and last + 1 of the stack · channels to solve.
+    denoised
+        Like the images: receives f.
+    duals
+        (stack · channels, axes, frames · rows · columns) q/τ, to start from; receives that of f.
+        Where f is known without iterating, it is left as it is.
+    iterations, gaps
+        (stack · channels,) receive the iterations taken and the relative duality gaps.
+    """
+    for k in range(part[0], part[1]):
+        which, channel = k // images.shape[4], k % images.shape[4]
+        g = p = _flat(images, which, channel)
+        if l1_weights[k] > 0:
+            p = _flat(previous, which, channel)
+        f = denoised[which, :, :, :, channel]
+        bounds = weights[k] / 2, l1_weights[k] / 2
+        iterations[k], gaps[k] = _denoise_channel(g, p, bounds, temporal_weight, stop, f, duals[k])
 
-    Returns
-    -------
-    tuple
-        f, the iterations taken and the relative duality gap.
+
+@compiled_reordered
+def _denoise_channel(
+    g: NDArray[np.float64],
+    p: NDArray[np.float64],
+    bounds: Bounds,
+    temporal_weight: float | None,
+    stop: Stop,
+    denoised: Array,
+    dual: Array,
+) -> tuple[int, float]:
+    """Shift and scale one channel to mean 0 and peak 1, where no sum can over- or underflow."""
+    shape = denoised.shape
+    rounding = float(np.finfo(denoised.dtype).eps)
+    mean = _mean(g)
+    peak = max(_peak(g, mean), _peak(p, mean))
+    bound, l1_bound = bounds
+    largest = (4 if temporal_weight is None else 4 + 2 * temporal_weight) * bound  # of |div q|
+    if peak == 0 or largest <= rounding * peak:
+        denoised[:] = _shrunk(g, p, l1_bound).reshape(shape)
+        return 0, 0.0
+    g, p = (g - mean) / peak, (p - mean) / peak
+    bound = bound / peak
+    l1_bound = min(l1_bound, 2 * peak + largest) / peak  # |g + div q − p|, which gives p already
+    if l1_bound == 0 and bound >= _flattening_bound(g.reshape(shape), temporal_weight):
+        denoised[:] = mean
+        return 0, 0.0
+
+    # Where div q nearly cancels g, it is the roundings of q that count.
+    energy = _energy(g)
+    rounded = max(energy, _energy(p)) + 2 * len(g) * bound**2
+    bounds = bound, l1_bound
+    if _RESOLVED * rounding * rounded <= stop[0] * energy:
+        own, own_p = g.astype(denoised.dtype), p.astype(denoised.dtype)
+        f, iterations, gap = _minimize(own, own_p, shape, bounds, temporal_weight, stop, dual)
+        denoised[:] = (mean + peak * f).reshape(shape)
+    else:
+        wide, iterations, gap = _minimize(g, p, shape, bounds, temporal_weight, stop, dual)
+        denoised[:] = (mean + peak * wide).reshape(shape)
+    return iterations, gap
+
+
+@compiled_reordered
+def _flat(images: Array, which: int, channel: int) -> NDArray[np.float64]:
+    return images[which, :, :, :, channel].astype(np.float64).ravel()
+
+
+@compiled_reordered
+def _mean(values: NDArray[np.float64]) -> float:
+    """Average; of equal values exactly their value."""
+    first: float = values[0]
+    total = 0.0
+    for deviation in values - first:
+        total += deviation
+    return first + total / len(values)
+
+
+@compiled_reordered
+def _peak(values: NDArray[np.float64], mean: float) -> float:
+    peak = 0.0
+    for value in values:
+        peak = max(peak, abs(value - mean))
+    return peak
+
+
+@compiled_reordered
+def _energy(values: NDArray[np.float64]) -> float:
+    energy = 0.0
+    for value in values:
+        energy += value * value
+    return energy
+
+
+@compiled_reordered
+def _shrunk(values: Array, towards: Array, by: float) -> Array:
+    """Move each value towards another by a given amount, at most onto it (soft threshold)."""
+    result = np.empty_like(values)
+    for n in range(len(values)):
+        distance = values[n] - towards[n]
+        result[n] = values[n] - math.copysign(by, distance) if abs(distance) > by else towards[n]
+    return result
+
+
+@compiled_reordered
+def _flattening_bound(deviation: NDArray[np.float64], temporal_weight: float | None) -> float:
+    """Return a τ from which on the minimizer is the mean, for an image of mean zero.
+
+    Any field q with div q = −g makes f = g + div q = 0 optimal for τ ≥ max|q| (Meyer's G-norm is
+    the least such τ). Up to its sign, this q carries each row's deviations along the row, what
+    their mean leaves over down the rows, and what the frame's mean leaves over through time.
+    """
+    frames, rows, columns = deviation.shape
+    ahead = 0.0
+    longest = 0.0
+    for t in range(frames):
+        frame_mean = _mean(deviation[t].ravel())
+        if temporal_weight is not None:
+            ahead += frame_mean / temporal_weight
+        down = 0.0
+        for i in range(rows):
+            row_mean = _mean(deviation[t, i])
+            down += row_mean - frame_mean
+            across = 0.0
+            for j in range(columns):
+                across += deviation[t, i, j] - row_mean
+                longest = max(longest, across * across + down * down + ahead * ahead)
+    return math.sqrt(longest)
+
+
+@compiled_reordered
+def _minimize(
+    g: Array,
+    p: Array,
+    shape: tuple[int, int, int],
+    bounds: Bounds,
+    temporal_weight: float | None,
+    stop: Stop,
+    relative_dual: Array,
+) -> tuple[Array, int, float]:
+    """Minimize for one channel of numbers near 1, from q/τ, which receives that of f.
+
+    Returns f, the iterations taken and the relative duality gap.
     """
     frames, rows, columns = shape
+    bound, l1_bound = bounds
+    tolerance, max_iterations = stop
     axes = len(relative_dual)
     margin = columns if temporal_weight is None else rows * columns
     inside = _inside(g, shape, axes)
@@ -87,7 +239,7 @@ def minimize(
             t = 1.0
         if iteration % _GAP_INTERVAL == 0 or iteration == max_iterations:
             _apply_dual(g, p, l1_bound, dual, columns, temporal_weight, f)
-            gap = _relative_gap(g, p, f, inside, bound, l1_bound, dual, columns, temporal_weight)
+            gap = _relative_gap(g, p, f, inside, bounds, dual, columns, temporal_weight)
     relative_dual[:] = dual[:, margin:] / g.dtype.type(bound)
     return f[: len(g)], iteration, gap
 
@@ -202,13 +354,13 @@ def _relative_gap(
     p: Array,
     f: Array,
     inside: Array,
-    bound: float,
-    l1_bound: float,
+    bounds: Bounds,
     dual: Array,
     columns: int,
     temporal_weight: float | None,
 ) -> float:
     """Return the duality gap over the primal objective at f, summed in double precision."""
+    bound, l1_bound = bounds
     margin = dual.shape[1] - len(g)
     below, right = f[columns:], f[1:]
     has_below, has_right = inside[0], inside[1]

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.total_variation.channels import denoise_channels
+from periscopy_sim.reconstruction.total_variation.dual_solver import denoise_channels
 from periscopy_sim.reconstruction.total_variation.prox import (
     prox_total_variation,
     solve_total_variation,
