@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,8 @@ def analytic_transport(
     if samples < 1:
         raise ValueError(f"{samples} samples: the number must be positive")
     report = progress or (lambda _: None)
-    column = _make_columns(scenario, samples)
+    stopped = Event()
+    column = _make_columns(scenario, samples, stopped)
     A = np.empty(scenario.transport_shape, np.float32)
     patches = A.shape[1]
     pool = ThreadPoolExecutor(os.cpu_count())
@@ -72,12 +74,15 @@ def analytic_transport(
             A[:, j] = values
             report((j + 1) / patches)
     finally:
+        stopped.set()  # after an interrupt, no thread goes on with its column
         pool.shutdown(cancel_futures=True)
     return A
 
 
-def _make_columns(scenario: Scenario, samples: int) -> Callable[[int], NDArray[np.float32]]:
-    """Return the function that computes column j of A, (M,)."""
+def _make_columns(
+    scenario: Scenario, samples: int, stopped: Event
+) -> Callable[[int], NDArray[np.float32]]:
+    """Return the function that computes column j of A, (M,), until it is told to stop."""
     from periscopy_sim.analytic.shadow import lit_points
 
     emission, reflectance = _check_closed_forms(scenario)
@@ -95,6 +100,8 @@ def _make_columns(scenario: Scenario, samples: int) -> Callable[[int], NDArray[n
         edges = np.stack([scenario.patch_across[j], scenario.patch_up[j]])
         total = np.zeros(len(order))
         for q in scenario.patch_centers[j] + offsets @ edges:
+            if stopped.is_set():
+                break
             across, up, ahead = along_axes - (axes @ q)[:, None]
             foot, height = np.split(_wall_coordinates(wall, q), [2])
             squared = np.sum((plane - foot[:, None]) ** 2, axis=0) + height**2

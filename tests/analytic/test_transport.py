@@ -1,5 +1,8 @@
+import signal
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -397,3 +400,13 @@ def test_the_ray_tracer_agrees(monkeypatch):
     assert 0.3 < sunny.mean() < 0.95
     np.testing.assert_allclose(A[sunny], rendered[sunny], rtol=1e-4)
     assert np.linalg.norm(A - rendered) < 0.01 * np.linalg.norm(rendered)
+
+
+def test_interrupt_stops_the_columns_that_are_begun():
+    scenario = make_scenario()
+    analytic_transport(scenario, samples=1)  # compiles
+    start = time.monotonic()
+    threading.Timer(0.3, signal.raise_signal, (signal.SIGINT,)).start()
+    with pytest.raises(KeyboardInterrupt):
+        analytic_transport(scenario, samples=10**7)  # hours
+    assert time.monotonic() - start < 20
