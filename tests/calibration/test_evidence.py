@@ -192,3 +192,14 @@ def test_nonnegative_quadratic_programs_meet_their_optimality_conditions(seed):
     assert (f >= 0).all()
     np.testing.assert_allclose(slope[f > 0], 0, atol=1e-6)
     assert (slope[f == 0] >= -1e-9).all()
+
+
+@pytest.mark.parametrize("seed", [577, 759, 1946])
+def test_exchanges_that_would_go_round_in_circles_end(seed):
+    # With these, to exchange all patches on the wrong side at once never ends.
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((5, 5))
+    H, h = root.T @ root + 1e-3 * np.eye(5), random.standard_normal(5)
+    f = nonnegative(H, h, random.standard_normal(5))
+    expected = optimize.nnls(np.linalg.cholesky(H).T, np.linalg.solve(np.linalg.cholesky(H), h))[0]
+    np.testing.assert_allclose(f, expected, atol=1e-9)
