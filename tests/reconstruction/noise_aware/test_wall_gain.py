@@ -72,6 +72,8 @@ def test_coefficients_and_probability_are_those_of_nested_least_squares(masked):
     )
     left, c = left_over(*unexplained)
     np.testing.assert_allclose(found.field.ravel(), 1 + TERMS @ c, atol=1e-4)
+    added = ((TERMS @ c)[:, None] * (A @ image))[mask]
+    np.testing.assert_allclose(found.added, rejected_by(Q, added), atol=1e-3)
     gained = np.sum(unexplained[1] ** 2) - np.sum(left**2)
     richer = np.hstack([explaining, monomials(7, 6)[mask]])
     smooth = [
