@@ -20,7 +20,7 @@ EXTRAS = {
     "zarr": "sweep",
     "distributed": "sweep",
     "cloudpickle": "sweep",
-    "google_crc32c": "dataset",
+    "google_crc32c": "sweep",
 }
 """Modules that the core install lacks, and the extra that brings each."""
 
