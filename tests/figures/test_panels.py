@@ -7,6 +7,7 @@ from PIL import Image
 
 from periscopy_sim.figures.panels import (
     displayable,
+    draw_certainty,
     draw_maps,
     draw_panels,
     draw_sweep,
@@ -289,3 +290,23 @@ def test_sweep_leaves_out_what_failed(failed, left, tmp_path):
 def test_sweep_over_one_ratio_is_drawn(tmp_path):
     draw_sweep(tmp_path / "sweep.png", sweep_results(np.full((1, 3, 1, 1), 0.02), (0.5,)))
     assert covers(read(tmp_path / "sweep.png")[1], BLUE).sum() > 50
+
+
+@pytest.mark.parametrize("shape", [(15, 18), (30, 5)])
+def test_certainty_shows_the_errors_in_percent_and_what_they_assume(monkeypatch, tmp_path, shape):
+    drawn = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda f, *a, **k: (drawn.append(f), save(f, *a, **k)))
+    image = np.full((*shape, 3), 4.0)
+    errors = np.zeros((*shape, 3))
+    errors[2, 3] = (0.1, 0.2, 0.2)
+    draw_certainty(tmp_path / "certainty.png", image, errors)
+    (figure,) = drawn
+    left, right, bar = figure.axes
+    assert (left.get_title(), right.get_title()) == ("reconstruction", "standard error")
+    shown = right.images[0].get_array()
+    assert shown[2, 3] == pytest.approx(100 * np.sqrt(0.03) / 4) and np.count_nonzero(shown) == 1
+    assert bar.get_ylabel() == "% of white"
+    assert "assume that the scene is right" in " ".join(figure.get_supxlabel().split())
+    _, pixels = read(tmp_path / "certainty.png")
+    assert pixels[:, :2].min() == pixels[:, -2:].min() == 255  # nothing is cut off
