@@ -1,4 +1,4 @@
-"""Read a Mitsuba scene into a Scenario, and say what is missing."""
+"""A Mitsuba scene as a Scenario, or what it lacks for that."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def load_scenario(
     *,
     photograph: tuple[int, int] | None = None,
 ) -> Scenario:
-    """Read a scene that keeps the id contract: shapes ``wall`` and ``monitor``, sensor ``camera``.
+    """Return the scenario of a scene that keeps the id contract.
 
-    The wall points are where the camera's own rays through the pixels' centres meet the wall, so
-    any sensor serves; the patches are an R x C grid in the monitor's UV square, so any shape with a
-    UV parametrization serves.
+    It has shapes ``wall`` and ``monitor`` and a sensor ``camera``. The wall points are where the
+    camera's own rays through the pixels' centres meet the wall, so any sensor serves; the patches
+    are an R x C grid in the monitor's UV square, so any shape with a UV parametrization serves.
 
     Every pixel is averaged over its own area: a box of one pixel takes the place of the film's
     reconstruction filter, in A and in photographs. Mitsuba's own ``mi.render`` of the file blurs by
@@ -162,19 +162,19 @@ def build_scene(
 
 
 def camera_of(scene: Any) -> Any:
-    """Find the sensor ``camera`` of a Mitsuba scene."""
+    """Return the sensor ``camera`` of a Mitsuba scene."""
     return next(sensor for sensor in scene.sensors() if sensor.id() == "camera")
 
 
 def shape_of(scene: Any, name: str) -> Any:
-    """Find a shape of a Mitsuba scene by its id."""
+    """Return a shape of a Mitsuba scene by its id."""
     return next(shape for shape in scene.shapes() if shape.id() == name)
 
 
 def patch_uv(
     row: Any, column: Any, hidden: tuple[int, int], mirrored: bool, offset: tuple[Any, Any]
 ) -> tuple[Any, Any]:
-    """Give the monitor's UV coordinates of a point in a patch.
+    """Return the monitor's UV coordinates of a point in a patch.
 
     Row 0 is the top (v = 1) and column 0 a viewer's left.
 
@@ -245,7 +245,7 @@ def _shoot_camera_rays(
             "between it and the wall"
         )
     if not (np.isfinite(facing).all() and np.isfinite(color).all()):
-        raise SceneError(f"{where}: the wall's reflectance is not finite ({material}); mend it")
+        raise SceneError(f"{where}: the wall's reflectance is not finite ({material}); fix it")
     if not facing.any():
         raise SceneError(
             f"{where}: the wall ({material}) reflects nothing to the camera; turn its "

@@ -73,11 +73,11 @@ class SceneNodes:
         return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
 
     def shape_names(self) -> list[str]:
-        """Ids of the shapes, in the order of the file."""
+        """Return the ids of the shapes, in the order of the file."""
         return [props.id() for props in self.of_type("Shape")]
 
     def emission_profile(self) -> EmissionProfile | None:
-        """Give the monitor's angular profile if it is known in closed form."""
+        """Return the monitor's angular profile if it is known in closed form."""
         emitter = self._monitor_emitter()
         if emitter.plugin_name() == LCD:
             names = ("vertical_exponent", "horizontal_exponent")
@@ -91,14 +91,14 @@ class SceneNodes:
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
     def wall_material(self) -> str:
-        """Name the wall's BSDF plugin, for messages."""
+        """Return the name of the wall's BSDF plugin, for messages."""
         materials = self.children(self._by_id("wall"), "BSDF")
         return str(materials[0][1].plugin_name()) if materials else "default"
 
     # -- editing ---------------------------------------------------------------------------------
 
     def show(self, image: NDArray[np.floating[Any]] | None, mirrored: bool = False) -> None:
-        """Let the monitor show an image, or white.
+        """Make the monitor show an image, or white.
 
         Parameters
         ----------

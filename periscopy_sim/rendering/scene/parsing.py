@@ -119,7 +119,7 @@ def _search(resolver: Any, folders: list[str]) -> None:
 
 
 def one_line(error: BaseException) -> str:
-    """Give Mitsuba's reason without the source file that complains."""
+    """Return Mitsuba's reason without the source file that complains."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     text = " ".join(lines)
     return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text
