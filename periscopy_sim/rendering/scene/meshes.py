@@ -10,10 +10,13 @@ three sound ones, and take 1.2 s to import.)
 from __future__ import annotations
 
 import io
+import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _LONGEST_HEADER = 1 << 16  # bytes
 _NUMBERS = {
@@ -38,28 +41,38 @@ def check_mesh(path: Path, plugin: str) -> None:
     ValueError, RuntimeError
         Saying what is wrong, in these words or in Mitsuba's.
     """
-    import mitsuba as mi
-
     if plugin not in ("ply", "obj"):
         return
     content = path.read_bytes()
     properties = _announced(content) if plugin == "ply" else []
     for flat in (True, False):  # a wrong index is followed only to normals that are not flat
-        mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": flat})
-        indices, vertices = np.array(mesh.faces_buffer()), mesh.vertex_count()
+        indices, vertices, others = _read(path, plugin, flat)
         if not len(indices):
             raise ValueError("has no faces")
         if indices.max() >= vertices:
             raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
-    if plugin == "ply":
-        wrong = _negative_index(content, properties, mesh.face_count())
-        if wrong is not None:
-            raise ValueError(f"has a face of vertex {wrong:.0f}, of {vertices} from 0 on")
-    elif (count := _triangles(content)) != mesh.face_count():
-        raise ValueError(f"has {count} triangles, of which Mitsuba reads {mesh.face_count()}")
-    for what in ("normals", "texcoords"):
-        if not np.isfinite(np.array(getattr(mesh, f"vertex_{what}_buffer")())).all():
-            raise ValueError(f"has {what} that are no finite numbers")
+    faces = len(indices) // 3
+    if plugin == "obj":
+        if (count := _triangles(content)) != faces:
+            raise ValueError(f"has {count} triangles, of which Mitsuba reads {faces}")
+        return
+    wrong = _negative_index(content, properties, faces)
+    if wrong is not None:
+        raise ValueError(f"has a face of vertex {wrong:.0f}, of {vertices} from 0 on")
+    if not np.isfinite(others).all():
+        raise ValueError("has normals or texture coordinates that are no finite numbers")
+
+
+def _read(path: Path, plugin: str, flat: bool) -> tuple[NDArray[Any], int, NDArray[Any]]:
+    """Return a mesh's indices, how many vertices it has, and their normals and coordinates.
+
+    The mesh itself must not outlive this: Dr.Jit traces every one at the next virtual call.
+    """
+    import mitsuba as mi
+
+    mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": flat})
+    others = [np.array(mesh.vertex_normals_buffer()), np.array(mesh.vertex_texcoords_buffer())]
+    return np.array(mesh.faces_buffer()), mesh.vertex_count(), np.concatenate(others)
 
 
 def _announced(content: bytes) -> list[list[str]]:
@@ -116,8 +129,13 @@ def _negative_index(content: bytes, properties: list[list[str]], faces: int) -> 
 
 def _triangles(content: bytes) -> int:
     """Return how many triangles the faces of an OBJ file have, a polygon as a fan."""
-    lines = (line.partition(b"#")[0].split() for line in content.splitlines())
-    corners = [len(words) - 1 for words in lines if words[:1] == [b"f"]]
-    if min(corners, default=3) < 3:
-        raise ValueError(f"has a face of {min(corners)} corners")
-    return sum(corners) - 2 * len(corners)
+    triangles = 0
+    for line in content.splitlines():
+        kind, *words = line.partition(b"#")[0].split() or [b""]
+        if kind == b"f":
+            if len(words) < 3:
+                raise ValueError(f"has a face of {len(words)} corners")
+            triangles += len(words) - 2
+        elif kind == b"vt" and not all(math.isfinite(float(word)) for word in words):
+            raise ValueError("has texture coordinates that are no finite numbers")
+    return triangles

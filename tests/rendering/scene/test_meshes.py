@@ -1,4 +1,5 @@
 import re
+import traceback
 
 import numpy as np
 import pytest
@@ -101,8 +102,8 @@ def test_normals_and_texture_coordinates_that_are_not_finite_are_refused(
     vertices = np.hstack([VERTICES, np.ones((4, 5))])
     vertices[3, 3 + names.index(column)] = number
     message = reason(path, with_columns(ply(form, vertices), *names))
-    what = "normals" if column == "nx" else "texcoords"
-    assert "could not parse" in message or message == f"has {what} that are no finite numbers"
+    said = "has normals or texture coordinates that are no finite numbers"
+    assert "could not parse" in message or message == said
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -253,7 +254,8 @@ def test_sound_obj_passes(path, face):
         ("v 0 0 nan\nf 1 2 5", "invalid vertex position data"),
         ("v 0 0 1e39\nf 1 2 5", "invalid vertex position data"),
         ("v 0 0", "could not parse line"),
-        ("vt inf 0\nf 1/3 2/1 3/1", "has texcoords that are no finite numbers"),
+        ("vt inf 0\nf 1/3 2/1 3/1", "has texture coordinates that are no finite numbers"),
+        ("vt 1 x", "could not parse line"),
         ("vn 0 nan 0\nf 1//2 2//1 3//1", "invalid vertex normal data"),
     ],
 )
@@ -268,3 +270,20 @@ def test_obj_without_faces_is_refused(path):
 def test_other_formats_are_left_to_mitsuba(path):
     path.write_bytes(b"anything")
     check_mesh(path, "serialized")
+
+
+@pytest.mark.parametrize("content", [OBJ + "f 1 2\n", OBJ])
+def test_no_mesh_outlives_its_refusal(path, content):
+    """Dr.Jit would trace it at the next virtual call, and fail at one without faces."""
+    path.write_text(content)
+    kept = []
+    for _ in range(2):
+        try:
+            check_mesh(path, "obj")
+        except ValueError as error:
+            kept.append(error)
+    frames = [frame for error in kept for frame, _ in traceback.walk_tb(error.__traceback__)]
+    held = [value for frame in frames for value in frame.f_locals.values()]
+    assert len(kept) == 2 and not any(
+        type(value).__module__.startswith("mitsuba") for value in held
+    )
