@@ -50,13 +50,14 @@ def left_over(columns, y):
     return y - columns @ coefficients, coefficients
 
 
-@pytest.mark.parametrize("masked", [False, True])
-def test_coefficients_and_probability_are_those_of_nested_least_squares(masked):
+# What makes the ratio least: errors of A that patches share, those and pixels' own, pixels' own.
+@pytest.mark.parametrize(("masked", "seed"), [(False, 3), (False, 7), (True, 1)])
+def test_coefficients_and_probability_are_those_of_nested_least_squares(masked, seed):
     mask = np.ones(PIXELS, bool)
     if masked:
         mask[50:130] = False
     y = photograph().reshape(-1, 3)
-    errors = np.random.default_rng(1).standard_normal(A.shape) * np.exp(X + Y)[:, None]
+    errors = np.random.default_rng(seed).standard_normal(A.shape) * np.exp(X + Y)[:, None]
     y += 0.1 * errors @ TRUTH  # of A, beside the noise
     wall_gain, Q = fitted_to(A[mask], B[mask], mask if masked else None)
     image = 0.9 * TRUTH + 0.05
@@ -97,7 +98,7 @@ def test_coefficients_and_probability_are_those_of_nested_least_squares(masked):
     least = np.min(np.sum(tried * np.linalg.solve(H, tried), axis=0))
     assert least < 0.9 * gained
     ratio = (least / 5) / (np.sum(smooth) / 45)
-    assert found.probability == pytest.approx(stats.f.sf(ratio, 5, 45), rel=0.05)
+    assert found.probability == pytest.approx(stats.f.sf(ratio, 5, 45), rel=0.005)
 
 
 def test_known_gain_is_recovered_and_the_image_is_better_for_it():
