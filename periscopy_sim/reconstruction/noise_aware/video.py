@@ -88,10 +88,6 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         super().restart()
         self._split: Splitting | None = None
 
-    def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
-        """Return the noise, the weight and the iterations of a frame."""
-        return found.told()
-
     def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
         """Yield what finishes each frame, A applied to many at once; see `FrameByFrame.begun`."""
         for start in range(0, len(photographs), BATCH):

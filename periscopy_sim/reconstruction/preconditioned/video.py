@@ -107,10 +107,6 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         """Return what fitting the method for stills settled."""
         return self.periscope.fitted()
 
-    def told(self, found: Reconstruction) -> dict[str, Any]:
-        """Return the noise and the weights of a frame."""
-        return found.told()
-
     def begun(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.begun`."""
         for estimate in self.periscope.estimates(photographs):
