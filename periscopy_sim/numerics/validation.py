@@ -11,7 +11,7 @@ squares of what is farther from 1 leave double precision."""
 
 
 def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
-    """Give an image as compiled loops take it, of its own precision.
+    """Return an image as compiled loops take it, of its own precision.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
 
 
 def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDArray[Any]:
-    """Give an image that stands beside another, in the other's precision.
+    """Return an image that stands beside another, in the other's precision.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def neighbour_differences(
 
 
 def _both_used(mask: NDArray[np.bool_], wrap: bool) -> NDArray[np.bool_]:
-    """Tell which rows of D meet used pixels only."""
+    """Return which rows of D meet used pixels only."""
     by_columns = mask.T
     if not wrap:
         return (by_columns[:, 1:] & by_columns[:, :-1]).ravel()

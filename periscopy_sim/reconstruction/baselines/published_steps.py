@@ -94,7 +94,8 @@ def descend_as_published(
 
 
 def _is_majorized(problem: LeastSquares, step_taken: Array, step: float) -> bool:
-    """Tell whether ½‖K f − b‖² lies below its model with curvature 1/step; linear parts cancel."""
+    """Return whether ½‖K f − b‖² lies below its model with curvature 1/step."""
+    # The linear parts cancel.
     curvature = float(step_taken @ problem.product(step_taken))
     return curvature <= _spectral_norm(step_taken, problem) ** 2 / step
 

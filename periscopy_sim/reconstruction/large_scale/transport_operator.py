@@ -47,7 +47,7 @@ class RowBlocks(Protocol):
         ...
 
     def row_blocks(self) -> Iterator[tuple[slice, Image]]:
-        """Give every block once, in order, with the rows that it holds."""
+        """Yield every block once, in order, with the rows that it holds."""
         ...
 
 
@@ -75,7 +75,7 @@ class UsedRows:
         return int(np.count_nonzero(self.mask)), self.A.shape[1]
 
     def row_blocks(self) -> Iterator[tuple[slice, Image]]:
-        """Give every used row once, in order, numbered among the used ones."""
+        """Yield every used row once, in order, numbered among the used ones."""
         first = 0
         for rows, block in row_blocks(self.A, max(BLOCK_ENTRIES // self.A.shape[1], 1)):
             used = block[self.mask[rows]]
@@ -85,7 +85,7 @@ class UsedRows:
 
 
 def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Image]]:
-    """Give the rows of an array, `count` at a time or all at once, or those of `RowBlocks`."""
+    """Yield the rows of an array, `count` at a time or all at once, or those of `RowBlocks`."""
     if isinstance(A, np.ndarray):
         plain = np.asarray(A)  # no memory map to Numba
         step = max(len(A), 1) if count is None else count
@@ -96,7 +96,7 @@ def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Ima
 
 
 def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
-    """Take some rows of a matrix: a copy of those of an array, else `UsedRows`.
+    """Return some rows of a matrix: a copy of those of an array, else `UsedRows`.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         return np.ascontiguousarray(product.T)
 
     def strongest_eigenvectors(self, count: int) -> Eigenvectors:
-        """Find the hidden images that the photograph shows best, by Lanczos iterations.
+        """Return the hidden images that the photograph shows best, by Lanczos iterations.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
 
 @compiled_reordered
 def _gram_product(A: Image, Q: Array, background: Array, f: Array) -> Array:
-    """Compute (A fᵀ − Q backgroundᵀ)ᵀA for (m, N) A, (m, r) Q, (K, r) background and (K, N) f."""
+    """Return (A fᵀ − Q backgroundᵀ)ᵀA for (m, N) A, (m, r) Q, (K, r) background and (K, N) f."""
     m, N = A.shape
     K = len(f)
     product = np.zeros((K, N))

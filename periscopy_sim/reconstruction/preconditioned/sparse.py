@@ -55,7 +55,7 @@ def sparse_preconditioner(
     start: sparse.csr_array | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> sparse.csr_array:
-    """Find a sparse P that still fulfils P A = I and P Q = 0, with little noise.
+    """Return a sparse P that still fulfils P A = I and P Q = 0, with little noise.
 
     A row costs about 3 M (N + r)² operations.
 
@@ -147,7 +147,7 @@ def _removal_cost(U: Real, c: Array) -> Real:
 
 
 def _least_noise(U: Array, c: Array) -> Array:
-    """Find the p of least norm with Uᵀp = c; refined once, as few rows of U are ill-conditioned."""
+    """Return the p of least norm with Uᵀp = c, refined once: few rows of U are ill-conditioned."""
     factor = linalg.cho_factor(U.T @ U, check_finite=False)
     p = U @ linalg.cho_solve(factor, c, check_finite=False)
     refined: Array = p + U @ linalg.cho_solve(factor, c - U.T @ p, check_finite=False)

@@ -254,7 +254,7 @@ class Periscope(StillMethod[np.floating[Any]]):
 
 
 def noise_level(P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None) -> Array:
-    """Take the standard deviation of what [A, B] leaves of photographs, channel by channel.
+    """Return the standard deviation of what [A, B] leaves of photographs, channel by channel.
 
     By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
 

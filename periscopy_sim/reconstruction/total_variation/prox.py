@@ -263,7 +263,7 @@ def solve_total_variation(
     max_iterations: int = 10_000,
     start: Image | None = None,
 ) -> TotalVariationResult:
-    """Give a proximal operator's image with an account of its convergence, and no warning.
+    """Return a proximal operator's image with an account of its convergence, and no warning.
 
     The dual problem (Chambolle 2004) is solved by accelerated projected gradient ascent (FGP, Beck
     and Teboulle 2009) with restarts (O'Donoghue and Candès 2015), until the duality gap is small.
