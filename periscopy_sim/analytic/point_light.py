@@ -45,7 +45,7 @@ def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
 
 
 def paper_grid(step: float = 0.75) -> Array:
-    """Give the paper's grid of lights (Sec. 3.1): [-3, 3) x [1, 7) x [-3, 3) m, 8 x 8 x 8.
+    """Return the paper's grid of lights (Sec. 3.1): [-3, 3) x [1, 7) x [-3, 3) m, 8 x 8 x 8.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def paper_grid(step: float = 0.75) -> Array:
 
 
 def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Array:
-    """Form B: one column for each point light of a grid around the field of view (Sec. 3.1).
+    """Return B: one column for each point light of a grid around the field of view (Sec. 3.1).
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def connected_parts(vertices: Array, faces: Indices) -> list[tuple[Array, Indice
 
 
 def is_convex(vertices: Array, faces: Indices) -> bool:
-    """Tell whether a mesh bounds a convex solid or fills a flat convex polygon.
+    """Return whether a mesh bounds a convex solid or fills a flat convex polygon.
 
     That is so where the content of the faces (the enclosed volume, or the area of a flat mesh) is
     the content of the vertices' convex hull, to one part in a million and to what rounding the

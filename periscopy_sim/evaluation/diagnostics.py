@@ -125,7 +125,7 @@ def condition_number(A: NDArray[np.floating[Any]]) -> float:
 
 
 def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Array:
-    """Give what P leaves of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
+    """Return what P leaves of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
 
     Divided by the spectral norm of P, since P carries the units of 1/A. A column of zeros gives 0.
     """

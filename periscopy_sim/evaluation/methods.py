@@ -294,7 +294,7 @@ def _takes_mask(fit: Factory, name: str) -> bool:
 
 
 def _place(name: str) -> str:
-    """Take what stands before the colon: a module, or a file that exists."""
+    """Return what stands before the colon: a module, or a file that exists."""
     place, _, attribute = name.rpartition(":")
     if not (place and attribute):
         raise PeriscopyError(

@@ -43,7 +43,7 @@ class Seen(Protocol):
 
 
 def settings_of(scene: Seen) -> dict[str, Any]:
-    """Take from a scene what methods are told of it, by the names of their parameters."""
+    """Return what methods need of a scene, by the names of their parameters."""
     return {
         "hidden_shape": scene.hidden_shape,
         "photograph_shape": scene.photograph_shape,

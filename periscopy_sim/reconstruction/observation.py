@@ -41,7 +41,7 @@ class Observation:
     mask: Mask | None = None
 
     def used(self, matrix: Image, name: str = "B") -> Image:
-        """Take the rows of a matrix that belong to the pixels used.
+        """Return the rows of a matrix that belong to the pixels used.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Observation:
     def rows_and_columns(
         self, photograph_shape: tuple[int, int] | None = None
     ) -> tuple[int, int] | None:
-        """Tell the size of photographs, as given or as the mask tells it; None if none does."""
+        """Return the size of photographs, as given or as the mask has it; None if neither has."""
         if photograph_shape is None and self.mask is not None and self.mask.ndim == 2:
             rows, columns = self.mask.shape
             return rows, columns

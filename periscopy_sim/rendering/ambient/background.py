@@ -195,7 +195,7 @@ def _refined(
 
 
 def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
-    """Tell the error of the replicas' mean, as `Background` defines it.
+    """Return the error of the replicas' mean, as `Background` defines it.
 
     Parameters
     ----------

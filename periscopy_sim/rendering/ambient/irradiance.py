@@ -35,7 +35,7 @@ NEARLY = 1 - 1e-3
 
 
 def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
-    """Give the edges of the pixels whose centres are the points.
+    """Return the edges of the pixels whose centres are the points.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
 
 
 def scatters_alike(flags: Any) -> Any:
-    """Tell from the flags of a BSDF whether it scatters alike in all directions."""
+    """Return whether a BSDF with these flags scatters alike in all directions."""
     import mitsuba as mi
 
     # Delta includes what lets light pass straight.
@@ -206,7 +206,7 @@ def _trace(
 def _form_factors(
     scene: Any, points: Array, normals: Array, each: int, hits: tuple[Any, ...]
 ) -> Array:
-    """Give the density with which each point finds each hit: cosines over π r², 0 where unseen."""
+    """Return the density with which each point finds each hit: cosines over π r², 0 where unseen."""
     import drjit as dr
     import mitsuba as mi
 

@@ -48,7 +48,7 @@ def scalar_parts(scene: Any, points: Array, normals: Array, shape: tuple[int, in
     if not scatters_alike(shape_of(scene, "wall").bsdf().flags()) or not reflectance.all():
         raise SceneError(
             "in scalar variants the ambient scene's own wall must be diffuse, not black, and as "
-            "large as what the camera sees; mend it, or use llvm_ad_rgb or cuda_ad_rgb"
+            "large as what the camera sees; fix it, or use llvm_ad_rgb or cuda_ad_rgb"
         )
 
     def direct(seed: int) -> Array:
