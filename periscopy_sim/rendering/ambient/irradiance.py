@@ -206,7 +206,7 @@ def _trace(
 def _form_factors(
     scene: Any, points: Array, normals: Array, each: int, hits: tuple[Any, ...]
 ) -> Array:
-    """Return the density with which each point finds each hit: cosines over π r², 0 where unseen."""
+    """Return the density of each hit from each point: cosines over π r², 0 where unseen."""
     import drjit as dr
     import mitsuba as mi
 
