@@ -88,7 +88,7 @@ class IterativePeriscope(StillMethod[np.float64]):
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
     `EIGENVECTORS` that the wall shows best. Each photograph then takes accelerated proximal
     gradient steps for the problem above, see `total_variation.least_squares`: some 45 passes where
-    there is much noise and 100 where there is little. λ follows the photograph's noise and units,
+    there is much noise, up to 190 where there is little. λ follows a photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
     With `regularization` 0 conjugate gradients give P y.
@@ -109,7 +109,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
         Stop where the image's way in the last third of the iterations is at most this part of its
-        norm. It was then within a fortieth of that of the minimum, see `least_squares`.
+        norm. It was then within a tenth of that of the minimum, see `least_squares`.
     max_iterations
         Stop after so many, with a warning.
     photograph_shape

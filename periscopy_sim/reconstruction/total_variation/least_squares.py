@@ -102,7 +102,7 @@ def path_of_last_third(iterate: Iterate) -> float:
 
     As a part of their norm. It bounds the way that is left where the changes fall at least like
     1/k², up to a factor of 2. Here they fall exponentially: on photographs of the package, 25 to 60
-    dB, what was left was less than a fortieth of it.
+    dB, what was left was less than a tenth of it.
     """
     if iterate.iterations < FEWEST_ITERATIONS:
         return math.inf
