@@ -9,7 +9,7 @@ demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
 
 test: $(VENV)/installed-dev lint
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
 
 # Minutes of rendering: every claim about accuracy at full size.
 test-slow: $(VENV)/installed-dev

@@ -69,7 +69,8 @@ def periscopy(monkeypatch, capfd, caplog, tmp_path):
         capfd.readouterr()
         with pytest.raises(SystemExit) as end:
             cli.main()
-        assert caplog.records == []
+        # Futures of an earlier test's Dask client may be collected, and complain, during this one.
+        assert [record for record in caplog.records if record.name != "asyncio"] == []
         return Outcome(end.value.code, *capfd.readouterr())
 
     return run

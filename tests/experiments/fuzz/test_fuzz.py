@@ -80,7 +80,7 @@ def test_every_kind_of_trouble_is_told(code, verdict, monkeypatch, tmp_path):
     """A reader that misbehaves, in a worker of its own."""
     script = (
         "import os, sys, time, warnings, numpy as np\n"
-        "from experiments import fuzz_worker\n"
+        "from experiments.fuzz import worker as fuzz_worker\n"
         "from periscopy_sim.errors import PeriscopyError\n"
         "kept = []\n"
         f"def trouble(path):\n    {code}\n    return []\n"

@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.reconstruction.preconditioned.repair import repair
-from periscopy_sim.reconstruction.preconditioned.still import Method, Periscope, Reconstruction
+from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 PHOTOGRAPH = (20, 20)
