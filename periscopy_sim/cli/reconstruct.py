@@ -184,7 +184,7 @@ def _compare(
     from periscopy_sim.evaluation import metrics
     from periscopy_sim.figures import panels
 
-    best = metrics.registered(image, truth)
+    psnr, best = metrics.psnr(image, truth), metrics.registered(image, truth)
     panels.draw_panels(
         folder / "comparison.png",
         [
@@ -192,10 +192,11 @@ def _compare(
             ("photograph", panels.displayable(photograph)),
             ("reconstruction", metrics.gain_matched(image, truth)),
         ],
+        caption=f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image",
         metadata=text,
     )
     return {
-        "psnr": metrics.psnr(image, truth),
+        "psnr": psnr,
         "mean_squared_error": metrics.mean_squared_error(image, truth),
         "psnr_registered": best.psnr,
         "shift": best.shift,

@@ -58,7 +58,7 @@ def draw_sheet(
     errors: Sequence[float],
     text: dict[str, str],
 ) -> None:
-    """Draw measurement, truth and gain-matched reconstruction of evenly chosen frames (Fig. 7).
+    """Draw photograph, hidden image and gain-matched image of evenly chosen frames (Fig. 7).
 
     The frames' mean squared errors, `errors`, stand beneath.
     """
@@ -67,12 +67,12 @@ def draw_sheet(
     contact_sheet.draw_contact_sheet(
         path,
         [
-            ("measurement", [panels.displayable(photographs[k], white) for k in chosen]),
-            ("truth", [panels.displayable(known[k], 1) for k in chosen]),
+            ("photograph", [panels.displayable(photographs[k], white) for k in chosen]),
+            ("hidden image", [panels.displayable(known[k], 1) for k in chosen]),
             ("reconstruction", [metrics.gain_matched(images[k], known[k]) for k in chosen]),
         ],
         titles=[f"frame {k}" for k in chosen],
-        notes=[f"MSE {errors[k]:.4f}" for k in chosen],
+        notes=[f"MSE {errors[k]:.2g}" for k in chosen],
         metadata=text,
     )
 

@@ -119,9 +119,9 @@ def test_contact_sheet_has_at_most_eight_columns(photographs, video, monkeypatch
     chosen = [int(title.removeprefix("frame ")) for title in drawn["titles"]]
     assert len(chosen) == 8 and chosen[0] == 0 and chosen[-1] == 8
     errors = column(table, "mean_squared_error")
-    assert drawn["notes"] == [f"MSE {errors[k]:.4f}" for k in chosen]
-    assert list(drawn["rows"]) == ["measurement", "truth", "reconstruction"]
-    assert np.allclose(drawn["rows"]["truth"], clip[chosen])
+    assert drawn["notes"] == [f"MSE {errors[k]:.2g}" for k in chosen]
+    assert list(drawn["rows"]) == ["photograph", "hidden image", "reconstruction"]
+    assert np.allclose(drawn["rows"]["hidden image"], clip[chosen])
     for k, image in zip(chosen, drawn["rows"]["reconstruction"], strict=True):
         # What is shown has the error that is written beneath.
         assert np.mean((image - clip[k]) ** 2) == pytest.approx(errors[k], rel=1e-4)
