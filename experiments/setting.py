@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli.ambient import ambient_photographs
-from periscopy_sim.rendering.photograph import render_place
+from periscopy_sim.rendering.photograph import path_trace
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -219,7 +221,7 @@ class Setting(Chair):
         scene, parameters = (GLASS, WITHOUT_BEAM) if name == NO_BEAM else (name, {})
 
         def render() -> Array:
-            return render_place(f"ambient/{scene}", parameters, size=(225, 300), samples=64)
+            return render_place(f"ambient/{scene}", parameters)
 
         return self.kept(f"{name}_wide", f"ambient/{scene}", render)
 
@@ -227,6 +229,23 @@ class Setting(Chair):
         return ps.render_background(
             GLASS_SCENE, self.scenario, WITHOUT_BEAM, target=AMBIENT_ERROR, seed=self.seed
         ).photograph
+
+
+def render_place(
+    path: str | Path,
+    parameters: Mapping[str, str] | None = None,
+    *,
+    size: tuple[int, int] = (225, 300),
+    samples: int = 64,
+) -> Array:
+    """Path trace a place as the sensor ``wide`` of its scene sees it: (*size, 3) radiance."""
+    ps.use_variant()
+    nodes = SceneNodes(find_scene(path), parameters, required={"wide": "Sensor"})
+    check_media(nodes)
+    nodes.average_pixels(size, sensor="wide")
+    scene = nodes.instantiate()
+    wide = next(sensor for sensor in scene.sensors() if sensor.id() == "wide")
+    return path_trace(scene, -1, samples=samples, seed=0, sensor=wide)
 
 
 @cache

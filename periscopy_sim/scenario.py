@@ -85,8 +85,6 @@ class Scenario:
         (M, 3) points that the pixels' centres see, in metres.
     wall_normals
         (M, 3) unit normals, towards the camera.
-    view_directions
-        (M, 3) unit vectors from the wall to the camera.
     wall_reflectance
         (3,) albedo of a diffuse wall; None for another material.
     channel_gain
@@ -116,7 +114,6 @@ class Scenario:
     hidden_shape: tuple[int, int]
     wall_points: Array = field(repr=False)
     wall_normals: Array = field(repr=False)
-    view_directions: Array = field(repr=False)
     wall_reflectance: Array | None
     channel_gain: Array
     patch_centers: Array = field(repr=False)

@@ -26,7 +26,6 @@ def make_scenario(rows=2, columns=3, **changes):
         "hidden_shape": (rows, columns),
         "wall_points": np.zeros((20, 3)),
         "wall_normals": np.zeros((20, 3)),
-        "view_directions": np.zeros((20, 3)),
         "wall_reflectance": None,
         "channel_gain": np.ones(3),
         "patch_centers": np.zeros((patches, 3)),

@@ -5,7 +5,6 @@ Exit codes: 0; 2 with one clear line for what a user can fix; 130 after Ctrl-C.
 
 from __future__ import annotations
 
-import errno
 import io
 import os
 import signal
@@ -34,11 +33,10 @@ from periscopy_sim.cli import (
 from periscopy_sim.cli.arguments import EXTRAS, missing
 from periscopy_sim.cli.output import warn
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C. Newer versions of typer return it, older ones raise Abort."""
-
-OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 app = typer.Typer(
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
-from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
-from periscopy_sim.rendering.scene.refusals import check_media
+from periscopy_sim.rendering.scene.nodes import monitor_texture
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Scenario
-from periscopy_sim.shipped import find_scene
 
 WAVEFRONT = 1 << 26
 """Camera samples traced at once; bounds the memory."""
@@ -179,47 +176,6 @@ def _checked_image(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]
     if not np.isfinite(image).all() or image.min() < 0:
         raise ValueError("the hidden image's radiance must be finite and not negative")
     return image
-
-
-def render_place(
-    path: str | Path,
-    parameters: Mapping[str, str] | None = None,
-    *,
-    size: tuple[int, int] = (480, 640),
-    samples: int = 256,
-    seed: int = 0,
-    progress: Callable[[float], None] | None = None,
-) -> Array:
-    """Path trace a place as the sensor ``wide`` of its scene sees it, to look at.
-
-    Parameters
-    ----------
-    path
-        A scene file, or the name of a shipped one such as ``ambient/overcast``.
-    parameters
-        Values for its ``<default>``s.
-    size
-        (rows, columns) of the picture.
-    samples, seed, progress
-        As in `render_photograph`.
-
-    Returns
-    -------
-    ndarray
-        (rows, columns, 3) float64 radiance.
-
-    Raises
-    ------
-    SceneError
-        If the scene has no sensor ``wide``, or Mitsuba refuses it.
-    """
-    use_variant()
-    nodes = SceneNodes(find_scene(path), parameters, required={"wide": "Sensor"})
-    check_media(nodes)
-    nodes.average_pixels(size, sensor="wide")
-    scene = nodes.instantiate()
-    wide = next(sensor for sensor in scene.sensors() if sensor.id() == "wide")
-    return path_trace(scene, -1, samples=samples, seed=seed, progress=progress, sensor=wide)
 
 
 def path_trace(

@@ -33,7 +33,6 @@ def make_scenario(film=FILM):
         hidden_shape=(1, 1),
         wall_points=points,
         wall_normals=normals,
-        view_directions=normals,
         wall_reflectance=None,
         channel_gain=np.ones(3),
         patch_centers=one,
@@ -153,7 +152,6 @@ def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
         room,
         wall_points=turn.apply(room.wall_points) + shift,
         wall_normals=turn.apply(room.wall_normals),
-        view_directions=turn.apply(room.view_directions),
     )
     np.testing.assert_allclose(
         point_light_backgrounds(turned), point_light_backgrounds(room), rtol=1e-12
@@ -162,9 +160,7 @@ def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
 
 def test_camera_upside_down_turns_the_lights_with_it():
     room = make_scenario()
-    flipped = replace(
-        room, wall_points=room.wall_points[::-1], view_directions=room.view_directions[::-1]
-    )
+    flipped = replace(room, wall_points=room.wall_points[::-1])
     turned_grid = GRID * [-1, 1, -1]
     assert not np.allclose(
         point_light_backgrounds(room, GRID), point_light_backgrounds(room, turned_grid)

@@ -21,7 +21,7 @@ FINE = (40, 43)
 LCD = EmissionProfile(18, 1)
 LAMBERTIAN = EmissionProfile(0, 0)
 PLACES = ("wall_points", "patch_centers")
-DIRECTIONS = ("wall_normals", "view_directions", "patch_normals", "patch_across", "patch_up")
+DIRECTIONS = ("wall_normals", "patch_normals", "patch_across", "patch_up")
 # Corner number 4x + 2y + z of a unit box; outward quadrilaterals.
 BOX_QUADS = np.array(
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -46,7 +46,6 @@ def make_scenario(occluders=(), *, film=(9, 11), hidden=(2, 3), emission=LCD, si
         hidden_shape=hidden,
         wall_points=wall,
         wall_normals=np.tile([0.0, -1.0, 0.0], (len(wall), 1)),
-        view_directions=np.tile([0.0, -1.0, 0.0], (len(wall), 1)),
         wall_reflectance=np.full(3, 0.8),
         channel_gain=np.ones(3),
         patch_centers=np.array([0.23, 0, 0.29]) + grid(*hidden) @ monitor,

@@ -97,7 +97,7 @@ def load_scenario(
             "pixels of the photograph; no photograph could tell them apart"
         )
     check_wall(shapes["wall"], material, nodes.path)
-    points, normals, views, albedo, diffuse, blur = _shoot_camera_rays(
+    points, normals, albedo, diffuse, blur = _shoot_camera_rays(
         scene, shapes["wall"], (film_rows, film_columns), nodes.path, material
     )
     patches, mirrored = _patches(shapes["monitor"], hidden, nodes.path)
@@ -110,7 +110,6 @@ def load_scenario(
         hidden_shape=(rows, columns),
         wall_points=points,
         wall_normals=normals,
-        view_directions=views,
         wall_reflectance=np.pi * albedo if diffuse else None,
         channel_gain=albedo / albedo.mean(),
         patch_centers=centers,
@@ -201,7 +200,7 @@ def patch_uv(
 
 def _shoot_camera_rays(
     scene: Any, wall: Any, photograph_shape: tuple[int, int], path: Path, material: str
-) -> tuple[Array, Array, Array, Array, bool, float]:
+) -> tuple[Array, Array, Array, bool, float]:
     """Meet the wall at every pixel's centre; find its colour, whether it is diffuse, the blur."""
     import drjit as dr
     import mitsuba as mi
@@ -271,7 +270,7 @@ def _shoot_camera_rays(
     # Not so of a diffuse wall beneath a normal map.
     falls_as_cosine = np.abs(slanted / 0.6 - albedo).max() <= 1e-4 * albedo.max()
     return (
-        points, normals, views, albedo, bool(_is_diffuse(wall) and falls_as_cosine),
+        points, normals, albedo, bool(_is_diffuse(wall) and falls_as_cosine),
         float(blur.max()),
     )  # fmt: skip
 

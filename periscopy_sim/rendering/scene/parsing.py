@@ -15,6 +15,9 @@ from periscopy_sim.rendering.scene.meshes import check_mesh
 OTHER_MESHES = ("stl", "off", "glb", "gltf", "dae", "fbx", "3ds")
 """Mesh formats that Mitsuba does not read."""
 
+RESERVED = ("config", "filename")
+"""Names of arguments of Mitsuba's parser, which takes the parameters' values beside them."""
+
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
 
@@ -47,6 +50,11 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
         if name not in document.defaults:
             raise SceneError(
                 f"scene '{path}' declares no parameter '{name}'; it declares {known or 'none'}"
+            )
+        if name in RESERVED:
+            raise SceneError(
+                f"scene '{path}': Mitsuba takes no value for a parameter named '{name}'; rename "
+                "its <default>"
             )
     config = mi.parser.ParserConfig(mi.variant())
     # Merging meshes would lose their ids.

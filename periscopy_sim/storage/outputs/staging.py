@@ -18,7 +18,10 @@ from typing import Any
 
 from periscopy_sim.errors import OutputError
 
-_OUT_OF_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+OUT_OF_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""Error numbers of a disk, or of a quota of it, that takes no more."""
+
+_MACHINE_ID = Path("/etc/machine-id")
 _CUT_SHORT = re.compile(r"\d+ requested and \d+ written")
 """What NumPy says where the disk takes no more; it keeps no error number."""
 
@@ -167,8 +170,14 @@ def _give_up(lock: Any) -> None:
 
 @cache
 def _host() -> str:
-    """Return what tells this machine from others that write to the same disk."""
-    return hashlib.sha256(f"{socket.gethostname()} {uuid.getnode()}".encode()).hexdigest()[:8]
+    """Return what tells this machine from others that write to the same disk.
+
+    Not `uuid.getnode`: without a network interface it is another number in every process.
+    """
+    machine = b""
+    with suppress(OSError):  # not every system has one
+        machine = _MACHINE_ID.read_bytes()
+    return hashlib.sha256(socket.gethostname().encode() + b" " + machine).hexdigest()[:8]
 
 
 def _make_folder(folder: Path, undo: ExitStack) -> None:
@@ -231,6 +240,6 @@ def _why_out_of_space(error: OSError | RuntimeError) -> str:
     """Return what the system says of a full disk; empty where the error is another."""
     if _CUT_SHORT.search(str(error)):
         return os.strerror(errno.ENOSPC)
-    reasons = {number: os.strerror(number) for number in _OUT_OF_SPACE}
+    reasons = {number: os.strerror(number) for number in OUT_OF_SPACE}
     told = [text for text in reasons.values() if text in str(error)]
     return reasons.get(getattr(error, "errno", None) or 0, told[0] if told else "")

@@ -6,6 +6,7 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import declared_defaults, read_document
+from periscopy_sim.rendering.scene.parsing import parse
 
 ROOM = '<scene version="3.0.0">{}</scene>'
 
@@ -29,6 +30,14 @@ def test_files_that_double_with_every_include_are_refused(tmp_path):
     written(tmp_path / "60.xml", ROOM.format('<default name="a" value="1"/>'))
     assert "includes more than 100 files" in refusal(tmp_path / "0.xml")
     assert declared_defaults(tmp_path / "56.xml") == {"a": "1"}
+
+
+@pytest.mark.parametrize("name", ["filename", "config"])
+def test_parameter_that_mitsuba_takes_no_value_for_is_refused(tmp_path, name):
+    scene = ROOM.format(f'<default name="{name}" value="a"/>')
+    with pytest.raises(SceneError, match=f"no value for a parameter named '{name}'; rename"):
+        parse(written(tmp_path / "a.xml", scene), {name: "b"})
+    parse(tmp_path / "a.xml", {})
 
 
 def test_nodes_nested_beyond_any_stack_are_refused(tmp_path):

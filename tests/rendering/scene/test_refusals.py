@@ -10,9 +10,9 @@ import re
 import numpy as np
 import pytest
 
+from experiments.setting import render_place
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import render_background
-from periscopy_sim.rendering.photograph import render_place
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
 SEEDS = 8

@@ -3,6 +3,7 @@ import os
 import resource
 import subprocess
 import sys
+import uuid
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.outputs import staging
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 from periscopy_sim.storage.pictures import write_png
 
@@ -164,6 +166,7 @@ STAGING = """
 import sys, time
 from pathlib import Path
 from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.outputs import staging
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 with {staged}(Path(sys.argv[1])) as staged:
     (staged / "half" if "folder" in "{staged}" else staged).write_text("half")
@@ -203,8 +206,6 @@ def test_next_run_removes_what_a_killed_one_left_and_only_that(tmp_path, staged_
 
 
 def test_another_machine_s_staging_is_left_alone(tmp_path, monkeypatch):
-    from periscopy_sim.storage.outputs import staging
-
     with staged_file(tmp_path / "y.npy") as theirs:
         theirs.write_text("half")
         name = theirs.name
@@ -213,6 +214,21 @@ def test_another_machine_s_staging_is_left_alone(tmp_path, monkeypatch):
     with staged_file(tmp_path / "y.npy") as ours:
         ours.write_text("whole")
     assert entries(tmp_path) == {name, "y.npy"}
+
+
+def test_machine_is_known_again_by_every_process_without_a_network_interface(monkeypatch):
+    numbers = iter((1, 2))
+    monkeypatch.setattr(uuid, "getnode", lambda: next(numbers))  # random there
+    assert staging._host.__wrapped__() == staging._host.__wrapped__()
+
+
+def test_machines_of_one_name_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setattr(staging, "_MACHINE_ID", tmp_path / "machine-id")
+    hosts = {staging._host.__wrapped__()}
+    for number in ("1", "2"):
+        (tmp_path / "machine-id").write_text(number)
+        hosts.add(staging._host.__wrapped__())
+    assert len(hosts) == 3
 
 
 def test_folder_appears_complete(tmp_path):
