@@ -65,7 +65,7 @@ def ambient(
 def ambient_photographs(
     names: Sequence[str], scenario: Scenario, folder: Path, seed: int, *, target: float = 3e-4
 ) -> dict[str, NDArray[np.float64]]:
-    """Photograph ambient conditions with a bar of progress; see `storage.ambient_photographs`."""
+    """Photograph ambient conditions with a bar of progress; see `storage.ambient_library`."""
     from periscopy_sim.storage.ambient_library import ambient_photographs as photographs
 
     return photographs(names, scenario, folder, seed, target=target, progress=progress)

@@ -147,21 +147,17 @@ def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
 
     Raises
     ------
-    PhotographError
+    PeriscopyError
         If it cannot be read, is of another size, or leaves fewer pixels than there are patches.
     """
+    from periscopy_sim.reconstruction.observation import checked_mask
     from periscopy_sim.storage import masks
 
     if path is None:
         return None
     mask = masks.read_mask(path, scenario.photograph_shape)
-    pixels, patches = int(mask.sum()), scenario.transport_shape[1]
-    if pixels < patches:
-        raise PhotographError(
-            f"{path}: leaves {pixels} pixels of the wall, fewer than the {patches} patches; leave "
-            "out less, or ask for fewer patches"
-        )
-    return mask
+    with fixable(str(path)):
+        return checked_mask(mask, scenario.transport_shape)
 
 
 def read_photograph(path: Path, scenario: Scenario, mask: Mask | None = None) -> Photograph:

@@ -28,11 +28,21 @@ COUPLINGS = tuple(
 
 
 def method_help(offered: Offered) -> str:
-    """Return the help of ``--method``: each method and what it is."""
+    """Return the help of ``--method``: each method, what it is, and its certainty for stills."""
     entries = [METHODS[name] for name in offered]
     return "; ".join(
-        f"{entry.name}: {entry.help}" + (f" (with {entry.certainty})" if entry.certainty else "")
+        f"{entry.name}: {entry.help}"
+        + (f" (with {entry.certainty})" if entry.certainty and offered is FOR_STILLS else "")
         for entry in entries
+    )
+
+
+def coupling_help() -> str:
+    """Return the help of ``--coupling``: each coupling, and the methods that alone take it."""
+    owners = {each: [name for name in FOR_VIDEOS if each in _couplings(name)] for each in COUPLINGS}
+    return "; ".join(
+        each + ("" if len(names) == len(FOR_VIDEOS) else f" ({_either(names)} alone)")
+        for each, names in owners.items()
     )
 
 

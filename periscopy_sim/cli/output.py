@@ -141,8 +141,8 @@ class Stopwatch:
         self.seconds[stage] = round(time.perf_counter() - start, 4)
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write a JSON file, human-readable, with arrays as lists and no NaN."""
+def as_json(values: Mapping[str, Any]) -> str:
+    """Return values as JSON, human-readable, with arrays as lists; a ValueError if one is NaN."""
     import json
 
     import numpy as np
@@ -152,4 +152,9 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
             return value.tolist()
         return str(value)
 
-    path.write_text(json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n")
+    return json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON file; see `as_json`."""
+    path.write_text(as_json(values))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,11 +27,11 @@ from periscopy_sim.cli.method_options import (
     settings_for,
     takes_options_of,
 )
-from periscopy_sim.cli.output import Stopwatch, fixable, say, warn, write_json
+from periscopy_sim.cli.output import Stopwatch, as_json, fixable, say, warn, write_json
 from periscopy_sim.reconstruction.registry import DEFAULT
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Method
+    from periscopy_sim.reconstruction.method import Method, StillMethod
     from periscopy_sim.scenario import Array
 
 
@@ -102,10 +103,15 @@ def reconstruct(
             own_errors(method, f"failed on {photo}"),
         ):
             image, solved = _recovered(fitted, given.values, scenario.hidden_shape)
+        told = _Told([], None, "", [], {})
+        if solved is not None:
+            with own_errors(method, f"failed on {photo}"):
+                told = _told(fitted, solved, scenario.hidden_shape)  # type: ignore[arg-type]
         inputs.warn_without_record(matrix)
-        told = _told(folder, fitted, solved, given.values, text) if solved is not None else {}
-        doubts = told.pop("doubts", [])
-        for doubt in doubts:
+        _write_told(folder, told, image, given.values, text)
+        if told.remark:
+            say(told.remark)
+        for doubt in told.doubts:
             warn(f"{photo}: {doubt}")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         defects.suggest_mask(folder, text)
@@ -119,9 +125,9 @@ def reconstruct(
             "hidden_shape": scenario.hidden_shape,
             **origin,
             **settings,
-            **told,
+            **told.numbers,
             **inputs.mask_record(mask, used),
-            "warnings": [*given.warnings, *defects.warnings, *doubts],
+            "warnings": [*given.warnings, *defects.warnings, *told.doubts],
             "truth": truth,
         }
         if known is not None:
@@ -152,25 +158,49 @@ def _recovered(
     return promised(method.reconstruct(photograph), hidden_shape).astype(np.float64), None
 
 
-def _told(
-    folder: Path, method: Any, found: Any, photograph: Array, text: dict[str, str]
-) -> dict[str, Any]:
-    """Draw and write what a method knows beside the image; return what a summary tells of it."""
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What a method knows beside the image: pictures (R, C, 3), its doubt, what a summary keeps."""
+
+    stages: list[tuple[str, Array]]
+    standard_errors: Array | None
+    remark: str
+    doubts: list[str]
+    numbers: dict[str, Any]
+
+
+def _told(method: StillMethod[Any], found: Any, shape: tuple[int, int]) -> _Told:
+    """Ask a method what it knows, and hold it to what `StillMethod` promises; ValueError if not."""
+    from periscopy_sim.evaluation.methods import promised
+    from periscopy_sim.figures.panels import displayable
+
+    errors = method.standard_errors(found)
+    stages = list(method.stages(found))
+    for _, image in stages:
+        promised(image, shape)
+    numbers = dict(method.told(found))
+    as_json(numbers)
+    return _Told(
+        [(str(title), displayable(image)) for title, image in stages],
+        None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),
+        str(method.remark(found)),
+        [str(doubt)] if (doubt := method.doubt(found)) else [],
+        numbers,
+    )
+
+
+def _write_told(
+    folder: Path, told: _Told, image: Array, photograph: Array, text: dict[str, str]
+) -> None:
+    """Draw the stages and the standard errors, where there are any."""
     from periscopy_sim.figures import panels
 
-    if stages := method.stages(found):
-        panels.draw_panels(
-            folder / "stages.png",
-            [(name, panels.displayable(x)) for name, x in (("photograph", photograph), *stages)],
-            metadata=text,
-        )
-    errors = method.standard_errors(found)
-    if errors is not None:
-        np.save(folder / "standard_error.npy", errors.astype(np.float32))
-        panels.draw_certainty(folder / "certainty.png", found.image, errors, text)
-    if remark := method.remark(found):
-        say(remark)
-    return {**method.told(found), "doubts": [doubt] if (doubt := method.doubt(found)) else []}
+    if told.stages:
+        shown = [("photograph", panels.displayable(photograph)), *told.stages]
+        panels.draw_panels(folder / "stages.png", shown, metadata=text)
+    if told.standard_errors is not None:
+        np.save(folder / "standard_error.npy", told.standard_errors.astype(np.float32))
+        panels.draw_certainty(folder / "certainty.png", image, told.standard_errors, text)
 
 
 def _compare(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -25,6 +26,7 @@ from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
     check_coupling,
+    coupling_help,
     method_help,
     settings_for,
     takes_options_of,
@@ -67,8 +69,7 @@ def video(
         str,
         typer.Option(
             metavar="NAME",
-            help="How each frame is tied to the one before it: l1, none, or total-variation, which "
-            "is of the preconditioned method.",
+            help=f"How each frame is tied to the one before it: {coupling_help()}.",
             autocompletion=lambda: list(COUPLINGS),
         ),
     ] = "l1",
@@ -159,6 +160,7 @@ def video(
             recovery = entry.frames_by(still, coupling, **weights)
         inputs.warn_without_record(matrix)
         records = []
+        doubts: dict[str, str] = {}
         # Products this small gain little from threads, which wait for each other on a busy machine.
         with threadpool_limits(1), fixable(str(frames)):
             with timed("rehearse"):
@@ -174,8 +176,13 @@ def video(
                 for k, (solution, seconds) in enumerate(solved):
                     write(solution.image)
                     told = recovery.told(solution)
+                    if doubt := still.doubt(solution):
+                        doubts[sequence.names[k]] = doubt
                     records.append(video_metrics.record_of(k, sequence.names[k], seconds, told))
                     frame_done(k + 1, len(names))
+        doubted = _counted(str(frames), doubts)
+        for doubt in doubted:
+            warn(doubt)
         images = mapped_stack(folder / "frames.npy")
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
@@ -211,7 +218,7 @@ def video(
             "rate": rate,
             "white": white,
             **inputs.mask_record(mask, used),
-            "warnings": [*warnings, *defects.warnings],
+            "warnings": [*warnings, *defects.warnings, *doubted],
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,
@@ -227,6 +234,15 @@ def video(
     )
     if known is not None:
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
+
+
+def _counted(frames: str, doubts: Mapping[str, str]) -> list[str]:
+    """Return one line of the frames in doubt: why the first is, and how many others are."""
+    if not doubts:
+        return []
+    name, why = next(iter(doubts.items()))
+    others = f" (likewise {len(doubts) - 1} more)" if len(doubts) > 1 else ""
+    return [f"{frames}, frame {name}: {why}{others}"]
 
 
 def _check_left_over(folder: Path, names: list[str]) -> None:

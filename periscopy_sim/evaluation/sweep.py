@@ -31,6 +31,7 @@ from periscopy_sim.evaluation.sweep_store import (
 )
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.storage.outputs.staging import out_of_space_reported
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -293,7 +294,10 @@ def _metrics(image: Image, truth: Image) -> tuple[float, ...]:
 
 def _append_seconds(path: Path, sweep: Sweep, trial: Trial, seconds: Sequence[float]) -> None:
     is_new = not path.exists()
-    with path.open("a", encoding="utf-8", newline="") as stream:
+    with (
+        out_of_space_reported(path),
+        path.open("a", encoding="utf-8", newline="") as stream,
+    ):
         table = csv.writer(stream, lineterminator="\n")
         if is_new:
             stream.write("# measured run times: they differ from run to run\n")

@@ -93,7 +93,7 @@ def test_too_few_pixels_are_refused(method, refused, tmp_path):
     np.save(tmp_path / "few.npy", np.arange(576).reshape(24, 24) < 19)
     command = ("reconstruct", "clean.npy", "--scene", "chair", *TINY, "--method", method)
     line = refused(*command, "--mask", "few.npy", "--out", "out")
-    assert "few.npy: leaves 19 pixels of the wall, fewer than the 20 patches" in line
+    assert "few.npy: the mask leaves 19 pixels for 20 patches: leave out less" in line
 
 
 # -- defective pixels ----------------------------------------------------------------------------

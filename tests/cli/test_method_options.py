@@ -9,6 +9,7 @@ from periscopy_sim.cli.method_options import (
     FOR_STILLS,
     FOR_VIDEOS,
     check_coupling,
+    coupling_help,
     method_help,
     settings_for,
     takes_options_of,
@@ -61,6 +62,15 @@ def test_command_is_given_an_argument_for_each_name_with_the_widest_bounds():
 def test_help_names_every_method():
     assert all(f"{name}: {METHODS[name].help}" in method_help(FOR_STILLS) for name in METHODS)
     assert "iterative" not in method_help(FOR_VIDEOS)
+
+
+def test_certainty_is_promised_for_stills_alone():
+    assert "(with standard errors)" in method_help(FOR_STILLS)
+    assert "(with" not in method_help(FOR_VIDEOS)
+
+
+def test_help_says_whose_a_coupling_is():
+    assert coupling_help() == "l1; none; total-variation (preconditioned alone)"
 
 
 def test_weights_of_another_coupling_are_left_out():

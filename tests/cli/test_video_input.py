@@ -60,13 +60,26 @@ def test_what_holds_for_many_photographs_is_said_once(periscopy, tiny, results, 
         Image.fromarray(codes).save(tmp_path / "y" / f"{k}.png")
     (tmp_path / "y" / "notes.txt").write_text("x")
     outcome = periscopy("video", "y", *tiny, "--out", "out")
-    left_out, gamma = outcome.err.splitlines()
+    left_out, gamma, doubt = outcome.err.splitlines()
     assert outcome.code == 0 and left_out == "periscopy: warning: y: left out notes.txt"
     assert gamma.startswith("periscopy: warning: y/0.png: 8-bit PNG, which is normally gamma")
     assert gamma.endswith(" (likewise 4 more)")
     _, summary, _ = results(tmp_path / "out")
     said = [f"periscopy: warning: {warning}" for warning in summary["warnings"]]
-    assert said == [left_out, gamma]
+    assert said == [left_out, gamma, doubt] and "frame 0.png: " in doubt
+
+
+def test_frames_that_show_nothing_are_told_by_one_line(
+    periscopy, photographs, tiny, results, tmp_path
+):
+    clip = np.ones((4, 24, 24, 3)) * np.arange(1, 5)[:, None, None, None]
+    clip[1] = photographs[0]
+    np.save(tmp_path / "y.npy", clip)
+    outcome = periscopy("video", "y.npy", *tiny, "--out", "out")
+    (line,) = outcome.err.splitlines()
+    assert outcome.code == 0 and line.startswith("periscopy: warning: y.npy, frame 0: ")
+    assert "hidden image: " in line and line.endswith(" (likewise 2 more)")
+    assert results(tmp_path / "out")[1]["warnings"] == [line.partition("warning: ")[2]]
 
 
 # -- what is refused -----------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -216,6 +217,13 @@ def test_method_that_fails_fails_alone(tmp_path):
     assert set(first["failure"].values.flat) == {""}
     table = (tmp_path / "sweep.csv").read_text()
     assert f"moody,left,0.001,0,nan,nan,nan,{raised}" in table
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
+def test_full_disk_is_reported_by_the_table_of_run_times(tmp_path):
+    (tmp_path / "seconds.csv").symlink_to("/dev/full")
+    with pytest.raises(OutputError, match=r"cannot write .*seconds\.csv: No space left"):
+        run_sweep(sweep_of(sbrs=[1e-3]), tmp_path)
 
 
 @pytest.mark.parametrize(

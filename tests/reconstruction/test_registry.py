@@ -51,7 +51,7 @@ def test_defaults_are_those_of_the_class_and_within_their_bounds(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_least_and_most_are_taken_and_what_lies_beyond_is_not_promised(name):
     for option in METHODS[name].options:
-        for value in (option.least, option.default):
+        for value in (option.least, option.default, option.most):
             METHODS[name](Scene(), A, B, **{option.name: value})
     with pytest.raises(KeyError):
         METHODS[name](Scene(), A, B, unknown=1.0)
