@@ -16,10 +16,8 @@ Array = NDArray[np.float64]
 class EmissionProfile:
     """Angular emission of an LCD: radiance relative to the normal's, after [15].
 
-    Attributes
-    ----------
-    vertical, horizontal
-        Exponents of the cosines of the vertical and the horizontal angle; 0 and 0 is Lambertian.
+    The exponents are those of the cosines of the vertical and the horizontal angle; 0 and 0 is
+    Lambertian.
     """
 
     vertical: float = 0.0
@@ -28,15 +26,8 @@ class EmissionProfile:
     def __call__(self, across: Array, up: Array, normal: Array) -> Array:
         """Evaluate the profile for directions given by their components along the monitor's axes.
 
-        Parameters
-        ----------
-        across, up, normal
-            Components (any positive scale), broadcastable.
-
-        Returns
-        -------
-        ndarray
-            1 along the normal, 0 behind the monitor.
+        They are broadcastable, of any positive scale; the result is 1 along the normal, 0 behind
+        the monitor.
         """
         lit = normal > 0
         ahead = np.where(lit, normal, 1.0)
@@ -139,15 +130,10 @@ class Scenario:
 
 @dataclass(frozen=True, eq=False)
 class WallFrame:
-    """Axes of the camera's field of view on the wall.
+    """Axes of the camera's field of view on the wall, about the wall points' centroid (metres).
 
-    Attributes
-    ----------
-    center
-        (3,) centroid of the wall points, in metres.
-    across, normal, up
-        (3,) orthonormal: the photograph's columns run along across, as far as the wall's plane
-        allows; the normal points into the room; up completes them.
+    They are orthonormal: the photograph's columns run along across, as far as the wall's plane
+    allows; the normal points into the room; up completes them.
     """
 
     center: Array
@@ -161,20 +147,8 @@ def wall_frame(
 ) -> WallFrame:
     """Orient the field of view by the photograph's own rows and columns.
 
-    Parameters
-    ----------
-    points
-        (M, 3) wall points in metres.
-    normals
-        (M, 3) unit wall normals.
-    photograph_shape
-        (rows, columns) of the photograph; None, or a photograph of a single column, takes the
-        horizontal direction of the wall (z up) as across.
-
-    Returns
-    -------
-    WallFrame
-        The centre and axes.
+    Points (M, 3) are in metres, normals (M, 3) of unit length. A photograph shape of None, or of a
+    single column, takes the horizontal direction of the wall (z up) as across.
     """
     center = points.mean(axis=0)
     normal = normals.mean(axis=0)

@@ -30,19 +30,9 @@ def _compiled(function: Function) -> Function:
 
 
 def connected_parts(vertices: Array, faces: Indices) -> list[tuple[Array, Indices]]:
-    """Split a mesh where its triangles share no vertex index.
+    """Split a mesh, (V, 3) positions and (F, 3) vertex indices, where its triangles share no index.
 
-    Parameters
-    ----------
-    vertices
-        (V, 3) positions.
-    faces
-        (F, 3) vertex indices.
-
-    Returns
-    -------
-    list of (vertices, faces)
-        The parts; vertices that no triangle uses are left out.
+    Vertices that no triangle uses are left out.
     """
     start, end = faces[:, [0, 1]].T.ravel(), faces[:, [1, 2]].T.ravel()
     edges = coo_array((np.ones(len(start)), (start, end)), shape=(len(vertices), len(vertices)))
@@ -60,19 +50,8 @@ def is_convex(vertices: Array, faces: Indices) -> bool:
 
     That is so where the content of the faces (the enclosed volume, or the area of a flat mesh) is
     the content of the vertices' convex hull, to one part in a million and to what rounding the
-    vertices to single precision can dent.
-
-    Parameters
-    ----------
-    vertices
-        (V, 3) positions, all used.
-    faces
-        (F, 3) vertex indices, consistently oriented.
-
-    Returns
-    -------
-    bool
-        Whether it is convex; a mesh that shrinks to a line or a point is.
+    vertices to single precision can dent; and where the mesh shrinks to a line or a point. The
+    (V, 3) vertices are all used, and the (F, 3) faces consistently oriented.
     """
     rounding = np.finfo(np.float32).eps * np.abs(vertices).max()
     corners = vertices - vertices.mean(axis=0)
@@ -94,25 +73,11 @@ def is_convex(vertices: Array, faces: Indices) -> bool:
 def lit_points(
     points: Array, foot: Array, height: float, vertices: Array, starts: Indices
 ) -> NDArray[np.bool]:
-    """Find the points of the plane that lie in no part's shadow.
+    """Return which of the (M, 2) points of the plane lie in no part's shadow, (M,).
 
-    Parameters
-    ----------
-    points
-        (M, 2) across and up, sorted by the first.
-    foot
-        (2,) across and up of the point source.
-    height
-        Its height, above every vertex's.
-    vertices
-        (V, 3) vertices of the convex parts, one part after the other; none below the plane.
-    starts
-        (P + 1,) where each part begins in `vertices`, and V.
-
-    Returns
-    -------
-    ndarray
-        (M,) whether the source lights the point.
+    Points are across and up, sorted by the first. The point source stands at `height` above `foot`,
+    higher than every vertex. `vertices` are (V, 3) of the convex parts, one part after the other,
+    none below the plane; `starts` (P + 1,) is where each part begins in them, and V.
     """
     lit = np.ones(len(points), np.bool_)
     for part in range(len(starts) - 1):

@@ -51,30 +51,14 @@ def check_photograph(
     name: str,
     mask: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
-    """Check that an array can be a photograph, and bring it to its one form.
+    """Check that an array can be a photograph, and return it in its one form, (rows, columns, 3).
 
-    Parameters
-    ----------
-    values : (rows, columns), (rows, columns, 1) or (rows, columns, 3)
-        Finite real numbers, the largest from 1e-30 to 1e30; negatives may come of subtracted dark
-        frames. A single channel is grey.
-    shape : (rows, columns)
-        Size that the photograph must have.
-    name : str
-        What to call the array in messages.
-    mask : (rows, columns) bool
-        True where the wall is used; elsewhere the photograph may hold anything, also NaN, and
-        is returned as zero. None: everywhere.
-
-    Returns
-    -------
-    (rows, columns, 3) float64
-        A new array.
-
-    Raises
-    ------
-    PhotographError
-        If any of this does not hold.
+    `values` are (rows, columns), (rows, columns, 1) or (rows, columns, 3), with a single channel
+    being grey: finite real numbers, the largest from 1e-30 to 1e30; negatives may come of
+    subtracted dark frames. The (rows, columns) bool mask is True where the wall is used; elsewhere
+    the photograph may hold anything, also NaN, and is returned as zero. `name` is what messages
+    call the array. The result is a new float64 array; a `PhotographError` is raised if any of this
+    does not hold.
     """
     try:
         array = np.asarray(values)
@@ -111,21 +95,9 @@ def check_photograph(
 
 
 def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None:
-    """Check that a photograph is as large as the scene's camera sees it.
+    """Check that a photograph of (rows, columns) `size` is as large as the camera sees it.
 
-    Parameters
-    ----------
-    size : (rows, columns)
-        What it has.
-    shape : (rows, columns)
-        What it must have.
-    name : str
-        What to call it in messages.
-
-    Raises
-    ------
-    PhotographError
-        If they differ; the message says both, and whether averaging blocks would fix it.
+    The message says both sizes, and whether averaging blocks would fix it.
     """
     if tuple(size) == tuple(shape):
         return
@@ -141,13 +113,7 @@ def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None
 
 
 def check_real(dtype: np.dtype[Any], name: str) -> None:
-    """Refuse a dtype whose values are not integers or floating-point numbers.
-
-    Raises
-    ------
-    PhotographError
-        Naming what the array `name` holds instead.
-    """
+    """Refuse a dtype whose values are not integers or floating-point numbers."""
     if dtype.kind not in "iuf":
         held = _NOT_REAL.get(dtype.kind, "no numbers")
         raise PhotographError(f"{name}: holds {held} ({dtype}); save real numbers, as float32 say")

@@ -70,21 +70,8 @@ def render_photograph(
 class Monitor:
     """A scene, loaded once, whose monitor shows one image after another.
 
-    Parameters
-    ----------
-    scenario
-        The scene.
-    hidden_shape
-        (R, C) of the images.
-    samples, bounces, only_monitor
-        As in `render_photograph`.
-
-    Raises
-    ------
-    SceneError
-        If the monitor cannot show images.
-    ValueError
-        If samples or bounces is below 1.
+    Images are of `hidden_shape`, (R, C). The other parameters are those of `render_photograph`. A
+    monitor that cannot show images is a `SceneError`.
     """
 
     def __init__(
@@ -125,24 +112,9 @@ class Monitor:
         seed: int = 0,
         progress: Callable[[float], None] | None = None,
     ) -> Array:
-        """Path trace a photograph of the wall while the monitor shows an image.
+        """Path trace a photograph, (rows, columns, 3) radiance, while the monitor shows an image.
 
-        Parameters
-        ----------
-        image
-            (R, C, 3) linear radiance along the monitor's normal.
-        seed, progress
-            As in `render_photograph`.
-
-        Returns
-        -------
-        ndarray
-            (rows, columns, 3) float64 radiance.
-
-        Raises
-        ------
-        ValueError
-            If the image has another shape, is not finite or negative.
+        The image is (R, C, 3) linear radiance along the monitor's normal, finite and not negative.
         """
         import mitsuba as mi
 
@@ -187,23 +159,10 @@ def path_trace(
     progress: Callable[[float], None] | None = None,
     sensor: Any = None,
 ) -> Array:
-    """Render what a sensor of a Mitsuba scene sees, in passes of bounded memory.
+    """Render what a sensor of a Mitsuba scene sees, (rows, columns, 3) radiance, in bounded memory.
 
-    Parameters
-    ----------
-    scene
-        A Mitsuba scene.
-    depth
-        Mitsuba's path depth: 2 for one reflection, -1 for any number.
-    samples, seed, progress
-        As in `render_photograph`.
-    sensor
-        A sensor with a sampler that takes square numbers; None for the one of id ``camera``.
-
-    Returns
-    -------
-    ndarray
-        (rows, columns, 3) float64 radiance.
+    `depth` is Mitsuba's: 2 for one reflection, -1 for any number. The sensor, if not that of id
+    ``camera``, needs a sampler that takes square numbers.
     """
     import mitsuba as mi
 

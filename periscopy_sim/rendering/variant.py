@@ -46,13 +46,7 @@ class VariantReport:
 
 
 def examine_variants() -> list[VariantReport]:
-    """Return what there is to say of the variants that this package prefers, best first.
-
-    Returns
-    -------
-    list of VariantReport
-        One entry for each name in `PREFERENCE`.
-    """
+    """Return what there is to say of the variants in `PREFERENCE`, best first."""
     import drjit as dr
 
     cuda = bool(dr.has_backend(dr.JitBackend.CUDA))

@@ -32,30 +32,10 @@ def ambient_photographs(
 ) -> dict[str, NDArray[np.float64]]:
     """Return photographs of a wall under ambient conditions; what the folder lacks is rendered.
 
-    Parameters
-    ----------
-    names
-        Shipped conditions, or paths of scene files.
-    scenario
-        The scene.
-    folder
-        Where each lies, or will, as ``NAME.exr``.
-    seed
-        Seed of the rendering.
-    target
-        Relative error of a pixel, see `render_background`.
-    progress
-        Called with each condition that is rendered.
-
-    Returns
-    -------
-    dict
-        Condition to (rows, columns, 3) radiance.
-
-    Raises
-    ------
-    PeriscopyError
-        If a name is unknown or given twice, or a file in the folder was made otherwise.
+    `names` are shipped conditions or paths of scene files. Each photograph, (rows, columns, 3)
+    radiance, lies in the folder, or will, as ``NAME.exr``. `target` is the relative error of a
+    pixel, see `render_background`; `progress` is called with each condition that is rendered. A
+    name that is unknown or given twice, or a file made otherwise, is a `PeriscopyError`.
     """
     from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.storage.formats.exr import read_exr, write_exr
@@ -85,13 +65,7 @@ def ambient_photographs(
 
 
 def find_condition(name: str) -> Path:
-    """Return the file of a shipped condition, or the scene file named.
-
-    Raises
-    ------
-    PeriscopyError
-        If there is neither; the message lists the shipped ones.
-    """
+    """Return the file of a shipped condition, or the scene file named."""
     from periscopy_sim.shipped import find_scene
 
     if name in (*REALISTIC, *ADVERSARIAL):

@@ -71,12 +71,8 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
 def linear_light(values: NDArray[Any], place: Path) -> NDArray[np.float64]:
     """Return (rows, columns, 1 or 3) values as (rows, columns, 3) light, 1 for white.
 
-    Integers are fractions of the largest of their dtype.
-
-    Raises
-    ------
-    PhotographError
-        If they are negative, not finite, or of another dtype than 8 or 16 bits or floating point.
+    Integers, of 8 or 16 bits, are fractions of the largest of their dtype. Values that are negative
+    or not finite are refused.
     """
     light = _fraction(values, place)
     if not (np.isfinite(light) & (light >= 0)).all():
@@ -85,23 +81,10 @@ def linear_light(values: NDArray[Any], place: Path) -> NDArray[np.float64]:
 
 
 def write_png(path: Path, linear_image: ArrayLike, text: Mapping[str, str]) -> None:
-    """Write an 8-bit sRGB PNG; the same inputs give the same bytes.
+    """Write (rows, columns, 3) linear light, clipped to [0, 1], as an 8-bit sRGB PNG.
 
-    Parameters
-    ----------
-    path : Path
-        Appears once complete.
-    linear_image : (rows, columns, 3)
-        Linear light, clipped to [0, 1].
-    text : mapping
-        Text chunks, such as provenance.
-
-    Raises
-    ------
-    ValueError
-        If the image has another shape or NaN.
-    OutputError
-        If the path cannot be written.
+    The same inputs give the same bytes. `text` holds text chunks, such as provenance. An image of
+    another shape or with NaN is a ValueError.
     """
     encoded = 255 * srgb_encode(np.clip(linear_image, 0, 1))
     if encoded.ndim != 3 or encoded.shape[2] != 3 or np.isnan(encoded).any():
@@ -126,17 +109,8 @@ def png_bytes(pixels: NDArray[np.uint8], text: Mapping[str, str]) -> bytes:
 def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Return an image resampled by its exact mean over the area of each new pixel.
 
-    Parameters
-    ----------
-    image : (rows, columns, channels)
-        Constant over each of its pixels.
-    shape : (new rows, new columns)
-        More or fewer than the image has.
-
-    Returns
-    -------
-    (new rows, new columns, channels) float64
-        W_r image W_c^T for each channel, with W of `_coverage`.
+    The image is (rows, columns, channels), constant over each of its pixels; the result is W_r
+    image W_c^T for each channel, with W of `_coverage`, and has more or fewer pixels.
     """
     image = np.asarray(image)
     return _average(lambda rows: image[rows].astype(np.float64), image.shape[:2], shape)

@@ -195,18 +195,9 @@ def _refined(
 
 
 def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
-    """Return the error of the replicas' mean, as `Background` defines it.
+    """Return the relative and the brightness error of the replicas' mean, as `Background` has them.
 
-    Parameters
-    ----------
-    replicas
-        (K, M, 3) independent estimates of a picture.
-    squared_bias
-        (3,) of all of them.
-
-    Returns
-    -------
-    relative_error, brightness_error
+    `replicas` are (K, M, 3) independent estimates of a picture, `squared_bias` (3,) of them all.
     """
     K = len(replicas)
     brightness = replicas.mean(axis=(1, 2))

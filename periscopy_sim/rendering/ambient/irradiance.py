@@ -35,20 +35,9 @@ NEARLY = 1 - 1e-3
 
 
 def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
-    """Return the edges of the pixels whose centres are the points.
+    """Return the edges, (M, 2, 3) down and across, of pixels whose centres are the (M, 3) points.
 
-    Parameters
-    ----------
-    points, normals
-        (M, 3) points and unit normals, row-major.
-    shape
-        (rows, columns) of the photograph. Pixels of a lone row or column count as square, a lone
-        pixel as a point.
-
-    Returns
-    -------
-    ndarray
-        (M, 2, 3) edge vectors, down and across.
+    Pixels of a lone row or column count as square, a lone pixel as a point.
     """
     rows, columns = shape
     grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
@@ -77,27 +66,11 @@ def scatters_alike(flags: Any) -> Any:
 def direct_irradiance(
     scene: Any, emitter: Any, points: Array, normals: Array, edges: Array, samples: int, seed: int
 ) -> Array:
-    """Estimate the irradiance that one emitter causes, averaged over small parallelograms.
+    """Estimate the irradiance (M, 3) that one emitter causes, averaged over small parallelograms.
 
-    Rays aimed at the emitter and cosine-weighted ones are combined by the balance heuristic [1].
-
-    Parameters
-    ----------
-    scene, emitter
-        A Mitsuba scene and one of its emitters.
-    points, normals
-        (M, 3) centres and unit normals.
-    edges
-        (M, 2, 3) edge vectors of the parallelograms.
-    samples
-        Samples of each, multi-jittered; rounded up to a square number.
-    seed
-        Seed of the sampler, of 32 bits.
-
-    Returns
-    -------
-    ndarray
-        (M, 3) float64.
+    They have (M, 3) centres and unit normals and (M, 2, 3) edge vectors. Rays aimed at the emitter
+    and cosine-weighted ones, `samples` of each rounded up to a square number, are combined by the
+    balance heuristic [1]. The seed is of 32 bits.
     """
     import drjit as dr
     import mitsuba as mi
@@ -132,24 +105,10 @@ def direct_irradiance(
 
 
 def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, seed: int) -> Array:
-    """Estimate the irradiance by light that has bounced, at points of one wall.
+    """Estimate the irradiance (m, 3) by light that has bounced, at (m, 3) points just off one wall.
 
-    Parameters
-    ----------
-    scene
-        A Mitsuba scene.
-    points, normals
-        (m, 3) points just off the wall and its unit normals there.
-    paths
-        Paths from each point that serve all, rounded up to passes of a square number each; `ALONE`
-        times as many serve the mean alone.
-    seed
-        Seed of the sampler.
-
-    Returns
-    -------
-    ndarray
-        (m, 3) float64.
+    The paths from each point that serve all are rounded up to passes of a square number each;
+    `ALONE` times as many serve the mean alone.
     """
     m = len(points)
     passes = -(-paths * m**2 // PAIRS)
@@ -172,14 +131,11 @@ def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, se
 def _trace(
     scene: Any, points: Array, normals: Array, each: int, seed: int
 ) -> tuple[Array, tuple[Any, ...]]:
-    """Trace paths in cosine-weighted directions: the radiance each brings, what it meets first.
+    """Trace paths in cosine-weighted directions.
 
-    Returns
-    -------
-    light, hits
-        (paths, 3), without emission that the first ray meets; and, in Dr.Jit arrays, positions,
-        normals towards the wall, whether there is a hit, and whether it scatters alike in all
-        directions.
+    Return the radiance that each brings, (paths, 3), without emission that the first ray meets; and
+    what that ray meets, in Dr.Jit arrays: positions, normals towards the wall, whether there is a
+    hit, and whether it scatters alike in all directions.
     """
     import drjit as dr
     import mitsuba as mi

@@ -24,21 +24,9 @@ PATHS = 256
 class Part:
     """One part of the light, estimated in replicas at some of the pixels.
 
-    Parameters
-    ----------
-    estimate
-        Maps a seed to the (S, 3) irradiance at the sites.
-    sites
-        (S,) row-major indices of pixels.
-    shape
-        (rows, columns) of the photograph.
-
-    Attributes
-    ----------
-    rounds
-        How often samples were added.
-    field
-        The light at every pixel, once there was a round.
+    `estimate` maps a seed to the (S, 3) irradiance at the `sites`, (S,) row-major indices of
+    pixels. `rounds` counts how often samples were added; `field` is the light at every pixel after
+    the first.
     """
 
     def __init__(

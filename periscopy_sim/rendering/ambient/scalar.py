@@ -20,25 +20,9 @@ DIRECT_SAMPLES = 64
 def scalar_parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
     """Estimate direct light at every pixel and bounced light at a few, in scalar variants.
 
-    Irradiance is the radiance of the scene's own diffuse wall over its reflectance / π.
-
-    Parameters
-    ----------
-    scene
-        A Mitsuba scene with shape ``wall``.
-    points, normals
-        (M, 3) points just off that wall and unit normals, row-major.
-    shape
-        (rows, columns) of the photograph.
-
-    Returns
-    -------
-    list of Part
-
-    Raises
-    ------
-    SceneError
-        If the scene's wall is not diffuse, or is black or misses some of the points.
+    Irradiance is the radiance of the scene's own diffuse wall over its reflectance / π, at (M, 3)
+    points just off that wall, row-major. A wall that is not diffuse, is black or misses some of the
+    points is a `SceneError`.
     """
     edges = pixel_edges(points, normals, shape)
     sites = chosen_sites(shape, SITES)

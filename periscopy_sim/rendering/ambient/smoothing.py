@@ -48,20 +48,7 @@ def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, in
     The residuals of two independent replicas share only the fit's bias, so that the mean of their
     products estimates its square without bias; with the variance over the replicas it gives the
     squared error of each degree. Where every pixel was sampled, the samples themselves compete.
-
-    Parameters
-    ----------
-    replicas
-        (K, S, 3) independent estimates of the field at the sites, K of at least 2.
-    sites
-        (S,) row-major indices of the pixels sampled.
-    shape
-        (rows, columns) of the image, M pixels.
-
-    Returns
-    -------
-    Field
-        The estimate at every pixel.
+    `replicas` are (K, S, 3) estimates, K of at least 2, at the (S,) row-major indices `sites`.
     """
     K, M = len(replicas), shape[0] * shape[1]
     candidates = []

@@ -13,22 +13,11 @@ PLUGIN = "lcd"
 
 
 def falloff(across: Any, up: Any, normal: Any, exponents: tuple[float, float]) -> Any:
-    """Evaluate the profile: 1 along the normal, 0 behind.
+    """Evaluate the profile for a direction in the monitor's axes: 1 along the normal, 0 behind.
 
     cos(vertical angle) is n / sqrt(n² + u²) for a direction with normal component n and up
-    component u; likewise the horizontal one.
-
-    Parameters
-    ----------
-    across, up, normal
-        Components of the direction along the monitor's own axes (any positive scale).
-    exponents
-        Vertical and horizontal exponent.
-
-    Returns
-    -------
-    array
-        Dimensionless factor, in the array type of the components.
+    component u, of any positive scale; likewise the horizontal one. The exponents are the vertical
+    and the horizontal one.
     """
     import drjit as dr
 

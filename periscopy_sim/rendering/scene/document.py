@@ -56,20 +56,10 @@ class SceneDocument:
 
 
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
-    """Return what a scene file and those that it includes say.
+    """Return what a scene file and those that it includes say, with values for its ``<default>``s.
 
-    Parameters
-    ----------
-    path
-        The scene file.
-    parameters
-        Values given for its ``<default>``s.
-
-    Raises
-    ------
-    SceneError
-        If a file does not exist, is not XML, is nested too deeply, includes itself or too many
-        files, or if a value grows without end.
+    A file that does not exist, is not XML, is nested too deeply, includes itself or too many files,
+    or a value that grows without end is a `SceneError`.
     """
     reader = _Reader(path, parameters or {})
     folders = [path.parent]
@@ -85,13 +75,7 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
 
 
 def declared_defaults(path: Path) -> dict[str, str]:
-    """Return the ``<default>``s of a scene file and of the files it includes, name to value.
-
-    Raises
-    ------
-    SceneError
-        As `read_document`.
-    """
+    """Return the ``<default>``s of a scene file and of the files it includes, name to value."""
     return read_document(path).defaults
 
 

@@ -132,23 +132,11 @@ def build_scene(
     only_monitor: bool = False,
     plain_emitter: bool = False,
 ) -> Any:
-    """Instantiate the Mitsuba scene of a scenario whose monitor shows an image.
+    """Instantiate the Mitsuba scene of a scenario whose monitor shows an image, or white.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    image
-        (R, C, 3) linear radiance along the normal, of any R and C; None for white.
-    only_monitor
-        Remove every other emitter.
-    plain_emitter
-        Leave out the LCD's angular profile.
-
-    Returns
-    -------
-    mitsuba.Scene
-        With pixels averaged over their own area (box filter).
+    The image is (R, C, 3) linear radiance along the normal, of any R and C. `only_monitor` removes
+    every other emitter, `plain_emitter` the LCD's angular profile. Pixels are averaged over their
+    own area (box filter).
     """
     nodes = SceneNodes(scenario.path, dict(scenario.parameters))
     nodes.show(image, scenario.mirrored)
@@ -173,24 +161,10 @@ def shape_of(scene: Any, name: str) -> Any:
 def patch_uv(
     row: Any, column: Any, hidden: tuple[int, int], mirrored: bool, offset: tuple[Any, Any]
 ) -> tuple[Any, Any]:
-    """Return the monitor's UV coordinates of a point in a patch.
+    """Return the monitor's coordinates u, v of a point in a patch.
 
-    Row 0 is the top (v = 1) and column 0 a viewer's left.
-
-    Parameters
-    ----------
-    row, column
-        Patch indices, in any array type.
-    hidden
-        (R, C).
-    mirrored
-        Whether u runs to a viewer's left.
-    offset
-        Position in the patch, down and across, each in [0, 1).
-
-    Returns
-    -------
-    u, v
+    Row 0 is the top (v = 1) and column 0 a viewer's left; `mirrored` if u runs to a viewer's left.
+    The offset is the position in the patch, down and across, each in [0, 1).
     """
     rows, columns = hidden
     u = (column + offset[1]) / columns

@@ -29,17 +29,8 @@ _NUMBERS = {
 def check_mesh(path: Path, plugin: str) -> None:
     """Check that a mesh file is whole, its numbers finite and its indices those of its vertices.
 
-    Parameters
-    ----------
-    path
-        The file.
-    plugin
-        Mitsuba's name of its format; others than ``ply`` and ``obj`` are not looked into.
-
-    Raises
-    ------
-    ValueError, RuntimeError
-        Saying what is wrong, in these words or in Mitsuba's.
+    `plugin` is Mitsuba's name of its format; others than ``ply`` and ``obj`` are not looked into.
+    What is wrong is a ValueError in these words, or a RuntimeError in Mitsuba's.
     """
     if plugin not in ("ply", "obj"):
         return

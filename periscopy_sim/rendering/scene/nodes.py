@@ -22,19 +22,8 @@ from periscopy_sim.scenario import EmissionProfile
 class SceneNodes:
     """The parsed nodes of one scene file.
 
-    Parameters
-    ----------
-    path
-        The scene file.
-    parameters
-        Values for its ``<default>``s.
-    required
-        Ids, each with its kind of node, that the scene must have.
-
-    Raises
-    ------
-    SceneError
-        As `parse`, or if a required node is missing, or is no plain shape or sensor of the scene.
+    `required` are ids, each with its kind of node, that the scene must have: one that is missing,
+    or is no plain shape or sensor, is a `SceneError`.
     """
 
     def __init__(
@@ -98,20 +87,10 @@ class SceneNodes:
     # -- editing ---------------------------------------------------------------------------------
 
     def show(self, image: NDArray[np.floating[Any]] | None, mirrored: bool = False) -> None:
-        """Make the monitor show an image, or white.
+        """Make the monitor show an image, or a radiance of 1 everywhere.
 
-        Parameters
-        ----------
-        image
-            (R, C, 3) linear radiance along the normal, as a viewer facing the monitor sees it;
-            None for a radiance of 1 everywhere.
-        mirrored
-            Whether the monitor's u runs to a viewer's left.
-
-        Raises
-        ------
-        SceneError
-            If the monitor's emitter has no radiance.
+        The image is (R, C, 3) linear radiance along the normal, as a viewer facing the monitor sees
+        it; `mirrored` if the monitor's u runs to a viewer's left.
         """
         import mitsuba as mi
 
@@ -156,19 +135,8 @@ class SceneNodes:
     ) -> None:
         """Make a sensor average each pixel over its own area, in linear float32 RGB.
 
-        Its samples become stratified ones: on penumbrae their error falls about as n^-0.75.
-
-        Parameters
-        ----------
-        film_size
-            (rows, columns) of the film; None leaves them.
-        sensor
-            Its id.
-
-        Raises
-        ------
-        SceneError
-            If the sensor has no film that records an image.
+        Its samples become stratified ones: on penumbrae their error falls about as n^-0.75. A film
+        size of None leaves its (rows, columns).
         """
         import mitsuba as mi
 
@@ -187,17 +155,7 @@ class SceneNodes:
         camera["sampler"] = mi.load_dict({"type": "multijitter"})
 
     def instantiate(self) -> Any:
-        """Build the Mitsuba scene, once: it consumes the nodes.
-
-        Returns
-        -------
-        mitsuba.Scene
-
-        Raises
-        ------
-        SceneError
-            With Mitsuba's own reason, if it refuses the scene.
-        """
+        """Build the Mitsuba scene, once: it consumes the nodes."""
         import mitsuba as mi
 
         state, self._state = self._state, None
@@ -288,22 +246,12 @@ class SceneNodes:
 
 
 def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
-    """Lay an image out as the texture that shows it on the monitor.
+    """Lay an image out as the texture that shows it, (max(R, 2), max(C, 2), 3) float32, contiguous.
 
-    A texture's row 0 lies at v = 0, the monitor's lower edge. A single row or column is doubled:
-    Mitsuba's textures have at least 2 x 2 pixels, and an update with fewer is read past its end.
-
-    Parameters
-    ----------
-    image
-        (R, C, 3) radiance as a viewer facing the monitor sees it.
-    mirrored
-        Whether the monitor's u runs to a viewer's left.
-
-    Returns
-    -------
-    ndarray
-        (max(R, 2), max(C, 2), 3) float32, contiguous.
+    The image is (R, C, 3) radiance as a viewer facing the monitor sees it, `mirrored` if the
+    monitor's u runs to a viewer's left. A texture's row 0 lies at v = 0, the monitor's lower edge.
+    A single row or column is doubled: Mitsuba's textures have at least 2 x 2 pixels, and an update
+    with fewer is read past its end.
     """
     texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
     for axis in (0, 1):

@@ -23,24 +23,10 @@ _SEARCH = RLock()
 
 
 def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
-    """Return Mitsuba's nodes of a scene file, with files by absolute names.
+    """Return Mitsuba's configuration and state of a scene file, with files by absolute names.
 
-    Parameters
-    ----------
-    path
-        The scene file.
-    parameters
-        Values for its ``<default>``s.
-
-    Returns
-    -------
-    configuration, state
-        What `mitsuba.parser.instantiate` takes.
-
-    Raises
-    ------
-    SceneError
-        If a file is missing or malformed, or a parameter is not declared in the scene.
+    `mitsuba.parser.instantiate` takes both. A file that is missing or malformed, or a parameter
+    that the scene does not declare, is a `SceneError`.
     """
     import mitsuba as mi
 

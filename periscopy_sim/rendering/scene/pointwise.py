@@ -12,19 +12,9 @@ from periscopy_sim.scenario import Array
 
 
 def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> list[Array]:
-    """Evaluate a function of a Point2f at many points.
+    """Evaluate a function of a Point2f, that returns Dr.Jit numbers and vectors, at (n, 2) points.
 
-    Parameters
-    ----------
-    function
-        It returns Dr.Jit numbers and vectors.
-    points
-        (n, 2) points.
-
-    Returns
-    -------
-    list of ndarray
-        (n, components) float64 for each of its values.
+    The result is an (n, components) float64 array for each of its values.
     """
     import mitsuba as mi
 
@@ -39,27 +29,11 @@ def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> lis
 
 
 def surface_at(shape: Any, uv: Any) -> Any:
-    """Find the point of a shape at UV coordinates.
+    """Find the point of a shape at UV coordinates, Mitsuba's Point2f within the unit square.
 
     Mitsuba looks for it by a ray in the UV plane, which may slip between two triangles where it
-    meets their edge; there a point beside it is taken.
-
-    Parameters
-    ----------
-    shape
-        A Mitsuba shape.
-    uv
-        Mitsuba's Point2f, within the unit square.
-
-    Returns
-    -------
-    mitsuba.SurfaceInteraction3f
-        Not valid where the shape has no point.
-
-    Raises
-    ------
-    RuntimeError
-        If the shape has no UV coordinates.
+    meets their edge; there a point beside it is taken. The interaction is not valid where the shape
+    has no point. A shape without UV coordinates is a RuntimeError.
     """
     import drjit as dr
     import mitsuba as mi

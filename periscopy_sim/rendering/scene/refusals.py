@@ -36,36 +36,14 @@ UV_ERROR = 1e-3
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Refuse what light passes or is changed by on its way, and a monitor turned inside out.
-
-    Parameters
-    ----------
-    nodes
-        The scene.
-
-    Raises
-    ------
-    SceneError
-        Naming the shape or the sensor, and what is wrong with it.
-    """
+    """Refuse what light passes or is changed by on its way, and a monitor turned inside out."""
     check_media(nodes)
     _check_opaque(nodes)
     _check_outside(nodes)
 
 
 def check_media(nodes: SceneNodes) -> None:
-    """Refuse participating media: no light is scattered or absorbed on its way.
-
-    Parameters
-    ----------
-    nodes
-        The scene.
-
-    Raises
-    ------
-    SceneError
-        Naming the shape or the sensor that has the medium.
-    """
+    """Refuse participating media: no light is scattered or absorbed on its way."""
     for kind in ("Shape", "Sensor"):
         for props in nodes.of_type(kind):
             for _, medium in nodes.children(props, "Medium"):
@@ -89,20 +67,7 @@ def _check_opaque(nodes: SceneNodes) -> None:
 
 
 def check_wall(wall: Any, material: str, path: Path) -> None:
-    """Refuse a wall that is partly a mirror: shadow rays never find a mirror's direction.
-
-    Parameters
-    ----------
-    wall
-        The Mitsuba shape.
-    material, path
-        Its BSDF plugin and the scene file, for the message.
-
-    Raises
-    ------
-    SceneError
-        If its BSDF reflects a part into one direction.
-    """
+    """Refuse a wall that is partly a mirror: shadow rays never find a mirror's direction."""
     import mitsuba as mi
 
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):
@@ -116,20 +81,8 @@ def check_monitor(monitor: Any, path: Path) -> None:
     """Refuse a monitor whose surface is not that of its UV square, once.
 
     What lies outside of the square, or under the same coordinates as another part, would shine in
-    the scene but not in A. Mitsuba's own textured emitters miss it as well.
-
-    Parameters
-    ----------
-    monitor
-        The Mitsuba shape.
-    path
-        The scene file, for the message.
-
-    Raises
-    ------
-    SceneError
-        If parts of its surface lie elsewhere, or Mitsuba finds no or another point at some
-        coordinates, as on a turned sphere.
+    the scene but not in A. Mitsuba's own textured emitters miss it as well, and find no or another
+    point at some coordinates, as on a turned sphere.
     """
     import drjit as dr
 

@@ -60,17 +60,9 @@ class RenderedTransport:
         return self.scenario.transport_shape
 
     def row_blocks(self) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-        """Render every row once.
+        """Yield every row once: a slice of rows and their entries, (rows, N) float32.
 
-        Yields
-        ------
-        tuple
-            The rows, and their entries, (rows, N) float32.
-
-        Raises
-        ------
-        VariantError
-            In scalar variants, which render columns only.
+        Scalar variants render columns only and raise a `VariantError`.
         """
         use_variant()
         if not is_vectorized():

@@ -22,34 +22,12 @@ def render_columns(
     seed: int,
     progress: Callable[[float], None],
 ) -> NDArray[np.float32]:
-    """Fill A by rendering the wall with one patch lit at a time.
+    """Fill and return A, (M, N), by rendering the wall with one patch lit at a time.
 
-    The C++ direct integrator sees a plain area emitter; the angular profile, taken between the
-    pixel's and the patch's centre, is multiplied in afterwards. That is exact up to the profile's
-    curvature over a patch and a pixel.
-
-    Parameters
-    ----------
-    scenario
-        The scene.
-    A
-        (M, N) array to fill.
-    samples
-        Camera samples a pixel, each with one sample of the lit patch.
-    seed
-        Seed of the sampler.
-    progress
-        Called with the fraction done.
-
-    Returns
-    -------
-    ndarray
-        A.
-
-    Raises
-    ------
-    SceneError
-        If the monitor's emitter has no closed-form profile: only ``area`` and ``lcd`` do.
+    The C++ direct integrator sees a plain area emitter, one sample of it a camera sample; the
+    angular profile, taken between the pixel's and the patch's centre, is multiplied in afterwards.
+    That is exact up to the profile's curvature over a patch and a pixel. An emitter without a
+    closed-form profile (others than ``area`` and ``lcd``) is a `SceneError`.
     """
     import mitsuba as mi
 
@@ -81,18 +59,7 @@ def render_columns(
 
 
 def profile_matrix(scenario: Scenario) -> NDArray[Any]:
-    """Evaluate the angular profile from each patch's centre to each wall point.
-
-    Parameters
-    ----------
-    scenario
-        A scene whose emission is known in closed form.
-
-    Returns
-    -------
-    ndarray
-        (M, N), 1 along the patches' normals.
-    """
+    """Evaluate the profile, 1 along the normal, from each patch's centre to each point: (M, N)."""
     assert scenario.emission is not None
     axes = []
     for axis in (scenario.patch_across, scenario.patch_up, scenario.patch_normals):

@@ -132,17 +132,8 @@ def rendered_rows(
 ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
     """Render the transport matrix block by block, in a vectorized variant.
 
-    Parameters
-    ----------
-    scenario, samples, strata, pixel_samples, seed
-        As in `render_transport`.
-    lanes
-        Entries rendered at once.
-
-    Yields
-    ------
-    tuple
-        The rows, in order, and their entries, (rows, N) float32.
+    Yield the rows, in order, and their entries, (rows, N) float32. `lanes` entries are rendered at
+    once; the other parameters are those of `render_transport`.
     """
     import drjit as dr
     import mitsuba as mi

@@ -21,39 +21,14 @@ _LONGEST_HEADER = 10_000  # bytes: NumPy's own limit, which it looks at once it 
 def read_npy(path: Path, *, truth_values: bool = False) -> NDArray[Any]:
     """Read an NPY file of real numbers, of any shape, endianness and memory order.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    truth_values : bool
-        Whether it may hold truth values too.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged, holds anything but real numbers, or announces too many.
+    `truth_values` are read only if asked for.
     """
     with decoding(path, "NPY"), path.open("rb") as stream:
         return _read_array(stream, path, truth_values)
 
 
 def read_npz(path: Path, key: str, *, truth_values: bool = False) -> NDArray[Any]:
-    """Read one array of real numbers from an NPZ archive.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    key : str
-        Name of the array.
-    truth_values : bool
-        Whether it may hold truth values too.
-
-    Raises
-    ------
-    PhotographError
-        As `read_npy`, and if the archive has no array `key`: the message lists those it has.
-    """
+    """Read one array of an NPZ archive by its key, as `read_npy` does."""
     with decoding(path, "NPZ"), zipfile.ZipFile(path) as archive:
         keys = [name.removesuffix(".npy") for name in archive.namelist()]
         if key not in keys:
@@ -66,18 +41,9 @@ def read_npz(path: Path, key: str, *, truth_values: bool = False) -> NDArray[Any
 
 
 def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Read the header of an NPY stream at its start, and no more than a header can need.
+    """Return shape, Fortran order and dtype from the header at the start of an NPY stream.
 
-    Returns
-    -------
-    shape : tuple of int
-    fortran_order : bool
-    dtype : numpy.dtype
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, or longer than any header is.
+    No more is read than a header can need; one that is damaged or longer is a ValueError.
     """
     first_version = npy.read_magic(stream) == (1, 0)
     length = stream.read(2 if first_version else 4)

@@ -39,11 +39,8 @@ def place_of(path: Path, frame: int | str) -> Path:
 def check_count(shape: Sequence[int], path: Path) -> None:
     """Refuse a header that announces too many values, before allocating them.
 
-    Raises
-    ------
-    PhotographError
-        If the product of `shape` is more than `LARGEST_COUNT`, or more than `UNPACKED_COUNT` and
-        more than `LARGEST_RATIO` for each byte of the file, or an extent is negative.
+    These are more than `LARGEST_COUNT`, or more than `UNPACKED_COUNT` and more than `LARGEST_RATIO`
+    for each byte of the file. Nor may an extent be negative.
     """
     count, size = math.prod(shape), " x ".join(map(str, shape))
     if min(shape, default=1) < 0 or count > LARGEST_COUNT:
@@ -66,14 +63,9 @@ class Inflater:
         self._inflate = zlib.decompressobj()
 
     def feed(self, packed: bytes) -> None:
-        """Unpack the next bytes, and forget them.
+        """Unpack the next bytes, and forget them; refuse what unpacks to more than `most` in all.
 
-        Raises
-        ------
-        PhotographError
-            If all so far unpack to more than `most`.
-        zlib.error
-            If they are damaged.
+        Damaged ones are a zlib.error.
         """
         while packed:
             self._left -= len(self._inflate.decompress(packed, _PIECE))
@@ -87,21 +79,10 @@ class Inflater:
 
 @contextmanager
 def decoding(path: Path, kind: str, remedy: str = "save or copy it again") -> Iterator[None]:
-    """Read an untrusted file: quietly, and every failure becomes a `PhotographError`.
+    """Read an untrusted file: quietly, and whatever the block raises becomes a `PhotographError`.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    kind : str
-        Its format, for the message.
-    remedy : str
-        What a user can do about it, for the message.
-
-    Raises
-    ------
-    PhotographError
-        For whatever the block raises: decoders meet damaged bytes with all kinds of exceptions.
+    Decoders meet damaged bytes with all kinds of exceptions. The message says the file, the `kind`
+    of its format, and what a user can do about it.
     """
     try:
         with _silenced(), warnings.catch_warnings():

@@ -53,24 +53,11 @@ class ExrPart:
 
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
-    """Write a float32 RGB image; the same inputs give the same bytes.
+    """Write a float32 RGB image, (rows, columns, 3) linear light.
 
-    Parameters
-    ----------
-    path : Path
-        Appears once complete.
-    image : (rows, columns, 3)
-        Linear light.
-    metadata : mapping
-        Attributes of the file: text, and numbers at double precision.
-
-    Raises
-    ------
-    ValueError
-        If the image has another shape, or a name is empty, over 255 characters long, or one that
-        OpenEXR itself uses, such as `compression`.
-    OutputError
-        If the path cannot be written.
+    The same inputs give the same bytes. The metadata are text, and numbers at double precision.
+    Another shape of the image is a ValueError, and so is a name that is empty, over 255 characters
+    long or one that OpenEXR itself uses, such as `compression`.
     """
     import OpenEXR
 
@@ -92,19 +79,10 @@ def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float])
 
 
 def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
-    """Read an image written by `write_exr`, or the colour of any flat OpenEXR file.
+    """Read an image of `write_exr`, or the colour of any flat OpenEXR file, and the metadata.
 
-    Returns
-    -------
-    image : (rows, columns, 3) float32
-        Linear light; a lone grey channel is replicated.
-    metadata : dict
-        As `ExrPart.metadata`.
-
-    Raises
-    ------
-    PhotographError
-        As `decode_exr`.
+    The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated. The
+    metadata are those of `ExrPart`.
     """
     colour, part = decode_exr(path)
     return np.broadcast_to(colour, (*part.size, 3)).astype(np.float32), part.metadata
@@ -113,16 +91,8 @@ def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
 def decode_exr(path: Path) -> tuple[NDArray[Any], ExrPart]:
     """Read the colour channels of an OpenEXR file of one flat part, and what its header tells.
 
-    Returns
-    -------
-    colour : (rows, columns, 1 or 3) float16, float32 or uint32
-        Linear light: red, green, blue, or grey alone.
-    part : ExrPart
-
-    Raises
-    ------
-    PhotographError
-        As `exr_parts` and `exr_pixels`, and if the file has several parts.
+    They are linear light, (rows, columns, 1 or 3) of float16, float32 or uint32: red, green, blue,
+    or grey alone.
     """
     parts = exr_parts(path)
     if len(parts) != 1:
@@ -135,13 +105,7 @@ def exr_parts(path: Path) -> list[ExrPart]:
     """Read and check the headers of an OpenEXR file.
 
     Of each part the channels R, G, B are taken, in whatever layer they are, else a lone Y or the
-    only channel.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged or too large, or a part is deep or subsampled, or its colour
-        ambiguous.
+    only channel. Deep or subsampled parts and ambiguous colour are refused.
     """
     import OpenEXR
 
@@ -154,16 +118,9 @@ def exr_parts(path: Path) -> list[ExrPart]:
 
 
 def exr_pixels(path: Path, parts: Sequence[ExrPart]) -> Iterator[NDArray[Any]]:
-    """Read the colour of each part in turn; OpenEXR decodes all of them at once.
+    """Yield the colour of each part in turn, (rows, columns, 1 or 3) of float16, float32 or uint32.
 
-    Yields
-    ------
-    (rows, columns, 1 or 3) float16, float32 or uint32
-
-    Raises
-    ------
-    PhotographError
-        If the pixels of a part cannot be read.
+    OpenEXR decodes all parts at once.
     """
     import OpenEXR
 

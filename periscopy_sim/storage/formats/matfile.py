@@ -62,13 +62,7 @@ class Matrix:
 
 
 def read_matrices(path: Path) -> dict[str, Matrix]:
-    """Read the variables of a MATLAB file; only real numbers are decoded.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged, or a matrix of numbers is too large.
-    """
+    """Read the variables of a MATLAB file; only real numbers are decoded."""
     with decoding(path, "MATLAB", "save it again in MATLAB with -v7"):
         content = path.read_bytes()
         order = "<" if content[_HEADER - 2 : _HEADER] == b"IM" else ">"

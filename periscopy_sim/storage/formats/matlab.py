@@ -16,25 +16,10 @@ _REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exp
 
 
 def read_matlab_counts(path: Path) -> Picture:
-    """Read raw sensor counts.
+    """Read raw sensor counts, as colours of the Bayer cells, from a MATLAB file of version 5 to 7.
 
     The file holds `image`, the Bayer counts summed over exposures, `shutter_speed`, and
     `iterations` or `averaged_iterations`, the number of exposures.
-
-    Parameters
-    ----------
-    path : Path
-        MATLAB file of version 5 to 7.
-
-    Returns
-    -------
-    Picture
-        The colours of the Bayer cells, and the time for which they were exposed.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged, or a field is missing or not numbers.
     """
     matrices = read_matrices(path)
     counts = _real_field(matrices, "image", path)
@@ -53,28 +38,9 @@ def averaged_counts(
 ) -> NDArray[np.float64]:
     """Return the counts of a sensor averaged down to a photograph, for each unit of exposure time.
 
-    So files of one camera share a scale.
-
-    Parameters
-    ----------
-    colour : (i rows, j columns, channels)
-        Counts, with whole numbers i and j.
-    exposure : float
-        Time for which they were exposed.
-    shape : (rows, columns)
-        Size of the photograph.
-    name : str
-        What to call the counts in messages.
-
-    Returns
-    -------
-    (rows, columns, channels) float64
-        Linear light.
-
-    Raises
-    ------
-    PhotographError
-        If the sizes do not divide.
+    So files of one camera share a scale. The counts are (i rows, j columns, channels) with whole
+    numbers i and j, exposed for a time `exposure`; the result is (rows, columns, channels) linear
+    light. `name` is what messages call it.
     """
     height, width, _ = colour.shape
     if height % shape[0] or width % shape[1] or not colour.size:
@@ -89,14 +55,8 @@ def averaged_counts(
 def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
     """Return half-size colours of Bayer counts: red at even and blue at odd rows and columns.
 
-    Parameters
-    ----------
-    counts : (2 rows, 2 columns)
-        Raw values; the two greens of each cell are averaged.
-
-    Returns
-    -------
-    (rows, columns, 3) float64
+    The counts are (2 rows, 2 columns), the result is (rows, columns, 3); the two greens of each
+    cell are averaged.
     """
     counts = np.asarray(counts, dtype=np.float64)
     red, blue = counts[0::2, 0::2], counts[1::2, 1::2]
@@ -105,18 +65,9 @@ def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
 
 
 def block_means(image: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return an image averaged over equal blocks of pixels.
+    """Return an image averaged over equal blocks of pixels: (rows, columns, channels).
 
-    Parameters
-    ----------
-    image : (i rows, j columns, channels)
-        With whole numbers i and j.
-    shape : (rows, columns)
-        Size of the result.
-
-    Returns
-    -------
-    (rows, columns, channels) float64
+    The image is (i rows, j columns, channels) with whole numbers i and j.
     """
     rows, columns = shape
     height, width, channels = image.shape

@@ -26,13 +26,7 @@ _DIRECT_MODES = {  # of Pillow's modes: what to convert each to
 
 
 def read_png(path: Path, _: str, size: tuple[int, int] | None) -> Picture:
-    """Read a PNG file without changing its bit depth.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged, or of 16 bits and another size than is wanted.
-    """
+    """Read a PNG file without changing its bit depth; one of 16 bits must have the size wanted."""
     rows, columns, depth = _png_header(path)
     if depth < 16:
         return _read_with_pillow(path, "PNG")
@@ -42,24 +36,12 @@ def read_png(path: Path, _: str, size: tuple[int, int] | None) -> Picture:
 
 
 def read_jpeg(path: Path, *_: object) -> Picture:
-    """Read a JPEG file.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged, or of colours other than grey or RGB.
-    """
+    """Read a JPEG file, grey or RGB."""
     return _read_with_pillow(path, "JPEG")
 
 
 def read_tiff(path: Path, *_: object) -> Picture:
-    """Read by tifffile, which keeps 16-bit and floating-point values; the rest by Pillow.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged, holds several pictures, or colours other than grey or RGB.
-    """
+    """Read by tifffile, which keeps 16-bit and floating-point values; the rest by Pillow."""
     import tifffile
 
     remedy = "save it again, uncompressed or with deflate compression"

@@ -13,21 +13,9 @@ _ENCODED_END = 0.04045  # of the straight piece, encoded
 
 
 def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
-    """Return linear light encoded by the sRGB curve.
+    """Return linear light encoded by the sRGB curve (IEC 61966-2-1:1999, clause 5.2), 1 for 1.
 
-    Parameters
-    ----------
-    linear : array of any shape
-        Linear light, nominally in [0, 1]; negatives follow the straight piece.
-
-    Returns
-    -------
-    float64 array of the same shape
-        Encoded values, 1 for 1.
-
-    References
-    ----------
-    IEC 61966-2-1:1999, clause 5.2.
+    Light is nominally in [0, 1]; negatives follow the straight piece.
     """
     linear = np.asarray(linear, dtype=np.float64)
     power = (1 + _OFFSET) * np.maximum(linear, _LINEAR_END) ** (1 / _EXPONENT) - _OFFSET
@@ -35,21 +23,9 @@ def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
 
 
 def srgb_decode(encoded: ArrayLike) -> NDArray[np.float64]:
-    """Return the linear light of sRGB values.
+    """Return the linear light of sRGB values (IEC 61966-2-1:1999, clause 5.2), 1 for 1.
 
-    Parameters
-    ----------
-    encoded : array of any shape
-        Encoded values, nominally in [0, 1]; negatives follow the straight piece.
-
-    Returns
-    -------
-    float64 array of the same shape
-        Linear light, 1 for 1.
-
-    References
-    ----------
-    IEC 61966-2-1:1999, clause 5.2.
+    Values are nominally in [0, 1]; negatives follow the straight piece.
     """
     encoded = np.asarray(encoded, dtype=np.float64)
     power = ((np.maximum(encoded, _ENCODED_END) + _OFFSET) / (1 + _OFFSET)) ** _EXPONENT

@@ -108,13 +108,7 @@ _HEAD = 128  # bytes that tell every format
 
 
 def format_of(path: Path) -> FileFormat:
-    """Return the format of a file by its first bytes, whatever its suffix.
-
-    Raises
-    ------
-    PhotographError
-        If there is no such file, it cannot be opened, or its first bytes fit no format.
-    """
+    """Return the format of a file by its first bytes, whatever its suffix."""
     try:
         if path.is_dir():
             raise PhotographError(f"{path}: is a folder; name a file in it")
@@ -140,13 +134,7 @@ def format_of(path: Path) -> FileFormat:
 
 
 def decode_picture(path: Path, key: str) -> Picture:
-    """Return a picture other than a photograph: a `mask` or a `hidden` image.
-
-    Raises
-    ------
-    PhotographError
-        If the file is missing, damaged, or of no format of pictures.
-    """
+    """Return a picture other than a photograph: a `mask` or a `hidden` image."""
     row = format_of(path)
     if row.is_raw:
         known = ", ".join(each.name for each in FORMATS if not each.is_raw)

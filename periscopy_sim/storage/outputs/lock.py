@@ -16,15 +16,7 @@ LOCK = ".lock"
 def alone_in(folder: Path) -> Iterator[None]:
     """Keep other processes out of a folder for the duration, however this one ends.
 
-    Parameters
-    ----------
-    folder
-        Made if missing.
-
-    Raises
-    ------
-    OutputError
-        If another process is at work there, or the folder cannot be written.
+    The folder is made if missing. Another process at work there is an `OutputError`.
     """
     from filelock import FileLock, Timeout
 

@@ -23,30 +23,9 @@ def provenance(
 ) -> dict[str, object]:
     """Return what a result was made from, ready for JSON.
 
-    Parameters
-    ----------
-    scene : Path or None
-        The scene file, if there is one.
-    variant : str or None
-        The Mitsuba variant, if one was used.
-    seed : int or None
-        The seed of the random draws, if there were any.
-    command : sequence of str
-        The command line, program first. Where the result lies is left out of the record.
-    parameters : mapping or None
-        Values given for the scene's defaults.
-
-    Returns
-    -------
-    dict
-        Flat: the versions of this package, NumPy, SciPy, Mitsuba, Dr.Jit and Python under their
-        names, then `scene`, `scene_sha256`, `variant`, `seed` and `command`; None where there is
-        none.
-
-    Raises
-    ------
-    SceneError
-        As `scene_sha256`.
+    The dict is flat: the versions of this package, NumPy, SciPy, Mitsuba, Dr.Jit and Python under
+    their names, then `scene`, `scene_sha256` (with values for the scene's defaults), `variant`,
+    `seed` and `command`, which leaves out where the result lies; None where there is none.
     """
     return {
         **{package: _version(package) for package in _PACKAGES},
@@ -69,11 +48,6 @@ def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> st
 
     The order is that of the text, as `periscopy_sim.rendering.scene.document` reads it, with the
     scene's defaults, or the parameters given instead. The scene's own folder does not matter.
-
-    Raises
-    ------
-    SceneError
-        If a scene file cannot be read or is not well-formed XML.
     """
     digest = hashlib.sha256()
     for path in read_document(scene, parameters).files:

@@ -12,21 +12,9 @@ from periscopy_sim.errors import OutputError
 def check_settings(
     held: Mapping[str, Any], wanted: Mapping[str, Any], where: str, what: str
 ) -> None:
-    """Refuse to add to results of other settings.
+    """Refuse to add to results of other settings; the message names the first entry that differs.
 
-    Parameters
-    ----------
-    held, wanted
-        Of JSON's types.
-    where
-        What holds it, for the message.
-    what
-        What the results are: a sweep.
-
-    Raises
-    ------
-    OutputError
-        Naming the first entry that differs.
+    Settings are of JSON's types. `where` is what holds the results, `what` they are: a sweep.
     """
     plain = json.loads(json.dumps(wanted))
     if held == plain:

@@ -31,23 +31,10 @@ def staged_file(path: Path) -> Iterator[Path]:
     """Write a file under a temporary name, and rename it once it is complete.
 
     Missing parent folders are made. If the block raises, whatever the exception, nothing of the
-    file or of the folders made for it remains, and a file that stood there before is untouched.
-
-    Parameters
-    ----------
-    path : Path
-        Where the file shall appear; a symbolic link is followed.
-
-    Yields
-    ------
-    Path
-        A free name with the same suffix in the same folder, for the block to write.
-
-    Raises
-    ------
-    OutputError
-        On entry, if `path` is a folder or a device, or its folder cannot be written; later, if
-        the disk is full.
+    file or of the folders made for it remains, and a file that stood there before is untouched. The
+    block is given a free name with the same suffix in the same folder; symbolic links are followed.
+    An `OutputError` is raised on entry if `path` is a folder or a device, or its folder cannot be
+    written; later, if the disk is full.
     """
     with ExitStack() as undo:
         with _reported(path):
@@ -71,24 +58,11 @@ def staged_folder(path: Path) -> Iterator[Path]:
     """Fill a folder under a temporary name, and rename it once it is complete.
 
     Where the folder exists already, each file of the new one replaces its namesake, one atomic
-    rename at a time, and all others are kept. If the block raises, nothing of it remains.
-
-    Parameters
-    ----------
-    path : Path
-        Where the folder shall appear; a symbolic link is followed.
-
-    Yields
-    ------
-    Path
-        An empty folder to fill: beside `path`, or inside it where `path` exists, since that may
-        be a mount point, across which files cannot be renamed.
-
-    Raises
-    ------
-    OutputError
-        On entry, if `path` is a file or its place cannot be written; later, if the disk is full
-        or a file would replace a folder or a folder a file.
+    rename at a time, and all others are kept. If the block raises, nothing of it remains. The block
+    is given an empty folder: beside `path`, or inside it where `path` exists, since that may be a
+    mount point, across which files cannot be renamed; symbolic links are followed. An `OutputError`
+    is raised on entry if `path` is a file or its place cannot be written; later, if the disk is
+    full or a file would replace a folder or a folder a file.
     """
     with ExitStack() as undo:
         with _reported(path):

@@ -67,21 +67,10 @@ class StoreLayout(Protocol):
 class BlockStore:
     """A store in the making or complete; one process writes to it at a time.
 
-    Parameters
-    ----------
-    path
-        A folder; made if missing, complete with its labels or not at all.
-    layout
-        What it holds; `count` may be larger than before.
-    attributes
-        All that its entries depend on, of JSON's types.
-    labels
-        Dimension and values of each variable that is there from the start.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or entries of other attributes.
+    The folder is made if missing, complete with its labels or not at all. The layout's `count` may
+    be larger than before. `attributes`, of JSON's types, are all that the entries depend on: a
+    folder of others, or of something else, is an `OutputError`. `labels` are the dimension and the
+    values of each variable that is there from the start.
     """
 
     def __init__(
@@ -115,13 +104,7 @@ class BlockStore:
                 yield number
 
     def write(self, number: int, values: Mapping[str, NDArray[Any]]) -> None:
-        """Keep a block, and record that it is complete; the last may be cut short.
-
-        Raises
-        ------
-        OutputError
-            If the disk is full, or something else stands in the place of a file.
-        """
+        """Keep a block, and record that it is complete; the last may be cut short."""
         block = self.layout.block(number)
         with out_of_space_reported(self.path), _writing(self.path):
             file = record_file(self.path, number)
@@ -184,13 +167,7 @@ def attributes_of(path: Path) -> dict[str, Any]:
 
 
 def check_place(path: Path, what: str, recognizes: Callable[[Mapping[str, Any]], bool]) -> None:
-    """Refuse a place that holds anything but such a store, whole or begun.
-
-    Raises
-    ------
-    OutputError
-        If it does, or cannot be read.
-    """
+    """Refuse a place that holds anything but such a store, whole or begun."""
     try:
         if path.exists() and not path.is_dir():
             raise OutputError(f"cannot write {path}: it is a file; name a folder")

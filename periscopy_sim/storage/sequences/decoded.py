@@ -22,21 +22,8 @@ def decoded_photographs(
 ) -> tuple[Image, list[str]]:
     """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
 
-    Parameters
-    ----------
-    sequence
-        From `open_frames`.
-    shape
-        (rows, columns) of its photographs.
-    file
-        An NPY file to write them to.
-    progress
-        Called with the fraction done.
-
-    Raises
-    ------
-    PhotographError
-        If a photograph cannot serve; the message names it.
+    They are (rows, columns, 3) each, and kept in an NPY file. One that cannot serve is a
+    `PhotographError` that names it.
     """
     warnings = list(sequence.warnings)
     first: dict[str, str] = {}

@@ -27,19 +27,10 @@ def folder_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | 
 
 
 def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
-    """Return the pictures in a folder in natural order.
+    """Return the pictures in a folder in natural order, and the names of its other files.
 
-    Returns
-    -------
-    files : list of Path
-        Those whose suffix is that of a picture; hidden files and subfolders do not count.
-    others : list of str
-        The names of the other files.
-
-    Raises
-    ------
-    PhotographError
-        If there is no picture, or pictures of several formats.
+    A picture is known by its suffix; hidden files and subfolders do not count. Having none, or
+    those of several formats, is a `PhotographError`.
     """
     try:
         entries = [

@@ -21,28 +21,13 @@ Array = NDArray[np.float64]
 
 
 def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:
-    """Read what the hidden scene showed at each photograph of a sequence.
+    """Yield what the hidden scene showed at each of `count` photographs: light, 1 for white.
 
-    Parameters
-    ----------
-    path : Path
-        A folder of pictures of one format, in natural order, each read by `read_hidden_image`; an
-        NPY stack (frames, any rows, any columns, 3) of linear light, its 8- or 16-bit integers
-        being fractions of their largest value; or one picture, which stands for every frame.
-    shape : (rows, columns)
-        Hidden patches; each frame is averaged over the area of each.
-    count : int
-        How many frames there are.
-
-    Yields
-    ------
-    (rows, columns, 3) float64
-        Linear light, 1 for white.
-
-    Raises
-    ------
-    PhotographError
-        If there are neither one nor `count`, or as `read_hidden_image`.
+    `path` is a folder of pictures of one format, in natural order, each read by
+    `read_hidden_image`; an NPY stack (frames, any rows, any columns, 3) of linear light, its 8- or
+    16-bit integers being fractions of their largest value; or one picture, which stands for every
+    frame. Each is averaged over the area of each patch: (rows, columns, 3). Neither one frame nor
+    `count` is a `PhotographError`.
     """
     number, read = _opened(Path(path), shape)
     if number not in (1, count):

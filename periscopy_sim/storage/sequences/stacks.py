@@ -33,21 +33,9 @@ MOST_FRAMES = 10**6
 def npy_writer(
     path: Path, shape: Sequence[int], dtype: type[np.floating[Any]]
 ) -> Iterator[Callable[[ArrayLike], None]]:
-    """Write an NPY file frame by frame, as `numpy.save` would write the stack.
+    """Write an NPY file of a stack, (frames, ...), as `numpy.save` would.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    shape : (frames, ...)
-        Of the whole stack.
-    dtype
-        A floating-point type.
-
-    Yields
-    ------
-    callable
-        Takes each frame in turn.
+    The function yielded takes each frame in turn.
     """
     header = {
         "descr": npy.dtype_to_descr(np.dtype(dtype)), "fortran_order": False, "shape": tuple(shape)
@@ -62,13 +50,7 @@ def npy_writer(
 
 
 def mapped_stack(path: Path) -> NDArray[Any]:
-    """Return an NPY file of any shape as a memory map, read as it is used.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged or holds Python objects.
-    """
+    """Return an NPY file of any shape as a memory map, read as it is used."""
     with decoding(path, "NPY"):
         array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
         return array
