@@ -106,13 +106,7 @@ OptionalSnr = Annotated[float | None, _snr]
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Read ROWSxCOLUMNS.
-
-    Raises
-    ------
-    PeriscopyError
-        If the text is of another form.
-    """
+    """Read ROWSxCOLUMNS."""
     size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
     if not size:
         raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
@@ -120,13 +114,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_definitions(definitions: list[str] | None, option: str = "-D") -> dict[str, str]:
-    """Read ``-D name=value`` options, or those of another name.
-
-    Raises
-    ------
-    PeriscopyError
-        If one is of another form or a name is given twice.
-    """
+    """Read ``-D name=value`` options, or those of another name; each name once."""
     values: dict[str, str] = {}
     for definition in definitions or []:
         name, separator, value = definition.partition("=")
@@ -139,13 +127,7 @@ def parse_definitions(definitions: list[str] | None, option: str = "-D") -> dict
 
 
 def require(*extras: str) -> None:
-    """Refuse to start work that would end for want of a module of these extras.
-
-    Raises
-    ------
-    PeriscopyError
-        Naming the first module that is not installed.
-    """
+    """Refuse to start work that would end for want of a module of these extras."""
     for module, extra in EXTRAS.items():
         if extra in extras and find_spec(module) is None:
             raise PeriscopyError(missing(module))
@@ -172,13 +154,7 @@ MOST_RATIOS = 1000
 
 
 def parse_list(option: str, text: str) -> list[str]:
-    """Read names separated by commas.
-
-    Raises
-    ------
-    PeriscopyError
-        If one is empty or given twice.
-    """
+    """Read names separated by commas, each once."""
     names = [name.strip() for name in text.split(",")]
     if not all(names):
         raise PeriscopyError(f"{option} '{text}' has an empty name; separate names by one comma")
@@ -187,13 +163,7 @@ def parse_list(option: str, text: str) -> list[str]:
 
 
 def parse_ratios(text: str) -> list[float]:
-    """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps).
-
-    Raises
-    ------
-    PeriscopyError
-        If the text is of another form, or a ratio is not positive or given twice.
-    """
+    """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps)."""
     first, *rest = text.split(":")
     try:
         if rest:
@@ -217,15 +187,7 @@ def parse_ratios(text: str) -> list[float]:
 def parse_ambient(text: str) -> dict[str, Path | None]:
     """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
 
-    Returns
-    -------
-    dict
-        Name to EXR file; None for a shipped condition, which is yet to be rendered.
-
-    Raises
-    ------
-    PeriscopyError
-        If there is no such condition, file or EXR file in a folder, or a name is given twice.
+    Return name to EXR file; None for a shipped condition, which is yet to be rendered.
     """
     found = [light for entry in parse_list("--ambient", text) for light in _lights(entry)]
     _refuse_doubles("--ambient", [name for name, _ in found])

@@ -176,19 +176,9 @@ def export(
 
 
 def parse_indices(text: str, count: int) -> list[int]:
-    """Read a list of numbers and ranges.
+    """Read numbers and ranges such as ``0,4-7``, all below `count`.
 
-    Parameters
-    ----------
-    text
-        Such as ``0,4-7``.
-    count
-        Numbers must lie below; a range's end is brought down to it.
-
-    Raises
-    ------
-    PeriscopyError
-        If the text is of another form.
+    A range's end is brought down to it.
     """
     indices: list[int] = []
     for part in text.split(","):
@@ -233,12 +223,8 @@ def _in_words(name: str, value: Any) -> str:
 def _between_blocks() -> Iterator[Callable[[], None]]:
     """Keep Ctrl-C for where the work can stop: the second one stops it anywhere.
 
-    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length.
-
-    Yields
-    ------
-    callable
-        Raises KeyboardInterrupt if one was pressed.
+    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. What is yielded raises
+    KeyboardInterrupt if one was pressed.
     """
     pressed: list[int] = []
 

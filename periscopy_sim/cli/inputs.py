@@ -83,15 +83,9 @@ def warn_without_record(file: Path | None) -> None:
 
 
 def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
-    """Read a matrix that `periscopy transport` wrote, and check that it fits the scene.
+    """Read a matrix, (M, N), that `periscopy transport` wrote, and check that it fits the scene.
 
     Without the JSON file that was written beside it, only the shapes can be compared.
-
-    Raises
-    ------
-    PhotographError
-        If the file cannot be read, the shapes differ, or it was made from another scene or other
-        parameters.
     """
     from periscopy_sim.photographs.checking import check_real
     from periscopy_sim.storage.formats.decoding import decoding
@@ -143,13 +137,7 @@ def _check_record(path: Path, scenario: Scenario) -> None:
 
 
 def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
-    """Read the mask that a command was given, (rows, columns); None if it was given none.
-
-    Raises
-    ------
-    PeriscopyError
-        If it cannot be read, is of another size, or leaves fewer pixels than there are patches.
-    """
+    """Read the mask that a command was given, (rows, columns); None if it was given none."""
     from periscopy_sim.reconstruction.observation import checked_mask
     from periscopy_sim.storage import masks
 
@@ -201,18 +189,9 @@ class Defects:
 def look_for_defects(
     photograph: Array, mask: Mask | None, name: str, suggested: Path | None = None
 ) -> Defects:
-    """Look for defective pixels, and warn of them.
+    """Look for defective pixels of a photograph, (rows, columns, 3), and warn of them.
 
-    Parameters
-    ----------
-    photograph
-        (rows, columns, 3).
-    mask
-        Where it is used.
-    name
-        What to call it.
-    suggested
-        Where a mask that leaves them out will be.
+    `suggested` is where a mask that leaves them out will be.
     """
     from periscopy_sim.photographs.defects import defective_pixels
 

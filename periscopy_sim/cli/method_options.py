@@ -72,21 +72,8 @@ def settings_for(
 ) -> dict[str, float]:
     """Return the values of a method's options: what is given, and its defaults.
 
-    Parameters
-    ----------
-    method
-        A name in `offered`, or a user's own method, which takes none.
-    given
-        Values by the options' names; None where one is not given.
-    offered
-        The options of each method.
-    coupling
-        Of a video's frames: options of other couplings are left out.
-
-    Raises
-    ------
-    PeriscopyError
-        If a value is given that the method or the coupling does not take.
+    A user's own method takes none. Options of other couplings of a video's frames are left out;
+    to give one of these, or one of another method, is an error.
     """
     taken = {option.name: option for option in offered.get(method, ())}
     owners = _by_name(offered)
@@ -117,13 +104,7 @@ def settings_for(
 
 
 def check_coupling(method: str, coupling: str) -> None:
-    """Check that a method recovers videos and knows a coupling.
-
-    Raises
-    ------
-    PeriscopyError
-        If not; the message names what it takes.
-    """
+    """Check that a method recovers videos and knows a coupling."""
     if method not in FOR_VIDEOS:
         raise PeriscopyError(f"no method '{method}' for videos; use {_either(FOR_VIDEOS)}")
     owners = [n for n in FOR_VIDEOS if coupling in _couplings(n)]

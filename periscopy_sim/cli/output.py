@@ -51,17 +51,7 @@ def to_be_continued() -> Iterator[None]:
 def progress(label: str, *, lines: bool = True) -> Iterator[Callable[[float], None]]:
     """Show how far a long computation is: a bar on a terminal, a plain line now and then elsewhere.
 
-    Parameters
-    ----------
-    label
-        What is being done.
-    lines
-        Whether there are lines where there is no terminal.
-
-    Yields
-    ------
-    callable
-        Takes the fraction done, 0 to 1.
+    What is yielded takes the fraction done, 0 to 1. Without `lines` there are none elsewhere.
     """
     from rich.progress import BarColumn, TaskProgressColumn
 
@@ -78,10 +68,7 @@ def progress(label: str, *, lines: bool = True) -> Iterator[Callable[[float], No
 def counted_progress(label: str, unit: str) -> Iterator[Callable[[int, int], None]]:
     """Show how many of many things are done, and how many a second; see `progress`.
 
-    Yields
-    ------
-    callable
-        Takes how many are done, and of how many.
+    What is yielded takes how many are done, and of how many.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 

@@ -142,13 +142,7 @@ def photograph(
 
 
 def _sensor(electrons: float | None, chosen: Mapping[str, Any]) -> Sensor | None:
-    """Return the sensor that was asked for; None if none was.
-
-    Raises
-    ------
-    PeriscopyError
-        If its parameters do not fit each other, or are given without the exposure.
-    """
+    """Return the sensor that was asked for; None if none was."""
     from periscopy_sim.measurement import Sensor
 
     if electrons is None:

@@ -246,13 +246,7 @@ def _counted(frames: str, doubts: Mapping[str, str]) -> list[str]:
 
 
 def _check_left_over(folder: Path, names: list[str]) -> None:
-    """Refuse a folder whose pictures would be taken for those of this video.
-
-    Raises
-    ------
-    OutputError
-        Naming the first.
-    """
+    """Refuse a folder whose pictures would be taken for those of this video."""
     left_over = sorted({file.name for file in folder.glob("*.png")} - set(names))
     if left_over:
         raise OutputError(

@@ -147,11 +147,8 @@ def rank_row(
 ) -> dict[str, float]:
     """Return what one rank tolerance of B costs and leaves.
 
-    Returns
-    -------
-    dict
-        ``tolerance``; ``rank`` kept; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
-        ``noise_gain``, trace(P Pᵀ).
+    ``tolerance``; ``rank`` kept; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
+    ``noise_gain``, trace(P Pᵀ).
     """
     P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
     return {

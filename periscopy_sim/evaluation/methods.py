@@ -84,13 +84,7 @@ def find_method(name: str) -> Factory:
 
 
 def source_sha256(name: str) -> str | None:
-    """Return the digest of the file that a user's own method comes from; None for one of `METHODS`.
-
-    Raises
-    ------
-    PeriscopyError
-        As `find_method`.
-    """
+    """Return the digest of the file of a user's own method; None for one of `METHODS`."""
     file = None if name in METHODS else _file(name)
     return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
 
@@ -105,25 +99,8 @@ def fit_method(
 ) -> Method:
     """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
 
-    Parameters
-    ----------
-    name
-        As `find_method` takes it.
-    scenario
-        The scene.
-    A
-        (M, N) light transport matrix.
-    B
-        (M, L) prototype backgrounds.
-    mask
-        (rows, columns), True where the wall is used; None for everywhere.
-    **options
-        What one of `METHODS` is to be given; see its entry.
-
-    Returns
-    -------
-    Method
-        Has ``reconstruct(photograph)``.
+    A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used. The options are
+    those of the method's entry in `METHODS`. A user's own callable that takes no mask is warned of.
 
     Raises
     ------
@@ -132,11 +109,6 @@ def fit_method(
         reconstruct.
     ValueError
         If one of `METHODS` cannot be fitted to A and B.
-
-    Warns
-    -----
-    UserWarning
-        If there is a mask and a user's own callable takes none.
     """
     from threadpoolctl import threadpool_limits
 
@@ -155,29 +127,10 @@ def fit_method(
 def fit_methods(
     names: Sequence[str], scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None
 ) -> dict[str, Method]:
-    """Fit methods to a scene; one that cannot be fitted fails on every photograph.
+    """Fit methods to a scene, each as `fit_method` does; return them by name, in the order given.
 
-    Parameters
-    ----------
-    names
-        As `find_method` takes them.
-    scenario, A, B, mask
-        As in `fit_method`.
-
-    Returns
-    -------
-    dict
-        Name to method, in the order given; an `Unfit` for each that cannot be fitted.
-
-    Raises
-    ------
-    PeriscopyError, ValueError
-        As `find_method`; as `fit_method` if no method can be fitted.
-
-    Warns
-    -----
-    UserWarning
-        Of each method that cannot be fitted where others can, and as `fit_method`.
+    One that cannot be fitted is warned of, and stands as an `Unfit`, which fails on every
+    photograph; if none can be fitted, the first error is raised.
     """
     for name in names:
         find_method(name)
@@ -205,14 +158,8 @@ def without_addresses(message: str) -> str:
 def own_errors(name: str, what: str) -> Iterator[None]:
     """Report whatever a user's own method raises as the user's mistake, and where it arose.
 
-    Errors of `METHODS` pass as they are, and so does a lack of memory.
-
-    Parameters
-    ----------
-    name
-        As `find_method` takes it.
-    what
-        What the error means, such as "cannot be fitted".
+    Errors of `METHODS` pass as they are, and so does a lack of memory. `what` says what the error
+    means, such as "cannot be fitted".
 
     Raises
     ------
@@ -241,26 +188,9 @@ def own_errors(name: str, what: str) -> Iterator[None]:
 def image_by(
     method: Method, photograph: NDArray[np.float64], hidden_shape: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Reconstruct, and hold the method to what it promises.
+    """Reconstruct, and hold the method to what it promises: (R, C, 3), real and finite.
 
-    Parameters
-    ----------
-    method
-        A fitted method.
-    photograph
-        (rows, columns, 3).
-    hidden_shape
-        (R, C) of the hidden image.
-
-    Returns
-    -------
-    ndarray
-        (R, C, 3) float32, finite.
-
-    Raises
-    ------
-    ValueError
-        If the method returns another shape, or values that are not real or not finite.
+    The photograph is (rows, columns, 3). A ValueError tells how the promise is broken.
     """
     return promised(method.reconstruct(photograph), hidden_shape)
 

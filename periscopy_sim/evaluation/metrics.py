@@ -107,19 +107,9 @@ def registered(
 
 
 def shifted(image: Image, down: float, right: float) -> Array:
-    """Shift an image by a fraction of patches, linear interpolation, zeros outside.
+    """Shift an image, (rows, columns, channels), by a fraction of patches.
 
-    Parameters
-    ----------
-    image
-        (rows, columns, channels).
-    down, right
-        Shift in patches.
-
-    Returns
-    -------
-    ndarray
-        Same shape.
+    It is interpolated linearly, with zeros outside.
     """
     from scipy import ndimage
 

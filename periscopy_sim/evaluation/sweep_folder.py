@@ -23,11 +23,6 @@ def check_folder(out: Path, settings: Mapping[str, Any]) -> None:
     """Refuse a folder of other settings, or with files that are not known to be of these.
 
     Until there are results, what is varied may differ from what the folder was made for.
-
-    Raises
-    ------
-    OutputError
-        Naming what differs.
     """
     file = out / SETTINGS
     if file.is_file():

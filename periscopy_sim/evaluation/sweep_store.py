@@ -202,20 +202,7 @@ class SweepStore:
 
 
 def write_table(path: Path, results: xr.Dataset) -> None:
-    """Write a sweep's results as a long table, one row for each method and photograph.
-
-    Parameters
-    ----------
-    path
-        A CSV file; appears once complete.
-    results
-        From `SweepStore.load`.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a sweep's results as a long CSV table, one row for each method and photograph."""
     columns = (*METRICS, "failure")
     values = [results[name].transpose(*LABELS).values.ravel().tolist() for name in columns]
     places = product(*(results[name].values.tolist() for name in LABELS))

@@ -49,17 +49,7 @@ def timed_solutions(
 
 
 def record_of(frame: int, name: str, seconds: float, told: Mapping[str, Any]) -> Record:
-    """Return a row of the table; of numbers by channel the root mean square.
-
-    Parameters
-    ----------
-    frame, name
-        Number of the frame and name of its photograph.
-    seconds
-        Time it took.
-    told
-        What the method tells of it, see `FrameByFrame.told`.
-    """
+    """Return a frame's row of the table; of what is told by channel, the root mean square."""
     return {
         "frame": frame,
         "name": name,

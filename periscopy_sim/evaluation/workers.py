@@ -34,24 +34,10 @@ PATIENCE = 10
 
 @contextmanager
 def connect(scheduler: str | None) -> Iterator[Client]:
-    """Reach a Dask scheduler, or start one in this process, a thread for each core.
+    """Reach a Dask scheduler, ``tcp://host:8786`` say, or start one here, a thread for each core.
 
     While it lasts, Dask does not log, and this process' linear algebra runs on one thread where
-    the workers live here.
-
-    Parameters
-    ----------
-    scheduler
-        Its address, such as ``tcp://host:8786``; None for this process.
-
-    Yields
-    ------
-    distributed.Client
-
-    Raises
-    ------
-    PeriscopyError
-        If nothing answers at the address or the scheduler has no workers.
+    the workers live here. It is an error if nothing answers, or the scheduler has no workers.
     """
     from distributed import Client
     from threadpoolctl import threadpool_limits
@@ -86,28 +72,10 @@ def compute(
     shared: Shared,
     items: Iterable[Item],
 ) -> Iterator[tuple[Item, Result]]:
-    """Run a task on every item, each on one thread of linear algebra.
+    """Run a task on every item, each on one thread of linear algebra; yield results as they come.
 
-    Parameters
-    ----------
-    client
-        From `connect`.
-    task
-        Takes `shared` and an item. What it raises is raised here, after two more tries.
-    shared
-        Sent to each worker once.
-    items
-        Different from each other.
-
-    Yields
-    ------
-    tuple
-        An item and its result, as they come.
-
-    Raises
-    ------
-    PeriscopyError
-        If workers keep dying.
+    The task takes `shared`, sent to each worker once, and an item; all items differ. What it
+    raises is raised here, after two more tries; a PeriscopyError if workers keep dying.
     """
     from distributed import KilledWorker
 
@@ -148,12 +116,9 @@ def _submitted(
 
 
 def _check_answer(address: str) -> None:
-    """Ask who is at an address, in a thread of its own: whatever it is may answer anything, or not.
+    """Raise an OSError unless a Dask scheduler is at an address and answers in time.
 
-    Raises
-    ------
-    OSError
-        If no Dask scheduler answers in time.
+    It is asked in a thread of its own: whatever is there may answer anything, or not.
     """
     from distributed.comm import connect
 

@@ -44,31 +44,15 @@ def draw_animation(
 ) -> None:
     """Draw linear images side by side as an animated PNG that repeats for ever.
 
-    Frames are drawn and encoded as they come, so that a long video takes no more memory than a
-    short one.
-
-    Parameters
-    ----------
-    path
-        A PNG file; appears once complete. Viewers without animation show the first frame.
-    titles
-        One for each panel.
-    frames
-        For each moment a (rows, columns, 3) linear image in [0, 1] for each panel, of sizes that
-        stay.
-    count
-        How many frames there are.
-    rate
-        Frames a second.
-    metadata
-        Text chunks, such as provenance.
+    For each of `count` moments, `frames` gives a (rows, columns, 3) linear image in [0, 1] for
+    each panel, of sizes that stay. They are drawn and encoded as they come, so that a long video
+    takes no more memory than a short one. `rate` is in frames a second. Viewers without animation
+    show the first frame.
 
     Raises
     ------
     ValueError
         If there are more or fewer frames than `count`, or none.
-    OutputError
-        If the path cannot be written.
 
     References
     ----------

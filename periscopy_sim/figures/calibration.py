@@ -26,16 +26,7 @@ def draw_calibration(
 ) -> None:
     """Draw the photograph, what is left of it before and after, and each parameter's path.
 
-    Parameters
-    ----------
-    path
-        A PNG or PDF file.
-    photograph
-        (rows, columns, 3), linear.
-    calibration
-        From `calibrate`.
-    metadata
-        Text chunks of a PNG.
+    The photograph is (rows, columns, 3), linear.
     """
     figure = calibration_figure(photograph, calibration)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))

@@ -12,17 +12,7 @@ from periscopy_sim.storage.formats.srgb import srgb_encode
 def evenly_chosen(count: int, most: int) -> list[int]:
     """Return at most so many of the numbers below `count`, the first and the last among them.
 
-    Parameters
-    ----------
-    count
-        At least 1.
-    most
-        At least 2.
-
-    Returns
-    -------
-    list of int
-        In ascending order, no two gaps more than 1 apart.
+    They ascend, and no two gaps are more than 1 apart. `most` is at least 2.
     """
     if count <= most:
         return list(range(count))
@@ -39,24 +29,10 @@ def draw_contact_sheet(
     fontsize: float = 9,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw rows of linear images, as in the paper's Fig. 7.
+    """Draw rows of linear images, (rows, columns, 3) in [0, 1], as in the paper's Fig. 7.
 
-    Parameters
-    ----------
-    path
-        A PNG or PDF file.
-    rows
-        The name of each row and its (rows, columns, 3) linear images in [0, 1].
-    titles
-        What stands above each column.
-    notes
-        What stands beneath each column.
-    columns
-        Most columns beside each other; the others follow below. None: all.
-    fontsize
-        Of the text, in points.
-    metadata
-        Text chunks of a PNG, such as provenance.
+    The titles stand above the columns, the notes beneath. Of more than `columns` columns, the
+    others follow below. The text is `fontsize` points high.
     """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine

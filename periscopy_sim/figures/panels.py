@@ -26,20 +26,10 @@ OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "
 
 
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
-    """Scale a linear image for display: negatives black, the brightest half percent white.
+    """Scale a linear image for display: negatives black, `white` white.
 
-    Parameters
-    ----------
-    image
-        (rows, columns, 3) linear.
-    white
-        Value shown as white; None for the 99.5th percentile. One factor for all channels, so that
-        colours stay.
-
-    Returns
-    -------
-    ndarray
-        (rows, columns, 3) in [0, 1], linear.
+    Return (rows, columns, 3) in [0, 1], still linear. A `white` of None is the 99.5th percentile.
+    One factor serves all channels, so that colours stay.
     """
     level = float(np.percentile(image, 99.5)) if white is None else white
     return np.clip(np.asarray(image, np.float64) / (level if level > 0 else 1.0), 0, 1)
@@ -54,20 +44,7 @@ def enlarged(image: Image, width: int = 720) -> Image:
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
-    Parameters
-    ----------
-    ax
-        Where, alone with the title.
-    title
-        What stands above.
-    picture
-        As above.
-    **colours
-        The false colours, as `imshow` takes them.
-
-    Returns
-    -------
-    What a colour bar is made of.
+    The false colours are as `imshow` takes them. Return what a colour bar is made of.
     """
     ax.set_title(title, fontsize=10)
     ax.set_axis_off()
@@ -81,18 +58,9 @@ def draw_panels(
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw linear images side by side, each under its title.
+    """Draw linear images, (rows, columns, 3) in [0, 1], side by side, each under its title.
 
-    Parameters
-    ----------
-    path
-        A PNG or PDF file.
-    panels
-        Titles and (rows, columns, 3) linear images in [0, 1].
-    caption
-        A line below.
-    metadata
-        Text chunks of a PNG, such as provenance.
+    The metadata are text chunks of a PNG, such as provenance.
     """
     from matplotlib.figure import Figure
 
@@ -118,18 +86,7 @@ def draw_maps(
 ) -> None:
     """Draw maps of one positive quantity on one logarithmic colour scale, with a colour bar.
 
-    Parameters
-    ----------
-    path
-        A PNG or PDF file.
-    maps
-        Titles and (rows, columns) positive values.
-    label
-        The quantity and its unit.
-    caption
-        A line below.
-    metadata
-        Text chunks of a PNG.
+    The maps are (rows, columns). The label is the quantity and its unit.
     """
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
@@ -163,15 +120,8 @@ def draw_certainty(
 ) -> None:
     """Draw a reconstruction beside the standard errors of its patches, and what they assume.
 
-    Parameters
-    ----------
-    path
-        A PNG or PDF file.
-    image, standard_errors
-        (R, C, 3) in one unit; the errors are shown as the root mean square over the channels, in
-        percent of the image's 99th percentile.
-    metadata
-        Text chunks of a PNG.
+    Both are (R, C, 3) in one unit; the errors are shown as the root mean square over the channels,
+    in percent of the image's 99th percentile.
     """
     from matplotlib.figure import Figure
 
@@ -199,17 +149,8 @@ def draw_sweep(
 ) -> None:
     """Draw each method's error against the signal-to-background ratio, as in Fig. 4.
 
-    Lines are means over backgrounds and seeds, bands reach from their 10th to their 90th
-    percentile. Where a method failed it is left out.
-
-    Parameters
-    ----------
-    path
-        A PNG or PDF file.
-    results
-        ``mean_squared_error`` over (algorithm, background, sbr, seed), from `run_sweep`.
-    metadata
-        Text chunks of a PNG.
+    The results are `run_sweep`'s. Lines are means over backgrounds and seeds, bands reach from
+    their 10th to their 90th percentile. Where a method failed it is left out.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter

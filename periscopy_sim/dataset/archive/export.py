@@ -24,29 +24,11 @@ def export_samples(
     indices: Sequence[int],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[str]:
-    """Write samples as EXR and PNG files, and some of them on a contact sheet.
+    """Write samples as EXR and PNG files, and some of them on a contact sheet; return their names.
 
-    Parameters
-    ----------
-    path
-        The data set.
-    folder
-        Receives ``NNNNNNNN_photograph.exr`` and ``.png``, ``NNNNNNNN_hidden.exr`` and ``.png`` for
-        each sample, and ``sheet.png``. A photograph's PNG is scaled to its brightest value.
-    indices
-        Of the samples.
-    progress
-        Called with the samples written and their number.
-
-    Returns
-    -------
-    list of str
-        The names of the files.
-
-    Raises
-    ------
-    DatasetError
-        If a sample is not there.
+    The folder receives ``NNNNNNNN_photograph.exr`` and ``.png``, ``NNNNNNNN_hidden.exr`` and
+    ``.png`` for each sample, and ``sheet.png``. A photograph's PNG is scaled to its brightest
+    value. `progress` is called with the samples written and their number.
     """
     from periscopy_sim.figures.contact_sheet import draw_contact_sheet
     from periscopy_sim.storage.formats.exr import write_exr

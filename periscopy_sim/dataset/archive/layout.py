@@ -142,13 +142,7 @@ def recognizes(attributes: Mapping[str, Any]) -> bool:
 
 
 def read_attributes(path: Path) -> dict[str, Any]:
-    """Read what a data set was made of.
-
-    Raises
-    ------
-    DatasetError
-        If the path holds no data set, or its head is damaged.
-    """
+    """Read what a data set was made of; a DatasetError if there is none or its head is damaged."""
     file = path / "zarr.json"
     if not file.is_file():
         what = "is no data set" if path.exists() else "no such data set"

@@ -97,22 +97,8 @@ def verify_dataset(
 ) -> tuple[int, list[Damage]]:
     """Check every file of a data set against its checksum, and decode every chunk.
 
-    Parameters
-    ----------
-    path
-        The data set.
-    progress
-        Called with the blocks checked and their number.
-
-    Returns
-    -------
-    tuple
-        The number of whole samples, and what is damaged or missing.
-
-    Raises
-    ------
-    DatasetError
-        If the path holds no data set.
+    Return the number of whole samples, and what is damaged or missing. `progress` is called with
+    the blocks checked and their number.
     """
     path = Path(path)
     attributes = read_attributes(path)
@@ -180,23 +166,7 @@ def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
 
 
 def describe(path: str | Path) -> dict[str, Any]:
-    """Return a data set's sizes, what is done of it, and what its samples are.
-
-    Parameters
-    ----------
-    path
-        The data set.
-
-    Returns
-    -------
-    dict
-        Of JSON's types.
-
-    Raises
-    ------
-    DatasetError
-        If the path holds no data set.
-    """
+    """Return a data set's sizes, what is done of it, and what its samples are, of JSON's types."""
     path = Path(path)
     attributes = read_attributes(path)
     layout, digest = layout_of(attributes), digest_of(attributes)

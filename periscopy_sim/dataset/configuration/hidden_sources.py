@@ -191,13 +191,7 @@ HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discr
 
 @lru_cache(maxsize=64)
 def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: ARG001
-    """Return the pictures of a folder, sorted; remembered for each version of it.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-    """
+    """Return the pictures of a folder, sorted; remembered for each version of it."""
     from periscopy_sim.storage.formats.table import suffixes
 
     known = suffixes(raw=False)

@@ -26,25 +26,10 @@ def backgrounds_of(
     folder: Path,
     rendering: Rendering | None = None,
 ) -> Backgrounds:
-    """Return the ambient light of every wall that is seen.
+    """Return the ambient light of every wall that the geometries of these numbers see.
 
-    Parameters
-    ----------
-    settings
-        From `inputs.resolved`.
-    geometries
-        Numbers of those that are needed.
-    first
-        The scenario of geometry 0.
-    folder
-        Where rendered conditions are kept, in a folder for each view of a wall.
-    rendering
-        Called with each that is not there yet.
-
-    Raises
-    ------
-    PeriscopyError
-        If a picture cannot be read or is of another size, or a condition cannot be rendered.
+    `first` is the scenario of geometry 0. Rendered conditions are kept in `folder`, in one for
+    each view of a wall; `rendering` is called with each that is not there yet.
     """
     needed = {
         number: source
@@ -98,12 +83,9 @@ def _rendered(
 
 
 def given_picture(name: str, scenario: Scenario) -> NDArray[np.float32]:
-    """Read a photograph of ambient light, of the size of the scene's.
+    """Read a photograph of ambient light, (rows, columns, 3), of the scene's size.
 
-    Raises
-    ------
-    PeriscopyError
-        If it cannot be read, is of another size, or has not a positive mean.
+    Its mean must be positive.
     """
     from periscopy_sim.storage.photographs import read_photograph
 

@@ -51,20 +51,7 @@ class Geometry:
 
 
 def scenario_of(configuration: Configuration, number: int) -> Scenario:
-    """Return the scene of a geometry.
-
-    Parameters
-    ----------
-    configuration
-        Of the data set.
-    number
-        Of the geometry.
-
-    Raises
-    ------
-    ConfigurationError
-        If the scene cannot be loaded so; with the reason and the parameters.
-    """
+    """Return the scene of a geometry; if it cannot be loaded, the error tells its parameters."""
     from periscopy_sim.rendering.scene.load import load_scenario
 
     draw = draw_geometry(configuration, number)
@@ -92,12 +79,7 @@ def found_scene(configuration: Configuration, name: str) -> Path:
 def geometry_of(configuration: str, number: int) -> Geometry:
     """Return what all photographs of a geometry share; the last few are remembered.
 
-    Parameters
-    ----------
-    configuration
-        As JSON, see `as_json`.
-    number
-        Of the geometry.
+    The configuration is JSON, see `as_json`.
     """
     with _rendering:  # who waits for it finds it remembered
         return _rendered(configuration, number)

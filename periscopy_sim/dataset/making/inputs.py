@@ -17,13 +17,7 @@ from periscopy_sim.errors import ConfigurationError
 
 
 def resolved(configuration: Configuration) -> Configuration:
-    """Make every path absolute, and check that what it names exists.
-
-    Raises
-    ------
-    PeriscopyError
-        Naming the first that does not.
-    """
+    """Make every path absolute, and check that what it names exists."""
     from periscopy_sim.storage.ambient_library import find_condition
     from periscopy_sim.storage.outputs.provenance import scene_sha256
 
@@ -65,15 +59,7 @@ def resolved(configuration: Configuration) -> Configuration:
 
 
 def attributes_of(settings: Configuration, layout: Layout) -> dict[str, Any]:
-    """Return all that the samples depend on, ready for JSON; where files lie does not matter.
-
-    Parameters
-    ----------
-    settings
-        From `resolved`.
-    layout
-        The sizes.
-    """
+    """Return all that the samples depend on, ready for JSON; where files lie does not matter."""
     import mitsuba as mi
 
     from periscopy_sim.storage.ambient_library import find_condition

@@ -15,21 +15,9 @@ Array = NDArray[np.float64]
 def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:
     """Return the wall's responses to point lights, each scaled to its mean over the wall, added.
 
-    Σ_l p_l ψ(α_l) / mean ψ(α_l), with ψ of Eq. 4, see `point_light_response`.
-
-    Parameters
-    ----------
-    lamps
-        (L, 3) positions α in metres, off the wall.
-    powers
-        (L, 3) p, by channel.
-    points, normals
-        (M, 3) wall points in metres and their unit normals.
-
-    Returns
-    -------
-    ndarray
-        (M, 3), of mean Σ p for each channel. A lamp behind the whole wall gives nothing.
+    Σ_l p_l ψ(α_l) / mean ψ(α_l), (M, 3), with ψ of Eq. 4, see `point_light_response`: lamps α
+    (L, 3) in metres, off the wall; powers p (L, 3) by channel; wall points (M, 3) in metres and
+    their unit normals. Its mean is Σ p in each channel. A lamp behind the whole wall gives nothing.
     """
     light = np.zeros((3, len(points)))
     _add_lamps(

@@ -149,23 +149,10 @@ def make_block(
     geometry: int,
     block: int,
 ) -> Block:
-    """Make the samples of a block, here and now.
+    """Make the samples of a block of a geometry, here and now.
 
-    Parameters
-    ----------
-    configuration
-        As JSON, from `as_json`.
-    photograph_shape
-        (rows, columns) that photographs must have.
-    backgrounds
-        Rendered and given ambient light.
-    geometry, block
-        Numbers; the block is of the geometry.
-
-    Raises
-    ------
-    ConfigurationError
-        If the geometry's camera has another film size.
+    The configuration is JSON, from `as_json`. The geometry's camera must see photographs of
+    `photograph_shape`, (rows, columns).
     """
     settings = Configuration.model_validate_json(configuration)
     start = block * settings.samples_per_shard
@@ -209,13 +196,7 @@ def _layout(settings: Configuration, scenario: Scenario) -> Layout:
 
 
 def _of_count(configuration: Configuration, count: int) -> Configuration:
-    """Return a configuration of another number of samples, checked as the file's own.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is out of range.
-    """
+    """Return a configuration of another number of samples, checked as the file's own."""
     try:
         return Configuration.model_validate({**dict(configuration), "count": count})
     except ValidationError as error:
@@ -226,10 +207,7 @@ def _of_count(configuration: Configuration, count: int) -> Configuration:
 def _checked_scenes(settings: Configuration, draws: Sequence[GeometryDraw]) -> Scenario:
     """Return the scenario of geometry 0, once every scene and given ambient light was read.
 
-    Raises
-    ------
-    PeriscopyError
-        If one cannot be used, or has another film size than the first.
+    All must be of its film size.
     """
     first = scenario_of(settings, 0)
     for number in {draw.source: draw.number for draw in reversed(draws)}.values():

@@ -36,23 +36,9 @@ def make_samples(
     start: int,
     stop: int,
 ) -> Block:
-    """Make the samples from `start` to `stop`, whole clips of one geometry.
+    """Make the samples from `start` to `stop`, multiples of the clips' length, of one geometry.
 
-    Parameters
-    ----------
-    configuration
-        Of the data set.
-    geometry
-        Theirs.
-    backgrounds
-        What the ambient sources of given or rendered pictures need.
-    start, stop
-        Indices, multiples of the clips' length.
-
-    Returns
-    -------
-    dict
-        The variables of `Layout.variables`, by name.
+    Return the variables of `Layout.variables`, by name.
     """
     scenario, length = geometry.scenario, configuration.clip_length
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
