@@ -22,28 +22,6 @@ Image = NDArray[np.floating[Any]]
 Coupling = Literal["total-variation", "l1", "none"]
 
 
-def check_coupling(
-    coupling: str, temporal_weight: float, l1_weight: float, tv_weight: float
-) -> None:
-    """Refuse what cannot tie the frames of a video; see `Video`.
-
-    Raises
-    ------
-    ValueError
-        Naming what is wrong.
-    """
-    if coupling not in get_args(Coupling):
-        raise ValueError(
-            f"coupling '{coupling}' is not known; use 'total-variation', 'l1' or 'none'"
-        )
-    if not (0 <= temporal_weight < np.inf and 0 <= l1_weight < np.inf):
-        raise ValueError(
-            f"weights {temporal_weight} and {l1_weight}: give finite numbers, not negative"
-        )
-    if np.isinf(tv_weight) and coupling != "none":
-        raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
-
-
 class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     """The paper's method for video, fitted to one scene: frames one at a time, or many at once.
 
@@ -91,7 +69,16 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         temporal_weight: float = 1.0,
         l1_weight: float = 0.4,
     ) -> None:
-        check_coupling(coupling, temporal_weight, l1_weight, periscope.tv_weight)
+        if coupling not in get_args(Coupling):
+            raise ValueError(
+                f"coupling '{coupling}' is not known; use 'total-variation', 'l1' or 'none'"
+            )
+        if not (0 <= temporal_weight < np.inf and 0 <= l1_weight < np.inf):
+            raise ValueError(
+                f"weights {temporal_weight} and {l1_weight}: give finite numbers, not negative"
+            )
+        if np.isinf(periscope.tv_weight) and coupling != "none":
+            raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
         self.periscope = periscope
         self.coupling = coupling
         self.temporal_weight = temporal_weight
