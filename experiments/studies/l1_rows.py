@@ -1,7 +1,7 @@
 """Rows of P of least ‖p‖₁, the sparsifying term that the paper mentions (Sec. 3).
 
 They have N + r entries, but more noise than the rows of least ‖p‖ with as many, see
-`periscopy_sim.reconstruction.preconditioned.sparse`.
+`experiments.studies.thinning`.
 
 References
 ----------
@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.studies.thinning import coordinates_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import Preconditioner
-from periscopy_sim.reconstruction.preconditioned.sparse import coordinates_of
 
 Array = NDArray[np.float64]
 

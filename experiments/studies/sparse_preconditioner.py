@@ -22,11 +22,11 @@ from scipy import sparse
 import periscopy_sim as ps
 from experiments.drawing import COLORS, COLUMN, drawn
 from experiments.studies.l1_rows import l1_minimal_rows
-from experiments.timing import median_seconds
-from periscopy_sim.reconstruction.preconditioned.preconditioner import Preconditioner
-from periscopy_sim.reconstruction.preconditioned.sparse import (
+from experiments.studies.thinning import (
     sparse_preconditioner,
 )
+from experiments.timing import median_seconds
+from periscopy_sim.reconstruction.preconditioned.preconditioner import Preconditioner
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +67,6 @@ class StillMethod(ABC, Generic[Precision]):
     and `standard_errors`; each takes what `solve` returned.
     """
 
-    takes_backgrounds: ClassVar[bool] = True
-
     @classmethod
     def for_scene(cls, scene: Seen, A: Any, B: Any = None, **settings: Any) -> Self:
         """Fit to a scenario: its sizes and the colour of its wall are taken from it.
@@ -79,13 +77,12 @@ class StillMethod(ABC, Generic[Precision]):
             A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
             ``channel_gain``.
         A, B
-            As in the class; one that takes no backgrounds is told none.
+            As in the class.
         **settings
             The class's other parameters.
         """
         construct: Any = cls
-        arrays = (A, B) if cls.takes_backgrounds else (A,)
-        fitted: Self = construct(*arrays, **settings_of(scene), **settings)
+        fitted: Self = construct(A, B, **settings_of(scene), **settings)
         return fitted
 
     @abstractmethod

@@ -168,13 +168,17 @@ def _checked(y: Array) -> Array:
     """Refuse numbers whose squares would leave double precision's range."""
     if not np.isfinite(y).all():
         raise ValueError("the photograph must be finite")
-    largest = float(np.abs(y).max(initial=0))
+    check_range(float(np.abs(y).max(initial=0)))
+    return y
+
+
+def check_range(largest: float) -> None:
+    """Refuse a photograph whose largest value, if not 0, lies outside `LIGHT_RANGE`."""
     if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
         raise ValueError(
             f"the photograph's largest value is {largest:.1e}; scale it to between "
             f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
         )
-    return y
 
 
 def observation_of(

@@ -75,6 +75,7 @@ def test_what_a_method_tells_of_its_certainty_is_what_the_entry_says(name):
     assert errors is None or errors.shape == (2, 3, 3)
     assert all(image.shape == (2, 3, 3) for _, image in method.stages(found))
     assert isinstance(method.remark(found), str)
+    assert {"noise", "lambda"} <= method.told(found).keys()
     assert np.array_equal(method.reconstruct(Y), found.image)
 
 

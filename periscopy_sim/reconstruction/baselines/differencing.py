@@ -82,6 +82,8 @@ class Differencing(StillMethod[np.float64]):
     ----------
     A
         (M, N) light transport matrix.
+    B
+        Not used: the method knows no backgrounds.
     photograph_shape, hidden_shape
         (rows, columns) with products M and N.
     channel_gain
@@ -109,11 +111,10 @@ class Differencing(StillMethod[np.float64]):
         not full column rank, the wall reflects nothing in a channel, or a number is out of range.
     """
 
-    takes_backgrounds = False
-
     def __init__(
         self,
         A: Image,
+        B: Image | None = None,  # noqa: ARG002
         *,
         photograph_shape: tuple[int, int],
         hidden_shape: tuple[int, int],
@@ -179,6 +180,15 @@ class Differencing(StillMethod[np.float64]):
             iterations=np.array([minimum.iterations for minimum in minima]),
             gap=gap,
         )
+
+    def told(self, found: DifferencingResult) -> dict[str, Any]:
+        """Return the noise, the weights, the iterations and the gaps; see `StillMethod`."""
+        return {
+            "noise": found.noise,
+            "lambda": found.weight,
+            "iterations": found.iterations,
+            "gap": found.gap,
+        }
 
     def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], LeastSquaresMinimum]:
         if self.stop == "converged":

@@ -31,6 +31,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     ----------
     A
         (M, N) light transport matrix.
+    B
+        Not used: the method knows no backgrounds.
     hidden_shape
         (R, C) with R C = N.
     channel_gain
@@ -54,11 +56,10 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         channel, or the fraction is out of range.
     """
 
-    takes_backgrounds = False
-
     def __init__(
         self,
         A: Image,
+        B: Image | None = None,  # noqa: ARG002
         *,
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,

@@ -184,6 +184,15 @@ class IterativePeriscope(StillMethod[np.float64]):
             )
         return result
 
+    def told(self, found: IterativeReconstruction) -> dict[str, Any]:
+        """Return the noise, the weights, the iterations and the last change; see `StillMethod`."""
+        return {
+            "noise": found.noise,
+            "lambda": found.weight,
+            "iterations": found.iterations,
+            "change": found.change,
+        }
+
     @cached_property
     def eigenvectors(self) -> Eigenvectors:
         """The strongest eigenvectors of A⊥ᵀA⊥."""

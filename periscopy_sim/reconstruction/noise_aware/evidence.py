@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -29,7 +31,7 @@ class Evidence:
     Attributes
     ----------
     coefficients
-        (3, N) WᵀA⊥ᵀ y, y over its level.
+        (3, N) WᵀA⊥ᵀ y, y over its level and A⊥ over the root mean energy of a patch.
     noise
         (3,) standard deviation of y, likewise.
     level
@@ -52,33 +54,30 @@ def root_mean_squares(planes: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(planes**2, axis=(1, 2))))
 
 
-def noise_of(y: Array, coefficients: Array, curvatures: Array, rank: int) -> Array:
-    """Return the standard deviation of what the least-squares hidden image leaves, (3,).
+def noise_of(y: Any, coefficients: Any, curvatures: Any, rank: int) -> Any:
+    """Return the standard deviation of what the least-squares hidden image leaves of y, (..., 3).
 
-    Parameters
-    ----------
-    y
-        (3, M') photograph, range(B) projected out.
-    coefficients, curvatures
-        (3, N'), (N',) those of the patterns that the wall shows.
-    rank
-        Of B.
+    y, (..., 3, M'), has range(B), of that rank, projected out. The coefficients, (..., 3, N'), and
+    curvatures, (N',), are those of the patterns that the wall shows. The arrays are of any library.
     """
-    energies = np.einsum("cm,cm->c", y, y)
-    left = energies - (coefficients**2 / curvatures).sum(axis=1)
-    freedom = max(y.shape[1] - rank - len(curvatures), 1)
-    noise: Array = np.sqrt(np.maximum(left, 0) / freedom)
+    xp, pixels = array_namespace(y), y.shape[-1]
+    energies = xp.sum(y * y, axis=-1)
+    left = energies - xp.sum(coefficients**2 / curvatures, axis=-1)
+    freedom = max(pixels - rank - curvatures.shape[0], 1)
+    noise = xp.sqrt(xp.clip(left, min=0.0) / freedom)
     # Without noise there still is finite precision; and a black channel is no oracle.
-    rounding = 1e-7 * np.sqrt(energies.max() / y.shape[1]) + 1e-30
-    return np.maximum(noise, max(rounding, float(noise.max()) / LARGEST_RATIO))
+    rounding = 1e-7 * xp.sqrt(xp.max(energies, axis=-1, keepdims=True) / pixels) + 1e-30
+    largest = xp.max(noise, axis=-1, keepdims=True)
+    return xp.maximum(noise, xp.maximum(rounding, largest / LARGEST_RATIO))
 
 
-def noise_to_signal(noise: Array, pixels: int, rank: int, patterns: int) -> float:
-    """Return the noise's energy over the signal's, of y of mean square 1."""
-    energy = (pixels - rank) * float(np.sum(noise**2))
+def noise_to_signal(noise: Any, pixels: int, rank: int, patterns: int) -> Any:
+    """Return the noise's energy over the signal's, (...); noise (..., 3), y of mean square 1."""
+    xp = array_namespace(noise)
+    energy = (pixels - rank) * xp.sum(noise**2, axis=-1)
     # A signal below its own standard error is none.
-    least = np.sqrt(2 * patterns * np.sum(noise**4))
-    return float(energy / max(3 * pixels - energy, least))
+    least = xp.sqrt(2 * patterns * xp.sum(noise**4, axis=-1))
+    return energy / xp.maximum(3 * pixels - energy, least)
 
 
 def doubt_of(share: float, whole: float, left: float, patterns: int) -> str:

@@ -9,15 +9,17 @@ All images of a batch advance together, as suits a graphics card, until the last
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace, device
 
-from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO
+from periscopy_sim.reconstruction.noise_aware.evidence import noise_of, noise_to_signal
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import RIDGE
 from periscopy_sim.reconstruction.noise_aware.splitting import RELAXATION
 from periscopy_sim.reconstruction.noise_aware.still import CHECKED, PENALTY, NoiseAware
+from periscopy_sim.reconstruction.observation import check_range
 
 Array = Any
 """An array of any library that keeps the array API standard."""
@@ -71,7 +73,13 @@ class PortableNoiseAware:
         Raises
         ------
         ValueError
-            If a photograph has not M pixels of 3 channels or is not finite where it is used.
+            If a photograph has not M pixels of 3 channels, is not finite where it is used, or too
+            bright or dark for single precision.
+
+        Warns
+        -----
+        RuntimeWarning
+            The iterations did not reach the tolerance for some photographs.
         """
         xp = array_namespace(photographs, self._rows)
         y = self._rejected(xp, photographs)
@@ -80,8 +88,11 @@ class PortableNoiseAware:
         y = y / level
         h = xp.astype(y, xp.float32) @ self._transport.T / self._unit
         coefficients = xp.astype(h @ self._rows.T, xp.float64)
-        noise = self._noise(xp, y, coefficients)
-        images = self._minimum(xp, coefficients, noise, self._weight(xp, y, noise))
+        curvatures, rank = self._curvatures[self._seen], self._background.shape[0]
+        noise = noise_of(y, coefficients[..., self._seen], curvatures, rank)
+        ratio = noise_to_signal(noise, y.shape[-1], rank, curvatures.shape[0])
+        weight = self.method.regularization * xp.sqrt(xp.clip(ratio, min=1.0))
+        images = self._minimum(xp, coefficients, noise[..., None], weight[:, None, None])
         unit = xp.astype(level, xp.float32)[..., None] / self._unit
         return xp.moveaxis(images * unit, 1, -1)
 
@@ -94,31 +105,15 @@ class PortableNoiseAware:
         y = xp.moveaxis(xp.astype(y, xp.float64) / self._gain, -1, 1)
         if not bool(xp.all(xp.isfinite(y))):
             raise ValueError("the photograph must be finite")
+        if y.shape[0]:
+            largest = xp.max(xp.abs(y), axis=(1, 2))
+            brightest = xp.max(largest)
+            check_range(float(brightest))
+            check_range(float(xp.min(xp.where(largest > 0, largest, brightest))))
         return y - (y @ self._background.T) @ self._background
 
-    def _noise(self, xp: Any, y: Array, coefficients: Array) -> Array:
-        """Return σ, (K, 3, 1), as `NoiseAware` estimates it."""
-        seen, curvatures = coefficients[..., self._seen], self._curvatures[self._seen]
-        explained = xp.sum(seen**2 / curvatures, axis=-1, keepdims=True)
-        energy = xp.sum(y * y, axis=-1, keepdims=True)
-        pixels = y.shape[-1]
-        freedom = max(pixels - self._background.shape[0] - curvatures.shape[0], 1)
-        noise = xp.sqrt(xp.clip(energy - explained, min=0.0) / freedom)
-        rounding = 1e-7 * xp.sqrt(xp.max(energy, axis=1, keepdims=True) / pixels) + 1e-30
-        largest = xp.max(noise, axis=1, keepdims=True)
-        return xp.maximum(noise, xp.maximum(rounding, largest / LARGEST_RATIO))
-
-    def _weight(self, xp: Any, y: Array, noise: Array) -> Array:
-        """Return λ over √N σ/2, (K, 1, 1), more where noise outweighs the signal."""
-        pixels, patterns = y.shape[-1], self._curvatures[self._seen].shape[0]
-        total = xp.sum(noise**2, axis=1, keepdims=True)
-        energy = (pixels - self._background.shape[0]) * total
-        least = xp.sqrt(2 * patterns * xp.sum(noise**4, axis=1, keepdims=True))
-        ratio = energy / xp.maximum(3 * pixels - energy, least)
-        return self.method.regularization * xp.sqrt(xp.clip(ratio, min=1.0))
-
     def _minimum(self, xp: Any, coefficients: Array, noise: Array, weight: Array) -> Array:
-        """Run the splitting of `splitting`, (K, 3, R, C)."""
+        """Return the images, (K, 3, R, C), by `splitting`, of σ, (K, 3, 1), and λ/(√N σ/2)."""
         told, shape = self.method, (-1, 3, *self.method.hidden_shape)
         rows, single = self._rows, xp.float32
         σ = xp.mean(noise, axis=1, keepdims=True)
@@ -151,7 +146,7 @@ class PortableNoiseAware:
             u, v = shrink * moved, xp.clip(target, min=0.0) if told.positive else target
             p, q = moved - u, target - v
             image = xp.where(active, v, image)
-            if iteration % CHECKED == 0:
+            if iteration % CHECKED == 0 or iteration == told.max_iterations:
                 after = xp.concat([u, v[:, None, ...]], axis=1)
                 gap, change, size, kept = (
                     xp.sqrt(xp.sum(part**2, axis=axes))
@@ -160,6 +155,14 @@ class PortableNoiseAware:
                 settled = gap <= told.tolerance * xp.where(size > kept, size, kept)
                 settled = settled & (change <= told.tolerance * kept)
                 active = active & ~xp.reshape(settled, active.shape)
+        if left := int(xp.sum(xp.astype(active, xp.int64))):
+            warnings.warn(
+                f"noise-aware recovery stopped after {iteration} iterations, before {left} of "
+                f"{image.shape[0]} images had relative residuals of at most {told.tolerance:.1e}: "
+                "raise max_iterations or tolerance",
+                RuntimeWarning,
+                stacklevel=3,
+            )
         return image
 
 

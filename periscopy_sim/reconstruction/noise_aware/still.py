@@ -281,12 +281,11 @@ class NoiseAware(StillMethod[np.float64]):
         h = times_rows(y, self._transport) * np.float32(1 / self._unit)
         products = times_rows(h, self._basis.rows).astype(np.float64)
         coefficients = products.reshape(*planes.shape[:2], -1)
-        pixels, rank, found = y.shape[1], len(self._background), []
-        for d, plane, level, share in zip(coefficients, planes, levels, shares, strict=True):
-            noise = noise_of(plane, d[:, self._seen], self._curvatures, rank)
-            ratio = noise_to_signal(noise, pixels, rank, len(self._curvatures))
-            found.append(Evidence(d, noise, float(level), float(share), ratio))
-        return found
+        rank, seen = len(self._background), coefficients[..., self._seen]
+        noises = noise_of(planes, seen, self._curvatures, rank)
+        ratios = noise_to_signal(noises, y.shape[1], rank, len(self._curvatures))
+        numbers = (each.tolist() for each in (levels, shares, ratios))
+        return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)]
 
     def recover(
         self,

@@ -101,6 +101,7 @@ def contrast(misfit: float, pulled: float, squared: float) -> float:
     A τ below 1, which makes errors smaller than the posterior's, is believed up to the standard
     error that noise gives it; where the wall shows nothing of the pull, τ is 1.
     """
+    squared = max(squared, 0.0)  # rounding may leave it below
     shown = pulled - squared
     if shown < LEAST_SHOWN:
         return 1.0

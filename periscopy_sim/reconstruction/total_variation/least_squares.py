@@ -4,7 +4,7 @@
 
 An iteration costs one product with G and one proximal operator of total variation, which starts
 from the last one's dual field. `minimize` asks of a problem only how to multiply by G. Where G is a
-matrix, `minimize_gram_form` stops at a duality gap.
+matrix, `LeastSquares.minimize` stops at a duality gap.
 
 The steps are longer than 1/L and the momentum is full until it points uphill ("greedy FISTA"),
 which took two thirds of the iterations of FISTA with restarts on the package's photographs.

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.numerics.threads import in_parallel, ranges
-from periscopy_sim.numerics.validation import checked_companion, checked_image
+from periscopy_sim.numerics.validation import check_stopping, checked_companion, checked_image
 from periscopy_sim.reconstruction.total_variation.dual_solver import denoise_channels
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ def prox_total_variation(
         The image is not of a real floating-point type.
     ValueError
         The image is empty, not finite or of another dimension; a weight is negative, NaN or of
-        another shape; the tolerance or the number of iterations is not positive.
+        another shape; the tolerance is not between 0 and 1, or max_iterations below 1.
 
     Warns
     -----
@@ -195,56 +195,6 @@ def prox_total_variation(
         image,
         weight,
         temporal_weight=temporal_weight,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-    )
-    result.warn_unless_converged()
-    return result.image
-
-
-def prox_total_variation_l1(
-    image: ArrayLike,
-    previous: ArrayLike,
-    weight: ArrayLike,
-    l1_weight: ArrayLike,
-    *,
-    tolerance: float = 1e-4,
-    max_iterations: int = 10_000,
-) -> Image:
-    """Denoise a frame towards the previous one: argmin_f ‖f − g‖₂² + λ‖f‖_TV + λ₂‖f − p‖₁ (Eq. 12).
-
-    Parameters
-    ----------
-    image
-        g, as in `prox_total_variation` without time.
-    previous
-        p, the previous frame, of the shape of the image, finite.
-    weight, l1_weight
-        λ ≥ 0, finite, and λ₂ ≥ 0 in units of the image, each of a shape that
-        `prox_total_variation` knows. Without the one, f is g shrunk towards p by λ₂/2; without
-        the other, `prox_total_variation`; for a large λ₂ it is p.
-    tolerance, max_iterations
-        As in `prox_total_variation`.
-
-    Returns
-    -------
-    f, the shape and the type of the image.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As in `prox_total_variation`; the previous frame is not finite or not of the image's shape.
-
-    Warns
-    -----
-    RuntimeWarning
-        The tolerance was not reached.
-    """
-    result = solve_total_variation(
-        image,
-        weight,
-        previous=previous,
-        l1_weight=l1_weight,
         tolerance=tolerance,
         max_iterations=max_iterations,
     )
@@ -265,35 +215,19 @@ def solve_total_variation(
 ) -> TotalVariationResult:
     """Return a proximal operator's image with an account of its convergence, and no warning.
 
+        argmin_f ‖f − g‖₂² + λ‖f‖_TV + λ₂‖f − p‖₁ (Eq. 11; with a previous image p, Eq. 12)
+
     The dual problem (Chambolle 2004) is solved by accelerated projected gradient ascent (FGP, Beck
     and Teboulle 2009) with restarts (O'Donoghue and Candès 2015), until the duality gap is small.
     A float32 image is denoised in single precision, which resolves relative gaps of about 2e-6;
     where rounding could keep it from the tolerance, it is denoised in double precision, and the
     result rounded. Large stacks and images are shared among threads, with the same result.
 
-    Parameters
-    ----------
-    image, weight, temporal_weight, tolerance, max_iterations
-        As in `prox_total_variation`, which is solved for where there is no previous image.
-    previous, l1_weight
-        As in `prox_total_variation_l1`; with a temporal weight, a video beside a video.
-    start
-        The `dual` of a problem of the same sizes, from where fewer iterations remain the more the
-        two are alike. None, or one of other sizes, starts from zero.
-
-    Returns
-    -------
-    The image, with an account of how well it was solved for.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As in `prox_total_variation` and `prox_total_variation_l1`.
+    Arguments and errors are those of `prox_total_variation`, beside them: p, finite and of the
+    image's shape; λ₂ ≥ 0, which needs p and a finite λ, in the image's units and of a shape that λ
+    may have; and `start`, the `dual` of a similar problem, ignored if it is of other sizes.
     """
-    if not 0 < tolerance < math.inf:
-        raise ValueError(f"tolerance is {tolerance}: give a positive number")
-    if max_iterations < 1:
-        raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+    check_stopping(tolerance, max_iterations)
     if temporal_weight is not None and not 0 <= temporal_weight < math.inf:
         raise ValueError(f"temporal_weight is {temporal_weight}: give a number of at least 0")
     values = checked_image(image)

@@ -83,6 +83,19 @@ def test_wrong_photographs_are_refused(xp):
         recovered(xp, np.full((1, 400, 3), np.nan))
 
 
+@pytest.mark.parametrize("scale", [1e200, 1e-200])
+def test_photographs_beyond_single_precision_are_refused(xp, scale):
+    spoilt = np.stack([PHOTOGRAPHS[0], scale * PHOTOGRAPHS[1]])
+    with pytest.raises(ValueError, match="scale it to between"):
+        recovered(xp, spoilt)
+
+
+def test_a_batch_short_of_the_tolerance_is_told(xp):
+    batch = np.concatenate([PHOTOGRAPHS, 0 * PHOTOGRAPHS[:1]])  # the black one has converged
+    with pytest.warns(RuntimeWarning, match="stopped after 13 iterations, before 4 of 5 images"):
+        recovered(xp, batch, max_iterations=13)
+
+
 def test_what_is_masked_may_be_anything(xp):
     mask = RNG.random(PHOTOGRAPH) > 0.2
     spoilt = np.where(mask[..., None], PHOTOGRAPHS, np.nan)

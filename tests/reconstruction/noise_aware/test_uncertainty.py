@@ -150,3 +150,15 @@ def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, nois
     assert 0.3 < ratio < 1.2
     actual, expected = (np.sqrt(np.mean(np.square(e), axis=0)).ravel() for e in (errors, told))
     assert np.corrcoef(actual, expected)[0, 1] > 0.15
+
+
+def test_errors_are_numbers_where_rounding_outweighs_them():
+    """A smooth A tells of few patterns, and the prior of next to nothing."""
+    x = np.linspace(0, 1, 400)[:, None]
+    A = np.exp(-0.5 * ((x - np.linspace(0, 1, 48)) / 0.3) ** 2)
+    y = A @ np.full((48, 3), 0.5) + 0.01 * np.random.default_rng(0).normal(size=(400, 3))
+    method = NoiseAware(A, hidden_shape=(6, 8), regularization=1e-9)
+    with pytest.warns(RuntimeWarning, match="recovery stopped"):
+        found = method.solve(y)
+    assert (method.standard_errors(found) > 0).all()
+    assert contrast(misfit=0, pulled=1, squared=-1e-9) == 0

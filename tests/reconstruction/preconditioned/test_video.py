@@ -6,7 +6,7 @@ from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from periscopy_sim.reconstruction.preconditioned.video import Video
 from periscopy_sim.reconstruction.total_variation.prox import (
     prox_total_variation,
-    prox_total_variation_l1,
+    solve_total_variation,
 )
 
 HIDDEN = (5, 6)
@@ -89,7 +89,9 @@ def test_every_frame_is_its_problems_minimizer_wherever_it_starts_from(periscope
         found = video.solve_next(photograph)
         g, weight = found.preconditioned.astype(np.float64), found.weight
         if coupling == "l1":
-            exact = prox_total_variation_l1(g, previous, weight, 3 * weight, tolerance=1e-9)
+            exact = solve_total_variation(
+                g, weight, previous=previous, l1_weight=3 * weight, tolerance=1e-9
+            ).image
         else:
             pair = np.stack([previous, g])
             exact = prox_total_variation(pair, weight, temporal_weight=2.0, tolerance=1e-9)[1]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.preconditioned.sparse import (
+from experiments.studies.thinning import (
     sparse_preconditioner,
 )
+from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 
 def random_problem(pixels, patches, lights, seed=0):
@@ -66,7 +66,7 @@ def test_indices_are_sorted_and_narrow_so_that_products_run_through_memory():
 
 
 def test_a_removed_entry_costs_the_noise_that_the_refit_without_it_has_more():
-    from periscopy_sim.reconstruction.preconditioned.sparse import _removal_cost, coordinates_of
+    from experiments.studies.thinning import _removal_cost, coordinates_of
 
     A, B, P = random_problem(30, 4, 2)
     U, coordinates = coordinates_of(P)
