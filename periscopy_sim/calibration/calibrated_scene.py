@@ -32,27 +32,11 @@ def write_copy(path: Path, values: Mapping[str, str], copy: Path) -> None:
 
 
 def with_defaults(path: Path, values: Mapping[str, str], folder: Path) -> str:
-    """Return a scene's text with other values of its ``<default>``s.
+    """Return the text of a scene file, UTF-8, with other values of its ``<default>``s, by name.
 
-    Parameters
-    ----------
-    path
-        The scene file, UTF-8.
-    values
-        New values, by name; one that only an included file declares is declared before it.
-    folder
-        Where the text will lie. If the scene names files and lies elsewhere, a ``<path>`` to its
-        folder is added: relative where that lies below, else absolute.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Raises
-    ------
-    SceneError
-        If the file is not UTF-8 or cannot be read, see `read_document`.
+    One that only an included file declares is declared before it. `folder` is where the text will
+    lie: if the scene names files and lies elsewhere, a ``<path>`` to its folder is added, relative
+    where that lies below, else absolute. A SceneError says that the file cannot be read.
     """
     try:
         text = path.read_text(encoding="utf-8")

@@ -46,23 +46,9 @@ class UncertainParameters:
 def uncertain_parameters(
     path: Path, free: tuple[str, ...], given: Mapping[str, str], errors: Mapping[str, float]
 ) -> UncertainParameters:
-    """Look up uncertain parameters.
+    """Return uncertain parameters by their standard errors; the others are `free` or `given`.
 
-    Parameters
-    ----------
-    path
-        The scene file.
-    free
-        Names of the free parameters.
-    given
-        Values of some ``<default>``s.
-    errors
-        Standard errors, by name.
-
-    Raises
-    ------
-    SceneError
-        If one is not declared, no finite number, free, or its error not positive.
+    A SceneError says that one is not declared, no finite number, free, or its error not positive.
     """
     names = tuple(errors)
     for name in names:
@@ -81,10 +67,7 @@ def uncertain_parameters(
 def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainParameters) -> None:
     """Check that errors of uncertain parameters, to either side, change what is seen.
 
-    Raises
-    ------
-    SceneError
-        If one changes nothing, or the scene is not physical then.
+    A SceneError says that one changes nothing, or that the scene is not physical then.
     """
     joint = level.varying((*level.names, *uncertain.names))
     for name, error, offset in zip(
@@ -107,23 +90,7 @@ def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainP
 
 
 def sensitivity(level: ResolutionLevel, end: Descent, uncertain: UncertainParameters) -> Array:
-    """Return what the values found owe to uncertain parameters.
-
-    Parameters
-    ----------
-    level
-        Of the free parameters.
-    end
-        Where they ended.
-    uncertain
-        The other parameters.
-
-    Returns
-    -------
-    ndarray
-        (P, U) how far each would have ended elsewhere, had an uncertain parameter been one standard
-        error more.
-    """
+    """Return δθ of the module, (P, U), δ being a standard error of each uncertain parameter."""
     errors = uncertain.standard_errors
     jacobian = differentiate(
         level.varying((*level.names, *uncertain.names)),

@@ -34,13 +34,7 @@ class InFront:
                 self._names.add(name)
 
     def check(self, scenario: Scenario) -> None:
-        """Check that they still do.
-
-        Raises
-        ------
-        SceneError
-            If one reaches through the wall.
-        """
+        """Raise a SceneError if one of them reaches through the wall."""
         for name, vertices in _meshes(scenario):
             depth, _ = _before_wall(scenario, vertices)
             if name in self._names and (depth < 0).any():

@@ -111,11 +111,8 @@ class Explanation:
     def projected_jacobian(self, change: Array) -> Array:
         """Return how the photograph moves along dA, beyond what image and light could follow.
 
-        Returns
-        -------
-        ndarray
-            (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0. The
-            information on two parameters is the product of one's J̃ and the other's `jacobian`.
+        (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0. The
+        information on two parameters is the product of one's J̃ and the other's `jacobian`.
         """
         moved = self.jacobian(change)
         response = np.zeros_like(self.images)
@@ -129,23 +126,9 @@ class Explanation:
 def explain(
     A: NDArray[np.floating[Any]], background: Array, y: Array, hidden_shape: tuple[int, int]
 ) -> Explanation:
-    """Explain a photograph by a transport matrix.
+    """Explain a photograph y, (M, 3) of any unit, by a transport matrix A, (M, N), with N = R C.
 
-    Parameters
-    ----------
-    A
-        (M, N) transport matrix.
-    background
-        (M, r) orthonormal basis of range(B).
-    y
-        (M, 3) photograph, of any unit.
-    hidden_shape
-        (R, C) with R C = N.
-
-    Returns
-    -------
-    Explanation
-        See there.
+    The background is an orthonormal basis of range(B), (M, r).
     """
     Q = background
     projected = A - Q @ (Q.T @ A)
@@ -189,24 +172,11 @@ def explain(
 
 
 def nonnegative(H: Array, h: Array, start: Array) -> Array:
-    """Minimize f'Hf/2 - h'f over f ≥ 0, exactly.
+    """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
 
     Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
-    side change sides at once, while that helps; else the last of them alone.
-
-    Parameters
-    ----------
-    H
-        (N, N) symmetric and positive definite.
-    h
-        (N,) right-hand side.
-    start
-        (N,) whose positive entries are tried first.
-
-    Returns
-    -------
-    ndarray
-        (N,) the minimizer, exactly 0 where it is not positive.
+    side change sides at once, while that helps; else the last of them alone. The positive entries
+    of `start`, (N,), are tried first.
     """
     positive = start > 0
     fewest, patience = len(h) + 1, PATIENCE

@@ -117,23 +117,10 @@ class Curvature:
 def differentiate(
     level: ResolutionLevel, values: Values, explanation: Explanation, offsets: Array
 ) -> Jacobian:
-    """Differentiate the photograph and the evidence by some parameters.
+    """Differentiate the photograph and the evidence by some parameters, about values of shape (P,).
 
-    Parameters
-    ----------
-    level
-        Where to look.
-    values
-        (P,) parameters.
-    explanation
-        Of the level at those values.
-    offsets
-        (K, P) differences to either side; each row moves one parameter.
-
-    Raises
-    ------
-    SceneError
-        If neither side of a parameter is physical.
+    The explanation is the level's at those values. Each row of the offsets, (K, P), moves one
+    parameter to either side; where neither is physical, a SceneError is raised.
     """
     shape = (2, len(offsets), *explanation.residuals.shape)
     slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)

@@ -27,29 +27,12 @@ def points_visited(parameters: int) -> int:
 def explore(
     level: ResolutionLevel, start: Values, spreads: Values, seed: int, visit: Visit
 ) -> Values:
-    """Return the best of many points, generation by generation.
+    """Return the best, (P,), of many points, generation by generation; each is passed to `visit`.
 
-    The first is spread evenly over a box about the start (Sobol's sequence), each later one is
-    drawn from the normal distribution of the best points so far (the cross-entropy method:
-    Rubinstein, Methodol. Comput. Appl. Probab. 1, 1999). Points that are not physical lose.
-
-    Parameters
-    ----------
-    level
-        Where to look.
-    start
-        (P,) centre of the box, itself one of the points.
-    spreads
-        (P,) half widths of the box.
-    seed
-        Of the draws.
-    visit
-        Called with each point and its evidence.
-
-    Returns
-    -------
-    ndarray
-        (P,) the best point.
+    The first generation is spread evenly (Sobol's sequence) over a box about the start, (P,), which
+    is one of its points, with half widths `spreads`, (P,). Each later one is drawn from the normal
+    distribution of the best points so far (the cross-entropy method: Rubinstein, Methodol. Comput.
+    Appl. Probab. 1, 1999). Points that are not physical lose.
     """
     from scipy.stats import qmc
 

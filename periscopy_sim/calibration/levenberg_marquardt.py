@@ -54,32 +54,10 @@ def descend(
     iterations: int,
     visit: Visit,
 ) -> Descent:
-    """Walk downhill until nothing is gained.
+    """Walk downhill from a start, (P,), until nothing is gained; each is passed to `visit`.
 
-    Parameters
-    ----------
-    level
-        Where to look.
-    start
-        (P,) parameters.
-    steps
-        (P,) differences by which slopes are taken.
-    longest
-        (P,) at most so far in one step, before it is doubled.
-    iterations
-        At most.
-    visit
-        Called with each point and its evidence.
-
-    Returns
-    -------
-    Descent
-        Where it ended.
-
-    Raises
-    ------
-    SceneError
-        If the start is not physical.
+    Slopes are taken by differences `steps`, (P,). A step goes no farther than `longest`, (P,),
+    before it is doubled. A SceneError is raised if the start is not physical.
     """
     values, here = start, level.explain(start)
     visit(values, here.evidence)
@@ -124,25 +102,12 @@ def _extended(
 
 
 def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Values, Explanation]:
-    """Take the step that a descent's end still asks for, if other rays agree.
+    """Take the step, at most `longest`, that a descent's end still asks for, if other rays agree.
 
     Between places so near, the evidence by the descent's own rays tells more of the rays than of
-    the places; its slope, of wide differences and of two sets of rays, does not.
-
-    Parameters
-    ----------
-    level
-        Where to look.
-    end
-        Of the descent.
-    longest
-        (P,) at most so far.
-
-    Returns
-    -------
-    values, explanation
-        There; those of the descent's end where rays that chose neither place find that one better,
-        or the step is not physical.
+    the places; its slope, of wide differences and of two sets of rays, does not. Returned are the
+    values and explanation there; those of the descent's end where rays that chose neither place
+    find that one better, or the step is not physical.
     """
     there, other = end.values + end.curvature.step(UNSEEN, longest), level.seed + 2
     try:

@@ -24,26 +24,9 @@ GROWTH = 1.2
 
 
 def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Values:
-    """Return where parameters start: as given, or at their defaults.
+    """Return where parameters of a scene file start, (P,): as given, or at their defaults.
 
-    Parameters
-    ----------
-    path
-        The scene file.
-    free
-        Names of its ``<default>``s.
-    given
-        Values of some.
-
-    Returns
-    -------
-    ndarray
-        (P,) values.
-
-    Raises
-    ------
-    SceneError
-        If none is free, one is not declared, named twice, or no finite number.
+    A SceneError says that none is free, one is not declared, named twice, or no finite number.
     """
     declared = declared_defaults(path)
     numbers = {name: value for name, value in declared.items() if _number(value) is not None}
@@ -70,24 +53,10 @@ def _number(text: str) -> float | None:
 
 
 def steps_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, Values]:
-    """Return how far each parameter must move to change the light transport by a given part.
+    """Return how far each parameter must move from its start to change A by `STEP` and by `SPREAD`.
 
-    Parameters
-    ----------
-    level
-        Where to look.
-    start
-        (P,) values.
-
-    Returns
-    -------
-    steps, spreads
-        (P,) each: changes by `STEP` and by `SPREAD`.
-
-    Raises
-    ------
-    SceneError
-        If the start is not physical, or a parameter changes nothing that the photograph shows.
+    All are (P,). A SceneError is raised if the start is not physical, or a parameter changes
+    nothing that the photograph shows.
     """
     A = level.matrix(start)
     steps, spreads = np.empty(len(start)), np.empty(len(start))

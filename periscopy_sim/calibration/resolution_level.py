@@ -108,13 +108,7 @@ class ResolutionLevel:
         return other
 
     def scenario(self, values: Values) -> Scenario:
-        """Load the scene at some values; see `load_scenario`.
-
-        Raises
-        ------
-        SceneError
-            If they are not physical.
-        """
+        """Load the scene at some values; a SceneError says that they are not physical."""
         from periscopy_sim.rendering.scene.load import load_scenario
 
         given = {name: f"{value:.17g}" for name, value in zip(self.names, values, strict=True)}
@@ -127,10 +121,7 @@ class ResolutionLevel:
     def matrix(self, values: Values, seed: int | None = None) -> Array:
         """Return the transport matrix at some values, (used pixels, N); by the level's own rays.
 
-        Raises
-        ------
-        SceneError
-            If they are not physical, or no light reaches the wall.
+        A SceneError says that they are not physical, or that no light reaches the wall.
         """
         from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
@@ -143,14 +134,10 @@ class ResolutionLevel:
         return A[self.used.ravel()].astype(np.float64)
 
     def background(self, values: Values) -> Array:
-        """Return an orthonormal basis of range(B), of ambient light.
+        """Return an orthonormal basis of range(B), of ambient light, (used pixels, r).
 
-        That of the first values is taken for all: the camera's small moves hardly change it.
-
-        Raises
-        ------
-        PhotographError
-            If there are too few pixels to tell it from the signal.
+        That of the first values is taken for all: the camera's small moves hardly change it. A
+        PhotographError says that there are too few pixels to tell it from the signal.
         """
         from periscopy_sim.analytic.point_light import point_light_backgrounds
 
@@ -167,13 +154,7 @@ class ResolutionLevel:
         return self._background
 
     def explain(self, values: Values, seed: int | None = None) -> Explanation:
-        """Explain the photograph by the scene at some values; by the level's own rays.
-
-        Raises
-        ------
-        SceneError
-            As `matrix`.
-        """
+        """Explain the photograph by the scene at some values; rays and errors as in `matrix`."""
         A = self.matrix(values, seed)
         return explain(A, self.background(values), self._y, self.hidden_shape)
 

@@ -30,21 +30,11 @@ SMALL = 1 << 20
 
 
 def times_rows(vectors: Array, matrix: Array, *, upper: bool = False) -> Array:
-    """Multiply vectors by the rows of a matrix: `vectors @ matrix.T`.
+    """Multiply vectors by the rows of a matrix: `vectors @ matrix.T`, (K, N), of the vectors' type.
 
-    Parameters
-    ----------
-    vectors
-        (K, M), C-contiguous, K a multiple of 3.
-    matrix
-        (N, M) of the same type or a narrower one, C-contiguous.
-    upper
-        Whether the matrix is upper triangular, zero left of its diagonal: that half is skipped.
-
-    Returns
-    -------
-    ndarray
-        (K, N), of the vectors' type.
+    The vectors, (K, M), and the matrix, (N, M) of the same type or a narrower one, are
+    C-contiguous; the loops want K to be a multiple of 3. Of an `upper` triangular matrix, the half
+    left of the diagonal is skipped.
     """
     if len(vectors) % VECTORS:
         return np.asarray(vectors @ matrix.T)
@@ -133,14 +123,7 @@ def _add_chunk(
 def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> None:
     """Subtract combinations of rows from vectors, in place: `vectors -= coefficients @ rows`.
 
-    Parameters
-    ----------
-    vectors
-        (K, M), C-contiguous; receives the result.
-    coefficients
-        (K, r), of the same type.
-    rows
-        (r, M), likewise.
+    The shapes are (K, M), (K, r) and (r, M), of one type, the vectors C-contiguous.
     """
 
     def subtract(part: tuple[int, int]) -> None:
@@ -174,23 +157,10 @@ def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop
 
 
 def filter_rows(vectors: Array, rows: Array, gain: Array, offset: Array) -> Array:
-    """Combine rows by filtered products with them: `(gain * (vectors @ rows.T) + offset) @ rows`.
+    """Return filtered products with rows, (K, N): `(gain * (vectors @ rows.T) + offset) @ rows`.
 
+    The vectors are (K, N), the rows (r, N), gain and offset (K, r), of one type and C-contiguous.
     Each row is read once for both products, which memory is too slow to read twice.
-
-    Parameters
-    ----------
-    vectors
-        (K, N), C-contiguous.
-    rows
-        (r, N) of the same type, C-contiguous.
-    gain, offset
-        (K, r), likewise.
-
-    Returns
-    -------
-    ndarray
-        (K, N).
     """
     combined = np.zeros_like(vectors)
     _filter(vectors, rows, gain, offset, combined)

@@ -26,27 +26,11 @@ def core_count() -> int:
 
 
 def in_parallel(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Call a function with each item, on as many threads as there are cores.
+    """Call a function with each item, on as many threads as there are cores; results are in order.
 
-    The threads are started once and kept; waking them takes some 50 µs. With one item, on one
-    core, or when called from one of the threads itself, the calls are made one after another.
-
-    Parameters
-    ----------
-    function
-        Safe to call from several threads; it only runs faster where it releases the GIL.
-    items
-        What to call it with.
-
-    Returns
-    -------
-    list
-        The results, in the order of the items.
-
-    Raises
-    ------
-    Exception
-        What the function raises, for the first of the items whose call fails.
+    The threads are started once and kept; waking them takes some 50 µs. With one item, on one core,
+    or when called from one of the threads itself, the calls are made one after another. The
+    function only runs faster where it releases the GIL. The first item's error is raised.
     """
     if len(items) < 2 or core_count() < 2 or getattr(_here, "is_worker", False):
         return [function(item) for item in items]
@@ -54,24 +38,10 @@ def in_parallel(function: Callable[[Item], Result], items: Sequence[Item]) -> li
 
 
 def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Call a function with each item on threads, a few calls ahead of who takes the results.
+    """Yield the function's result for each item, in order, called on threads a few calls ahead.
 
-    Parameters
-    ----------
-    function
-        As in `in_parallel`; calls to that within it are made one after another.
-    items
-        What to call it with.
-
-    Yields
-    ------
-    object
-        The results, in the order of the items.
-
-    Raises
-    ------
-    Exception
-        What the function raises, in the place of its result; what waits is then not called.
+    Calls to `in_parallel` within it are made one after another. An error is raised in the place of
+    its result; what waits is then not called.
     """
     waiting = iter(items)
     running = deque(
@@ -89,15 +59,7 @@ def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator
 def ranges(count: int) -> list[tuple[int, int]]:
     """Split range(count) into a few parts a core, which evens out parts of unequal work.
 
-    Parameters
-    ----------
-    count
-        Not negative.
-
-    Returns
-    -------
-    list of tuple
-        (start, stop) of each part, none of them empty, in order.
+    Each is (start, stop), none of them empty, in order.
     """
     parts = min(count, _PARTS_PER_CORE * core_count())
     return [(part * count // parts, (part + 1) * count // parts) for part in range(parts)]

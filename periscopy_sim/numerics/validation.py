@@ -11,26 +11,11 @@ squares of what is farther from 1 leave double precision."""
 
 
 def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
-    """Return an image as compiled loops take it, of its own precision.
+    """Return a finite floating-point image, of any shape, as compiled loops take it.
 
-    Parameters
-    ----------
-    image
-        Of a real floating-point type and of any shape, finite.
-    name
-        What to call it in errors.
-
-    Returns
-    -------
-    The same values, C-contiguous, aligned and writeable (each other kind of array would have the
-    loops compiled anew): float32 from float16 and float32, else float64. Not necessarily a copy.
-
-    Raises
-    ------
-    TypeError
-        The image is not of a real floating-point type.
-    ValueError
-        It holds NaN or infinity.
+    The values are the same, C-contiguous, aligned and writeable (each other kind of array would
+    have the loops compiled anew): float32 from float16 and float32, else float64. Not necessarily a
+    copy.
     """
     values = np.asarray(image)
     if values.dtype.kind != "f":
@@ -42,24 +27,7 @@ def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
 
 
 def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDArray[Any]:
-    """Return an image that stands beside another, in the other's precision.
-
-    Parameters
-    ----------
-    image, name
-        As in `checked_image`.
-    beside
-        The other image.
-
-    Returns
-    -------
-    As `checked_image`, of the type of the other.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `checked_image`; the two are not of one shape.
-    """
+    """Return an image that stands beside another, checked like it, in its shape and precision."""
     values = checked_image(image, name)
     if values.shape != beside.shape:
         raise ValueError(f"{name} has shape {values.shape}, the image beside it {beside.shape}")
@@ -67,20 +35,7 @@ def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDAr
 
 
 def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
-    """Refuse numbers that iterations cannot stop at.
-
-    Parameters
-    ----------
-    tolerance
-        Relative; between 0 and 1.
-    max_iterations
-        At least 1.
-
-    Raises
-    ------
-    ValueError
-        Naming the number.
-    """
+    """Refuse a relative tolerance outside (0, 1), and fewer iterations than one."""
     if not 0 < tolerance < 1:
         raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
     if max_iterations < 1:

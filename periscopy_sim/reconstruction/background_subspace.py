@@ -18,28 +18,12 @@ SKETCH = 96
 
 
 def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_TOLERANCE) -> Array:
-    """Find an orthonormal basis of the numerical range of B.
+    """Return an orthonormal basis Q, (M, r) float64, of the numerical range of B, (M, L).
 
     B is rank-deficient to working precision: its lights are far away, so their responses are nearly
     the same few smooth fields. Kept are the left singular vectors of B, its columns scaled to unit
-    norm, whose singular values exceed `rank_tolerance` times the largest.
-
-    Parameters
-    ----------
-    B
-        (M, L) prototype backgrounds; L may be 0.
-    rank_tolerance
-        Relative tolerance. Below about 1e-13 the vectors kept are rounding errors, no light.
-
-    Returns
-    -------
-    ndarray
-        Q, (M, r) float64.
-
-    Raises
-    ------
-    ValueError
-        If the tolerance is not in (0, 1), or B is not finite.
+    norm, whose singular values exceed `rank_tolerance`, in (0, 1), times the largest. Below about
+    1e-13 the vectors kept are rounding errors, no light.
     """
     if not 0 < rank_tolerance < 1:
         raise ValueError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")

@@ -41,25 +41,7 @@ class Observation:
     mask: Mask | None = None
 
     def used(self, matrix: Image, name: str = "B") -> Image:
-        """Return the rows of a matrix that belong to the pixels used.
-
-        Parameters
-        ----------
-        matrix
-            (M, K).
-        name
-            What to call it in errors.
-
-        Returns
-        -------
-        ndarray
-            (M', K); the matrix itself where there is no mask.
-
-        Raises
-        ------
-        ValueError
-            If there is a mask and the matrix has not M rows.
-        """
+        """Return the rows of a matrix, (M, K), of the M' pixels used; itself without a mask."""
         if self.mask is None:
             return matrix
         if len(matrix) != self.pixels:
@@ -71,47 +53,18 @@ class Observation:
     def vectorized(
         self, photograph: Image, photograph_shape: tuple[int, int] | None = None
     ) -> Array:
-        """Turn a photograph into the y of y = A f, as a grey wall would show it.
+        """Return the y of y = A f of a photograph, as a grey wall would show it, (M', 3) float64.
 
-        Parameters
-        ----------
-        photograph
-            (rows, columns, 3) or (M, 3).
-        photograph_shape
-            As in `planar`.
-
-        Returns
-        -------
-        ndarray
-            (M', 3) float64, each channel divided by its gain.
-
-        Raises
-        ------
-        ValueError
-            As `planar`.
+        Arguments and errors are those of `planar`, for one photograph.
         """
         plane = self.planar(np.asarray(photograph)[None], photograph_shape)[0]
         return np.ascontiguousarray(plane.T)
 
     def planar(self, photographs: Image, photograph_shape: tuple[int, int] | None = None) -> Array:
-        """Turn many photographs into planes, each channel's pixels side by side in memory.
+        """Return photographs' planes, (K, 3, M') float64, each channel divided by its gain.
 
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3).
-        photograph_shape
-            (rows, columns) that they must have; None checks the number of pixels alone.
-
-        Returns
-        -------
-        ndarray
-            (K, 3, M') float64, each channel divided by its gain.
-
-        Raises
-        ------
-        ValueError
-            If a photograph has another size or is not finite where it is used.
+        Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they have another
+        size than M, `photograph_shape` or the mask, or are not finite where they are used.
         """
         photographs = _real(photographs)
         self.check_size(photographs.shape, photograph_shape)
@@ -188,30 +141,11 @@ def observation_of(
     mask: Mask | None = None,
     photograph_shape: tuple[int, int] | None = None,
 ) -> Observation:
-    """Check that A fits the hidden image and the mask, and that the wall has a colour.
+    """Return the observation of a scene, its parts checked; the arguments are those of the methods.
 
-    Parameters
-    ----------
-    A
-        (M, N) light transport matrix.
-    hidden_shape
-        (R, C) with R C = N.
-    channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
-    mask
-        (rows, columns) or (M,), True where the wall is to be used; None for everywhere.
-    photograph_shape
-        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
-
-    Returns
-    -------
-    Observation
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit, the mask leaves fewer pixels than patches, or the wall reflects
-        nothing in a channel.
+    A ValueError says that the shapes of A, (M, N), the hidden image, (R, C), and the mask, (rows,
+    columns) or (M,), do not fit, that the mask leaves fewer pixels than patches, or that the wall
+    reflects nothing in a channel.
     """
     if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
         raise ValueError(
@@ -230,27 +164,10 @@ def checked_mask(
     transport_shape: tuple[int, ...],
     photograph_shape: tuple[int, int] | None = None,
 ) -> Mask:
-    """Check that a mask fits A and leaves enough of it.
+    """Return a copy of a mask, (rows, columns) or (M,), that fits A, (M, N), and leaves enough.
 
-    Parameters
-    ----------
-    mask
-        Boolean, (rows, columns) or (M,).
-    transport_shape
-        (M, N) of A.
-    photograph_shape
-        (rows, columns) that a mask of two dimensions must have; None checks its size alone.
-
-    Returns
-    -------
-    ndarray
-        A copy of the mask.
-
-    Raises
-    ------
-    ValueError
-        If it is not boolean, has another shape, leaves nothing, or leaves fewer pixels than patches
-        where the whole photograph has as many.
+    A ValueError says that it is not boolean, has another shape, leaves nothing, or leaves fewer
+    pixels than patches where the whole photograph has as many.
     """
     checked = np.array(mask)
     if checked.dtype != np.bool_:

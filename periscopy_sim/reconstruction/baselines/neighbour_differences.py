@@ -15,35 +15,16 @@ def neighbour_differences(
     wrap: bool = True,
     mask: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.floating[Any]]:
-    """Apply the D of Eq. 3 to the rows of A.
+    """Apply the D of Eq. 3 to the rows of A, (M, N), or to one photograph, (M,); row-major.
 
     The published code of [15] vectorizes the photograph by columns, so that neighbours lie one
     below the other, takes differences across the ends of columns too, and keeps the last pixel as
-    it is: its D is square, and the last row lets the background through.
+    it is: its D is square, (M, M), and the last row lets the background through. Without `wrap`
+    only the (rows − 1) x columns differences within columns are taken. D A is in column-major
+    order.
 
-    Parameters
-    ----------
-    A
-        (M, N), or (M,) for one photograph; row-major. With a mask the rows used alone, (M', N).
-    photograph_shape
-        (rows, columns) with product M.
-    wrap
-        Whether to do as the published code does; otherwise only differences within the columns of
-        the photograph are taken, (rows - 1) x columns of them.
-    mask
-        (rows, columns), True in the M' pixels that are used; None for all. A difference counts only
-        if both its pixels are used, and the last pixel if it is.
-
-    Returns
-    -------
-    ndarray
-        D A, (M, N), or ((rows - 1) columns, N) without wrapping, or the same for one photograph;
-        in column-major order of the photograph. With a mask only the rows that count.
-
-    Raises
-    ------
-    ValueError
-        If A has not as many rows as the photograph has pixels, or the mask leaves.
+    With a mask, (rows, columns), A has the M' rows used alone. A difference then counts only if
+    both its pixels are used, and the last pixel if it is; only the rows that count are returned.
     """
     rows, columns = photograph_shape
     pixels = rows * columns if mask is None else np.count_nonzero(mask)

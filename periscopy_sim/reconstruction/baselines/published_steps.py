@@ -39,32 +39,18 @@ FEWEST_ITERATIONS, MOST_ITERATIONS = 10, 1100
 def descend_as_published(
     problem: LeastSquares, h: Array, weight: float, *, unit: float, white: float
 ) -> LeastSquaresMinimum:
-    """Take the steps of the published code of [15] until it stops.
+    """Take the steps of the published code of [15] until it stops; h is Kᵀb, (N,).
 
     Accelerated proximal gradient steps from the unregularized least squares. The step may grow
     fivefold each time and is then shortened until the quadratic model, with the spectral norm of
     the step as an image, bounds the data term. After a growth the proximal operator keeps the
-    weight of the shorter step, until the line search fails: this is how the published code has
-    it, and why its image wanders about the minimum, by some 10 % and depending on rounding, until
-    its iterations are used up. The proximal operator is solved to a relative duality gap of 1e-6,
-    where the published code waits for a relative change of 1e-6.
+    weight of the shorter step, until the line search fails: this is how the published code has it,
+    and why its image wanders about the minimum, by some 10 % and depending on rounding, until its
+    iterations are used up. The proximal operator is solved to a relative duality gap of 1e-6, where
+    the published code waits for a relative change of 1e-6.
 
-    Parameters
-    ----------
-    problem
-        The quadratic.
-    h
-        (N,) Kᵀb.
-    weight
-        λ ≥ 0; in [15], whose data term has one half, λ/2.
-    unit
-        What K has to be multiplied by to be in the units of [15], to which `FIRST_STEP` belongs.
-    white
-        The value of f which is 1 in [15], to which `SMALLEST_CHANGE` belongs.
-
-    Returns
-    -------
-    LeastSquaresMinimum
+    The weight is λ ≥ 0, in [15], whose data term has one half, λ/2. `unit` takes K to the units of
+    [15], to which `FIRST_STEP` belongs; `white` is the f that is 1 there, as for `SMALLEST_CHANGE`.
     """
     f = z = problem.solve(h)
     energy = float(h @ f)

@@ -37,24 +37,10 @@ Image = NDArray[np.floating[Any]]
 def least_squares(
     transport: TransportOperator, h: Array, *, tolerance: float, max_iterations: int
 ) -> Iterate:
-    """Minimize ‖A⊥f − y⊥‖² by conjugate gradients on the normal equations.
+    """Minimize ‖A⊥f − y⊥‖² by conjugate gradients on the normal equations, h = A⊥ᵀy⊥, (N, K).
 
-    Each column is a problem of its own; all share the passes.
-
-    Parameters
-    ----------
-    transport
-        A⊥.
-    h
-        (N, K) A⊥ᵀy⊥.
-    tolerance
-        Stop when `path_of_last_third` is at most this.
-    max_iterations
-        Stop after so many.
-
-    Returns
-    -------
-    Iterate
+    Each column is a problem of its own; all share the passes. They stop when `path_of_last_third`
+    is at most the tolerance.
     """
     f, descent, direction = np.zeros_like(h), h.copy(), h.copy()
     slope = np.sum(descent**2, axis=0)

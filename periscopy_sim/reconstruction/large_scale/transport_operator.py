@@ -96,19 +96,7 @@ def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Ima
 
 
 def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
-    """Return some rows of a matrix: a copy of those of an array, else `UsedRows`.
-
-    Parameters
-    ----------
-    A
-        (M, N) array, memory map or `RowBlocks`.
-    mask
-        (M,), True for the rows that are used.
-
-    Returns
-    -------
-    (M', N), of the same kind or `RowBlocks`.
-    """
+    """Return the rows of A, (M, N), where the mask, (M,), is True: of an array a copy."""
     if isinstance(A, np.memmap) or hasattr(A, "row_blocks"):
         return UsedRows(A, mask)
     used: Image = np.asarray(A)[mask]
@@ -185,18 +173,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         return rejected
 
     def gram_product(self, f: Array) -> Array:
-        """Multiply by A⊥ᵀA⊥ in one pass.
-
-        Parameters
-        ----------
-        f
-            (N, K).
-
-        Returns
-        -------
-        ndarray
-            (N, K) A⊥ᵀA⊥ f = Aᵀ(A f − Q QᵀA f).
-        """
+        """Return A⊥ᵀA⊥ f = Aᵀ(A f − Q QᵀA f), (N, K), of f, (N, K), in one pass."""
         channels = np.ascontiguousarray(f.T)
         background = np.ascontiguousarray((self.QtA @ f).T)
         product = np.zeros_like(channels)
@@ -215,15 +192,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     def strongest_eigenvectors(self, count: int) -> Eigenvectors:
         """Return the hidden images that the photograph shows best, by Lanczos iterations.
 
-        Parameters
-        ----------
-        count
-            How many; at most N.
-
-        Returns
-        -------
-        Eigenvectors
-            Some two passes for each.
+        Each of the `count`, at most N, takes some two passes.
         """
         N = self.shape[1]
         if 2 * count >= N:  # more iterations than columns

@@ -83,15 +83,9 @@ def noise_to_signal(noise: Any, pixels: int, rank: int, patterns: int) -> Any:
 def doubt_of(share: float, whole: float, left: float, patterns: int) -> str:
     """Return why a photograph may show nothing of a hidden image; empty where nothing says so.
 
-    Parameters
-    ----------
-    share
-        That of `Evidence`.
-    whole, left
-        Energy of the photograph that the patterns can explain, and that the image leaves of it,
-        over the noise's variance and summed over the channels.
-    patterns
-        How many of them the wall shows.
+    `share` is that of `Evidence`; `whole` and `left` are the energy of the photograph that the
+    patterns seen can explain, and what the image leaves of it, over the noise's variance, summed
+    over channels.
     """
     if share < LEAST_SHARE:
         return "the photograph shows no hidden image: ambient light alone explains all of it"

@@ -111,20 +111,10 @@ class Objective:
         previous: Image | None = None,
         l1_weight: float = 0.0,
     ) -> Minimum:
-        """Return the minimizer that the splitting finds.
+        """Return the minimizer that the splitting finds from a `Minimum`'s split, or from black.
 
-        Parameters
-        ----------
-        evidence
-            Of the photograph.
-        schedule
-            Where and how to stop.
-        start
-            That of a `Minimum` nearby; None for the black image.
-        previous
-            (3, R, C) the frame before, ≥ 0 where f is; None for none.
-        l1_weight
-            λ₂ over λ.
+        With the frame before, `previous`, (3, R, C), ≥ 0 where f is, the weight of the distance to
+        it is λ₂ = `l1_weight` λ.
         """
         σ = float(evidence.noise.mean())
         w = (σ / evidence.noise) ** 2

@@ -73,28 +73,12 @@ def advance(
     previous: Image | None = None,
     pull: float = 0.0,
 ) -> tuple[float, float]:
-    """Update u, v, p and q from a new f, and return the residuals.
+    """Update u, v, p and q of a split in place from a new f, and return the residuals.
 
-    Parameters
-    ----------
-    f
-        (3, R, C) in single precision.
-    split
-        Changed in place.
-    threshold
-        λ/ρ.
-    positive
-        Whether v ≥ 0.
-    previous
-        (3, R, C) in single precision, ≥ 0 where v is: the frame before; None for a still.
-    pull
-        Weight of the distance to it, over ρ.
-
-    Returns
-    -------
-    tuple
-        The primal residual ‖(∇f − u, f − v)‖ over the larger of ‖(∇f, f)‖ and ‖(u, v)‖, and the
-        change of (u, v) over ‖(u, v)‖, to which the dual residual is in proportion.
+    f and the frame before, if any, are (3, R, C) in single precision, the latter ≥ 0 where v is.
+    The threshold is λ/ρ, `pull` the weight of the distance to that frame over ρ. The residuals are
+    the primal ‖(∇f − u, f − v)‖ over the larger of ‖(∇f, f)‖ and ‖(u, v)‖, and the change of (u, v)
+    over ‖(u, v)‖, to which the dual one is in proportion.
     """
     fields = split.u, split.p, split.v, split.q
     sums = _advance(f, *fields, threshold, positive, previous, pull, RELAXATION)

@@ -48,31 +48,14 @@ def standard_errors(
     misfit: float,
     rank: int,
 ) -> Array:
-    """Return the standard error of each patch.
+    """Return the standard error of each patch, (R, C, 3), in units of the image.
 
     They assume that A and B are right, and that what the wall hides of the image varies like what
     it shows: the pull of total variation on both is alike. What f ≥ 0 excludes is left out of
     account, so that errors of images with much black are told too large.
 
-    Parameters
-    ----------
-    gram
-        (N, N) A⊥ᵀA⊥.
-    noise
-        (3,) σ_c.
-    image
-        (R, C, 3) f̂.
-    weight
-        λ > 0.
-    misfit
-        Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c².
-    rank
-        Of A⊥.
-
-    Returns
-    -------
-    ndarray
-        (R, C, 3), in units of the image.
+    The arguments are A⊥ᵀA⊥, (N, N), of a given rank, σ_c, (3,), f̂, (R, C, 3), λ > 0, and the
+    misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c².
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)

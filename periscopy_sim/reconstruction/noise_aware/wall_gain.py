@@ -140,14 +140,8 @@ class WallGain:
     def estimate(self, y: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
 
-        Parameters
-        ----------
-        y
-            (3, M') the photograph's channels, range(B) projected out, near 1 in size.
-        noise
-            (3,) its standard deviation σ.
-        image
-            (3, N) first image f₀, in units of y over those of A.
+        y, (3, M'), has range(B) projected out and is near 1 in size; its noise has standard
+        deviation σ, (3,). The image is the first one, f₀, (3, N), in units of y over those of A.
         """
         count = len(self._terms)
         signal = np.zeros(y.shape, np.float32)
@@ -221,13 +215,7 @@ class WallGain:
 
 
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
-    """Return Legendre polynomials over an image, those of a total degree in a range.
-
-    Returns
-    -------
-    ndarray
-        (K, rows * columns), by ascending degree.
-    """
+    """Return Legendre polynomials, (K, rows · columns), of total degrees in a range, ascending."""
     down, across = (legendre.legvander(np.linspace(-1, 1, size), highest).T for size in shape)
     return np.array(
         [

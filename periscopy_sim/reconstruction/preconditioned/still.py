@@ -254,25 +254,10 @@ class Periscope(StillMethod[np.floating[Any]]):
 
 
 def noise_level(P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None) -> Array:
-    """Return the standard deviation of what [A, B] leaves of photographs, channel by channel.
+    """Return the standard deviation of what [A, B] leaves of photographs, channel by channel, (K,).
 
-    By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥.
-
-    Parameters
-    ----------
-    P
-        The preconditioner.
-    rejected
-        (K, M) photographs y⊥, range(B) projected out.
-    f
-        (K, N) the estimates P y.
-    factor
-        R, such as in single precision; None takes it from the preconditioner.
-
-    Returns
-    -------
-    ndarray
-        (K,) in units of the photograph.
+    By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥, that of P
+    unless given, such as in single precision. `rejected` is y⊥, (K, M), and f = P y is (K, N).
     """
     R = P.cholesky if factor is None else factor
     explained = _energies(times_rows(f, R, upper=True))
@@ -291,22 +276,10 @@ def _energies(rows: Array) -> Array:
 def denoise_and_repair(
     estimate: Array, noise: Array, *, weight: Array, repair_threshold: float
 ) -> Reconstruction:
-    """Lead a linear estimate through total variation and repair (Algorithm 1, lines 6 and 8).
+    """Lead P y, (R, C, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
 
-    Parameters
-    ----------
-    estimate
-        (R, C, 3) P y.
-    noise
-        (3,) of the photograph, for the record.
-    weight
-        (3,) the total-variation weight λ of each channel.
-    repair_threshold
-        κ as a part of the 99th percentile of the denoised magnitudes.
-
-    Returns
-    -------
-    Reconstruction
+    The noise, (3,), is for the record; λ is (3,); κ is a part, `repair_threshold`, of the 99th
+    percentile of the denoised magnitudes.
     """
     denoised = prox_total_variation(estimate, weight)
     image, threshold = repaired(denoised, repair_threshold)
@@ -316,21 +289,10 @@ def denoise_and_repair(
 def repaired(
     denoised: Image, relative_threshold: float, previous: Image | None = None
 ) -> tuple[Image, float]:
-    """Repair with a threshold that follows the image (Algorithm 2).
+    """Repair an image, (R, C, 3), by a threshold that follows it (Algorithm 2); return κ too.
 
-    Parameters
-    ----------
-    denoised
-        (R, C, 3).
-    relative_threshold
-        κ as a part of the 99th percentile of the magnitudes; infinity repairs nothing.
-    previous
-        (R, C, 3) the previous frame of a video, see `repair`.
-
-    Returns
-    -------
-    tuple
-        The repaired image and κ.
+    κ is a part of the 99th percentile of the magnitudes; infinity repairs nothing. See `repair` for
+    the previous frame of a video.
     """
     threshold = relative_threshold
     if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN

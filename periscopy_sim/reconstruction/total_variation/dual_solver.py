@@ -55,30 +55,13 @@ def denoise_channels(
     iterations: NDArray[np.int64],
     gaps: NDArray[np.float64],
 ) -> None:
-    """Denoise some of the channels of a stack of images, each on its own.
+    """Denoise some channels of a stack, each on its own: those from `part[0]` to before `part[1]`.
 
-    Parameters
-    ----------
-    images
-        (stack, frames, rows, columns, channels) float32 or float64, finite: g. Without
-        `temporal_weight`, frames is 1.
-    previous
-        p, of the same shape and type; not read where λ₂ is 0.
-    weights, l1_weights
-        (stack · channels,) λ = 2τ and λ₂ = 2τ₂ of each channel.
-    temporal_weight
-        w > 0; None for images without time.
-    stop
-        When to stop.
-    part
-        First and last + 1 of the stack · channels to solve.
-    denoised
-        Like the images: receives f.
-    duals
-        (stack · channels, axes, frames · rows · columns) q/τ, to start from; receives that of f.
-        Where f is known without iterating, it is left as it is.
-    iterations, gaps
-        (stack · channels,) receive the iterations taken and the relative duality gaps.
+    The images g are (stack, frames, rows, columns, channels), float32 or float64, finite, of one
+    frame without a temporal weight w > 0; p is alike and not read where λ₂ is 0. λ = 2τ and λ₂ =
+    2τ₂ are (stack · channels,). `denoised`, like g, receives f; `duals`, (stack · channels, axes,
+    frames · rows · columns), hold the q/τ to start from and receive that of f, unless f is known
+    without iterating; `iterations` and relative duality `gaps`, (stack · channels,), receive theirs.
     """
     for k in range(part[0], part[1]):
         which, channel = k // images.shape[4], k % images.shape[4]

@@ -120,31 +120,12 @@ def minimize(
     left: Callable[[Iterate], float] = path_of_last_third,
     proximal_tolerance: float | None = None,
 ) -> Iterate:
-    """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV for each column of h; all share the products with G.
+    """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV for each column of h, (N, K); all share the products with G.
 
-    Parameters
-    ----------
-    problem
-        G.
-    h
-        (N, K) Kᵀb.
-    weight
-        Returns the (K,) λ ≥ 0 from the latest f and G f, (N, K).
-    start
-        (N, K) the first iterate.
-    tolerance
-        Stop when `left` is at most this.
-    max_iterations
-        Stop after so many.
-    left
-        Tells what is left from an iterate, in units of the tolerance.
-    proximal_tolerance
-        Relative duality gap of the proximal operators, which bounds a squared distance; None for
-        the hundredth part of the squared tolerance.
-
-    Returns
-    -------
-    Iterate
+    `weight` returns λ ≥ 0, (K,), from the latest f and G f, (N, K). The iterations stop when
+    `left`, which tells what is left, is at most the tolerance. The proximal operators' relative
+    duality gap, which bounds a squared distance, is the hundredth part of the squared tolerance
+    unless given.
     """
     if proximal_tolerance is None:
         proximal_tolerance = tolerance**2 / 100
@@ -232,24 +213,10 @@ class LeastSquares:
         return GramMatrix(matrix, self.image_shape, max(float(largest), rounding))
 
     def gap(self, h: Array, weight: float, f: Array, divergence: Array) -> float:
-        """Return the duality gap at f, an upper bound on ‖K(f − f̂)‖².
+        """Return the duality gap at f, (N,), an upper bound on ‖K(f − f̂)‖², but for rounding.
 
-        Every field q of length at most λ/2 bounds the minimum from below, by −uᵀG⁻¹u with
-        u = h + div q.
-
-        Parameters
-        ----------
-        h, weight
-            The problem.
-        f
-            (N,) image.
-        divergence
-            (N,) div q.
-
-        Returns
-        -------
-        float
-            Not negative; rounding errors of the two bounds' difference remain.
+        Every field q of length at most λ/2, with divergence (N,), bounds the minimum from below, by
+        −uᵀG⁻¹u with u = h + div q.
         """
         variation = total_variation(f.reshape(self.image_shape))
         primal = f @ self.product(f) - 2 * h @ f + weight * variation
@@ -259,27 +226,12 @@ class LeastSquares:
     def minimize(
         self, h: Array, weight: float, *, tolerance: float, max_iterations: int
     ) -> LeastSquaresMinimum:
-        """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV to a relative duality gap.
+        """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV, h of (N,), to a relative duality gap.
 
         Total variation does not see the mean of f, so that the mean is solved for in closed form.
         That matters: differences that wrap across the columns of a photograph make the uniform
         image by far the largest singular vector of K. Without it the Lipschitz constant is an
         eighth.
-
-        Parameters
-        ----------
-        h
-            (N,) Kᵀb.
-        weight
-            λ ≥ 0.
-        tolerance
-            Relative duality gap at which to stop.
-        max_iterations
-            Where to stop otherwise.
-
-        Returns
-        -------
-        LeastSquaresMinimum
         """
         start = self.solve(h)
         energy = float(h @ start) or 1.0

@@ -69,22 +69,9 @@ class TotalVariationResult:
 
 
 def gradient(image: ArrayLike) -> Array:
-    """Differences of an image to the next row and to the next column.
+    """Return differences, (2, R, C), of an image, (R, C), to the next row and column.
 
-    Parameters
-    ----------
-    image
-        (rows, columns).
-
-    Returns
-    -------
-    (2, rows, columns): down the rows, then along the columns; zero in the last row and in the
-    last column respectively (Chambolle 2004, Section 2).
-
-    Raises
-    ------
-    ValueError
-        The image is not two-dimensional.
+    They are zero in the last row and in the last column respectively (Chambolle 2004, Section 2).
     """
     values = np.asarray(image, dtype=np.float64)
     if values.ndim != 2:
@@ -96,22 +83,10 @@ def gradient(image: ArrayLike) -> Array:
 
 
 def divergence(field: ArrayLike) -> Array:
-    """Minus the adjoint of `gradient`: ⟨∇f, q⟩ = −⟨f, div q⟩ for all f and q.
+    """Return minus the adjoint of `gradient`, (rows, columns): ⟨∇f, q⟩ = −⟨f, div q⟩.
 
-    Parameters
-    ----------
-    field
-        (2, rows, columns). Its last row down the rows, and its last column along the columns,
-        meet only zeros of a gradient and do not count.
-
-    Returns
-    -------
-    (rows, columns).
-
-    Raises
-    ------
-    ValueError
-        The field is not of shape (2, rows, columns).
+    The last row of a field, (2, rows, columns), down the rows, and its last column along the
+    columns, meet only zeros of a gradient and do not count.
     """
     values = np.asarray(field, dtype=np.float64)
     if values.ndim != 3 or values.shape[0] != 2:
@@ -122,22 +97,7 @@ def divergence(field: ArrayLike) -> Array:
 
 
 def total_variation(image: ArrayLike) -> float:
-    """Isotropic total variation ‖f‖_TV = Σ √(dx² + dy²) (Rudin, Osher and Fatemi 1992).
-
-    Parameters
-    ----------
-    image
-        (rows, columns).
-
-    Returns
-    -------
-    The sum of the lengths of `gradient(image)`, in units of the image.
-
-    Raises
-    ------
-    ValueError
-        The image is not two-dimensional.
-    """
+    """Return ‖f‖_TV = Σ √(dx² + dy²) of an image, (R, C) (Rudin, Osher and Fatemi 1992)."""
     return float(np.hypot(*gradient(image)).sum())
 
 
