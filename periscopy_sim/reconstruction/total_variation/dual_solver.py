@@ -61,7 +61,7 @@ def denoise_channels(
     frame without a temporal weight w > 0; p is alike and not read where λ₂ is 0. λ = 2τ and λ₂ =
     2τ₂ are (stack · channels,). `denoised`, like g, receives f; `duals`, (stack · channels, axes,
     frames · rows · columns), hold the q/τ to start from and receive that of f, unless f is known
-    without iterating; `iterations` and relative duality `gaps`, (stack · channels,), receive theirs.
+    without iterating; `iterations` and relative duality `gaps`, (stack · channels,), likewise.
     """
     for k in range(part[0], part[1]):
         which, channel = k // images.shape[4], k % images.shape[4]
