@@ -12,6 +12,7 @@ import pytest
 import typer
 
 from periscopy_sim.cli import app
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -84,6 +85,9 @@ def run_page(page, folder, monkeypatch):
 
 
 def test_readme_runs(tmp_path, monkeypatch):
+    use_variant()
+    if not is_vectorized():
+        pytest.skip("path tracing takes too long without LLVM or CUDA")
     run_page(ROOT / "README.md", tmp_path, monkeypatch)
 
 
