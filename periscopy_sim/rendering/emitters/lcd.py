@@ -90,9 +90,8 @@ def _make_lcd_class() -> type:
             return self.radiance.eval(si, active) * self.profile(si, si.to_world(si.wi))
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
-            shape = self.get_shape()
             uv, pdf_uv = self.radiance.sample_position(sample, active)
-            surface = shape.eval_parameterization(uv, +mi.RayFlags.All, active)
+            surface = self._surface(uv, active)
             ds = mi.DirectionSample3f()
             ds.p, ds.n, ds.uv = surface.p, surface.n, surface.uv
             ds.time = it.time
@@ -108,13 +107,24 @@ def _make_lcd_class() -> type:
             return ds, dr.select(active, radiance / dr.select(active, ds.pdf, 1), 0)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            surface = self.get_shape().eval_parameterization(ds.uv, +mi.RayFlags.All, active)
+            surface = self._surface(ds.uv, active)
             pdf_uv = self.radiance.pdf_position(ds.uv, active)
             return self._solid_angle_density(pdf_uv, surface, ds, active)
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            surface = self.get_shape().eval_parameterization(ds.uv, +mi.RayFlags.All, active)
+            surface = self._surface(ds.uv, active)
             return self.radiance.eval(surface, active) * self.profile(surface, -ds.d)
+
+        def _surface(self, uv: Any, active: Any) -> Any:
+            """Return the shape's surface at UV coordinates; of a mesh that has none, no surface.
+
+            Such a monitor is refused. But Dr.Jit traces every emitter that is still referenced, be
+            it by the refusal's traceback, in renderings of other scenes too.
+            """
+            try:
+                return self.get_shape().eval_parameterization(uv, +mi.RayFlags.All, active)
+            except RuntimeError:
+                return dr.zeros(mi.SurfaceInteraction3f)
 
         def _solid_angle_density(self, pdf_uv: Any, surface: Any, ds: Any, active: Any) -> Any:
             """Turn a density over the UV square into one over directions; 0 at grazing."""

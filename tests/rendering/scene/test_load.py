@@ -3,6 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, load_scenario, shape_of
 from periscopy_sim.scenario import EmissionProfile
 from periscopy_sim.shipped import find_scene
@@ -131,6 +132,15 @@ def mesh_monitor(room, uv, flip=False):
 
 def test_mesh_without_uv_coordinates_is_refused(room):
     assert "give its mesh UV coordinates" in refusal(room, monitor=mesh_monitor(room, None))
+
+
+def test_a_refused_monitor_that_is_still_referenced_disturbs_no_rendering(room):
+    """As by a notebook's last traceback."""
+    with pytest.raises(SceneError) as refused:
+        room.load(monitor=mesh_monitor(room, None), hidden=(2, 3))
+    scenario = room.load(monitor=room.monitor(room.lcd()), hidden=(2, 3))
+    photograph = render_photograph(scenario, np.ones((2, 3, 3)), samples=16)
+    assert photograph.mean() > 0 and refused.tb is not None
 
 
 def test_mesh_whose_uv_coordinates_leave_a_gap_is_refused_with_the_first_patch(room):
