@@ -123,7 +123,9 @@ def _make_lcd_class() -> type:
             """
             try:
                 return self.get_shape().eval_parameterization(uv, +mi.RayFlags.All, active)
-            except RuntimeError:
+            except RuntimeError as error:
+                if "does not have UV coordinates" not in str(error):
+                    raise
                 return dr.zeros(mi.SurfaceInteraction3f)
 
         def _solid_angle_density(self, pdf_uv: Any, surface: Any, ds: Any, active: Any) -> Any:
