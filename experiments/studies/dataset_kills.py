@@ -22,9 +22,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from periscopy_sim.dataset.archive.layout import layout_of, read_attributes
+from periscopy_sim.dataset.archive.layout import read_head
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.completion import MAKING, digest_of, is_complete
+from periscopy_sim.storage.outputs.completion import MAKING, is_complete
 
 CONFIGURATION = """
 seed: 7
@@ -118,11 +118,10 @@ def marks(archive: Path) -> list[Path]:
 def check_marks(archive: Path, expected: dict[str, str], tally: Counter[str]) -> None:
     """Count blocks that count as finished though their bytes are not the undisturbed ones."""
     try:
-        attributes = read_attributes(archive)
+        _, layout, digest = read_head(archive)
     except DatasetError:
         tally["heads missing or damaged"] += 1
         return
-    layout, digest = layout_of(attributes), digest_of(attributes)
     found = files_of(archive)
     for mark in marks(archive):
         block = int(mark.stem)

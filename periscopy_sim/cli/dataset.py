@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -16,9 +16,6 @@ from typer.core import TyperGroup
 from periscopy_sim.cli.arguments import Out, require
 from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
-
-if TYPE_CHECKING:
-    from periscopy_sim.dataset.configuration.document import Splits
 
 Archive = Annotated[
     Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
@@ -107,7 +104,11 @@ def make(
             rendering=rendering,
         )  # fmt: skip
     seconds = time.perf_counter() - start
-    _warn_of_empty_splits(out, settings.splits)
+    if made.empty_splits:
+        warn(
+            f"no geometry is for {' or '.join(made.empty_splits)}: give more of them, by more "
+            "samples or a smaller samples_per_geometry"
+        )
     if not made.made:
         say(f"{out} is complete: {made.count} samples")
         return
@@ -164,10 +165,10 @@ def export(
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
     from periscopy_sim.dataset.archive.export import export_samples
-    from periscopy_sim.dataset.archive.reading import describe
+    from periscopy_sim.dataset.archive.reading import open_dataset
     from periscopy_sim.storage.outputs.staging import staged_folder
 
-    count = describe(data)["finished"]
+    count = open_dataset(data, incomplete=True).sizes["sample"]
     if data.resolve() in (out.resolve(), *out.resolve().parents):
         raise OutputError(f"{out} lies within the data set; name another folder")
     with staged_folder(out) as folder, counted_progress("exporting", "samples") as report:
@@ -192,19 +193,6 @@ def parse_indices(text: str, count: int) -> list[int]:
     if not indices:
         raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
     return list(dict.fromkeys(indices))
-
-
-def _warn_of_empty_splits(data: Path, splits: Splits) -> None:
-    """Warn of splits that were asked for and have no geometry."""
-    from periscopy_sim.dataset.archive.reading import open_dataset
-
-    found = set(open_dataset(data)["geometry_split"].values.tolist())
-    empty = [name for name, share in splits if share > 0 and name not in found]
-    if empty:
-        warn(
-            f"no geometry is for {' or '.join(empty)}: give more of them, by more samples or a "
-            "smaller samples_per_geometry"
-        )
 
 
 def _in_words(name: str, value: Any) -> str:

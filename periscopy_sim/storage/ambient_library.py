@@ -17,7 +17,8 @@ Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Takes what is being rendered, gives what the fraction done is reported to."""
 
 
-def _silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
+def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
+    """Show no progress."""
     return nullcontext(lambda _: None)
 
 
@@ -28,7 +29,7 @@ def ambient_photographs(
     seed: int,
     *,
     target: float = 3e-4,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> dict[str, NDArray[np.float64]]:
     """Return photographs of a wall under ambient conditions; what the folder lacks is rendered.
 
@@ -37,31 +38,43 @@ def ambient_photographs(
     pixel, see `render_background`; `progress` is called with each condition that is rendered. A
     name that is unknown or given twice, or a file made otherwise, is a `PeriscopyError`.
     """
-    from periscopy_sim.rendering.ambient.background import render_background
-    from periscopy_sim.storage.formats.exr import read_exr, write_exr
-    from periscopy_sim.storage.outputs.staging import staged_file
-
     paths = {Path(name).stem: find_condition(name) for name in names}
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
     photographs = {}
     for name, path in paths.items():
-        file = folder / f"{name}.exr"
-        settings = _settings(path, scenario, seed, target)
-        if not file.is_file():
-            with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
-                found = render_background(path, scenario, target=target, seed=seed, progress=report)
-                metadata: dict[str, str | float] = {
-                    **settings,
-                    "relative_error": found.relative_error,
-                    "brightness_error": found.brightness_error,
-                }
-                write_exr(staged, found.photograph, metadata)
-        # Also what was just rendered: as stored, so that a later run computes the same.
-        picture, held = read_exr(file)
+        file, settings = folder / f"{name}.exr", _settings(path, scenario, seed, target)
+        picture, held = rendered_once(file, path, scenario, seed, target, progress, settings)
         _check(file, picture, held, scenario, settings)
         photographs[name] = picture.astype(np.float64)
     return photographs
+
+
+def rendered_once(
+    file: Path,
+    path: Path,
+    scenario: Scenario,
+    seed: int,
+    target: float,
+    progress: Progress,
+    settings: Mapping[str, str] | None = None,
+) -> tuple[NDArray[np.float32], dict[str, str | float]]:
+    """Return the photograph that a file holds, with its metadata; without a file it is rendered.
+
+    With `settings`, these and the errors of the photograph become the file's metadata.
+    """
+    from periscopy_sim.rendering.ambient.background import render_background
+    from periscopy_sim.storage.formats.exr import read_exr, write_exr
+    from periscopy_sim.storage.outputs.staging import staged_file
+
+    if not file.is_file():
+        with staged_file(file) as staged, progress(f"ambient light: {path.stem}") as report:
+            found = render_background(path, scenario, target=target, seed=seed, progress=report)
+            report(1.0)  # who interrupts may have stopped Mitsuba in the midst of it
+            errors = {name: getattr(found, name) for name in ("relative_error", "brightness_error")}
+            write_exr(staged, found.photograph, {**settings, **errors} if settings else {})
+    # Also what was just rendered: as kept, so that a later run computes the same.
+    return read_exr(file)
 
 
 def find_condition(name: str) -> Path:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.completion import Block
+from periscopy_sim.storage.outputs.completion import Block, digest_of
 from periscopy_sim.storage.outputs.store import attributes_of
 
 KIND = "periscopy data set"
@@ -60,28 +60,14 @@ LABELS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Layout:
-    """The sizes of a data set, a `StoreLayout`.
-
-    Attributes
-    ----------
-    count
-        Samples.
-    block_size
-        Samples in a block.
-    photograph_shape, hidden_shape
-        (rows, columns) and (R, C).
-    photograph_type
-        Of the photographs' numbers.
-    keep_background
-        Whether there is a variable `background`.
-    """
+    """The sizes of a data set, a `StoreLayout`."""
 
     what: ClassVar[str] = "data set"
 
-    count: int
-    block_size: int
-    photograph_shape: tuple[int, int]
-    hidden_shape: tuple[int, int]
+    count: int  # samples
+    block_size: int  # samples in a block
+    photograph_shape: tuple[int, int]  # (rows, columns)
+    hidden_shape: tuple[int, int]  # (R, C)
     photograph_type: str
     keep_background: bool
 
@@ -90,15 +76,13 @@ class Layout:
         """Return the number of blocks; the last may be cut short."""
         return -(-self.count // self.block_size)
 
-    def samples_in(self, number: int) -> slice:
-        """Return the indices of a block's samples."""
-        return slice(number * self.block_size, min((number + 1) * self.block_size, self.count))
-
     def block(self, number: int) -> Block:
         """Return a block: a file of each variable."""
+        first = number * self.block_size
+        samples = slice(first, min(first + self.block_size, self.count))
         files = {name: f"{name}/c/{number}" for name in LABELS}
         files |= {name: f"{name}/c/{number}/0/0/0" for name in self._stacks()}
-        return Block(number, {"sample": self.samples_in(number)}, files)
+        return Block(number, {"sample": samples}, files)
 
     def variables(self) -> dict[str, dict[str, Any]]:
         """Return how each variable that every sample has is laid out."""
@@ -125,9 +109,10 @@ class Layout:
             }  # fmt: skip
         return {name: {**each, "attributes": VARIABLES[name]} for name, each in laid_out.items()}
 
-    def recognizes(self, attributes: Mapping[str, Any]) -> bool:
+    @staticmethod
+    def recognizes(attributes: Mapping[str, Any]) -> bool:
         """Return whether attributes are those of a data set."""
-        return recognizes(attributes)
+        return attributes.get("kind") == KIND and isinstance(attributes.get("count"), int)
 
     def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
         """Return shape, dimensions and type of a sample's pictures."""
@@ -136,33 +121,23 @@ class Layout:
         return {**stacks, **({"background": pixels} if self.keep_background else {})}
 
 
-def recognizes(attributes: Mapping[str, Any]) -> bool:
-    """Return whether a store's attributes are those of a data set."""
-    return attributes.get("kind") == KIND and isinstance(attributes.get("count"), int)
+def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
+    """Return what a data set was made of, its layout, and the digest that its records bear.
 
-
-def read_attributes(path: Path) -> dict[str, Any]:
-    """Read what a data set was made of; a DatasetError if there is none or its head is damaged."""
+    A `DatasetError` tells that there is none or that its head is damaged.
+    """
     file = path / "zarr.json"
     if not file.is_file():
         what = "is no data set" if path.exists() else "no such data set"
         raise DatasetError(f"{path}: {what}; name a folder that 'periscopy dataset' has written")
     attributes = attributes_of(path)
-    if recognizes(attributes):
-        return attributes
-    raise DatasetError(
-        f"{file}: is damaged, or of no data set; run 'periscopy dataset' into another folder"
-    )
-
-
-def layout_of(attributes: Mapping[str, Any]) -> Layout:
-    """Read the sizes from a data set's attributes."""
+    if not Layout.recognizes(attributes):
+        raise DatasetError(
+            f"{file}: is damaged, or of no data set; run 'periscopy dataset' into another folder"
+        )
     sizes = attributes["layout"]
-    return Layout(
-        count=attributes["count"],
-        block_size=sizes["block"],
-        photograph_shape=tuple(sizes["photograph_shape"]),
-        hidden_shape=tuple(sizes["hidden_shape"]),
-        photograph_type=sizes["photograph_type"],
-        keep_background=sizes["keep_background"],
-    )
+    layout = Layout(
+        attributes["count"], sizes["block"], tuple(sizes["photograph_shape"]),
+        tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
+    )  # fmt: skip
+    return attributes, layout, digest_of(attributes)

@@ -6,17 +6,17 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive.layout import Layout, layout_of, read_attributes
+from periscopy_sim.dataset.archive.layout import Layout, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.storage.outputs.completion import (
     Block,
     checksum,
-    digest_of,
     is_recorded,
     read_record,
     record_file,
@@ -51,8 +51,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     import xarray as xr
 
     path = Path(path)
-    attributes = read_attributes(path)
-    layout, digest = layout_of(attributes), digest_of(attributes)
+    _, layout, digest = read_head(path)
     recorded = 0
     while recorded < layout.blocks and is_recorded(path, digest, layout.block(recorded)):
         recorded += 1
@@ -78,17 +77,9 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class Damage:
-    """Neighbouring blocks that are not what was written.
+    """Neighbouring blocks that are not what was written."""
 
-    Attributes
-    ----------
-    samples
-        Their first sample, and the one after their last.
-    reason
-        What is wrong.
-    """
-
-    samples: tuple[int, int]
+    samples: tuple[int, int]  # their first, and the one after their last
     reason: str
 
 
@@ -101,29 +92,30 @@ def verify_dataset(
     the blocks checked and their number.
     """
     path = Path(path)
-    attributes = read_attributes(path)
-    layout, digest = layout_of(attributes), digest_of(attributes)
-    damaged: list[Damage] = []
-    whole = 0
+    _, layout, digest = read_head(path)
     group, reason = _opened(path, layout)
     if reason:
         return 0, [Damage((0, layout.count), reason)]
-    for block in map(layout.block, range(layout.blocks)):
-        first, after = block.place["sample"].start, block.place["sample"].stop
+
+    def fault(block: Block) -> str:
         if not record_file(path, block.number).is_file():
-            reason = "missing"
+            found = "missing"
         elif not is_recorded(path, digest, block):
-            reason = "its record is damaged, or of another count or configuration"
+            found = "its record is damaged, or of another count or configuration"
         else:
-            reason = _fault(path, group, block)
-        if not reason:
-            whole += block.size
-        elif damaged and damaged[-1] == Damage((damaged[-1].samples[0], first), reason):
-            damaged[-1] = Damage((damaged[-1].samples[0], after), reason)
-        else:
-            damaged.append(Damage((first, after), reason))
+            found = _fault(path, group, block)
         if progress is not None:
             progress(block.number + 1, layout.blocks)
+        return found
+
+    damaged, whole = [], 0
+    for reason, neighbours in groupby(map(layout.block, range(layout.blocks)), fault):
+        samples = [block.place["sample"] for block in neighbours]
+        first, after = samples[0].start, samples[-1].stop
+        if reason:
+            damaged.append(Damage((first, after), reason))
+        else:
+            whole += after - first
     return whole, damaged
 
 
@@ -168,8 +160,7 @@ def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
 def describe(path: str | Path) -> dict[str, Any]:
     """Return a data set's sizes, what is done of it, and what its samples are, of JSON's types."""
     path = Path(path)
-    attributes = read_attributes(path)
-    layout, digest = layout_of(attributes), digest_of(attributes)
+    attributes, layout, digest = read_head(path)
     blocks = map(layout.block, range(layout.blocks))
     finished = sum(block.size for block in blocks if is_recorded(path, digest, block))
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())

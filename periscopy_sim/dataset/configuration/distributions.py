@@ -3,40 +3,43 @@
 from __future__ import annotations
 
 import math
+from difflib import get_close_matches
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic_core import PydanticCustomError
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Pair = tuple[FiniteFloat, FiniteFloat]
 
 
 class Strict(BaseModel):
-    """A part of a configuration: keys that it does not know are refused."""
+    """A part of a configuration: an entry that it does not know is refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _knows(cls, given: Any) -> Any:
+        for name in given if isinstance(given, dict) else ():
+            if name not in cls.model_fields:
+                near = get_close_matches(str(name), cls.model_fields, 1)
+                advice = (
+                    f"did you mean '{near[0]}'?" if near else "see 'periscopy dataset --example'"
+                )
+                told = {"entry": str(name), "advice": advice}
+                raise PydanticCustomError("unknown", "is not known; {advice}", told)
+        return given
 
 
 class Distribution(Strict):
-    """A number, or how to draw one: exactly one of these is given.
+    """A number, or how to draw one: exactly one of these is given."""
 
-    Attributes
-    ----------
-    value
-        The number; in the file the bare number.
-    uniform, log_uniform
-        [low, high]; the second draws all orders of magnitude alike.
-    normal
-        [mean, standard deviation].
-    choice
-        Numbers, each as likely as the others.
-    """
-
-    value: Finite | None = None
-    uniform: tuple[Finite, Finite] | None = None
-    log_uniform: tuple[Finite, Finite] | None = None
-    normal: tuple[Finite, Finite] | None = None
-    choice: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
+    value: FiniteFloat | None = None  # in the file the bare number
+    uniform: Pair | None = None  # [low, high]
+    log_uniform: Pair | None = None  # [low, high]: draws all orders of magnitude alike
+    normal: Pair | None = None  # [mean, standard deviation]
+    choice: Annotated[tuple[FiniteFloat, ...], Field(min_length=1)] | None = None  # all alike
 
     @model_validator(mode="before")
     @classmethod
@@ -52,20 +55,16 @@ class Distribution(Strict):
 
     @model_validator(mode="after")
     def _is_one(self) -> Self:
-        if len(self._given) != 1:
+        if sum(given is not None for _, given in self) != 1:
             raise ValueError("give one of value, uniform, log_uniform, normal and choice")
-        for interval in (self.uniform, self.log_uniform):
-            if interval is not None and interval[0] > interval[1]:
-                raise ValueError(f"the interval {list(interval)} runs backwards")
+        interval = self.uniform or self.log_uniform
+        if interval is not None and interval[0] > interval[1]:
+            raise ValueError(f"the interval {list(interval)} runs backwards")
         if self.log_uniform is not None and self.log_uniform[0] <= 0:
             raise ValueError("a log_uniform interval must lie above 0")
         if self.normal is not None and self.normal[1] < 0:
             raise ValueError("a standard deviation must not be negative")
         return self
-
-    @property
-    def _given(self) -> dict[str, Any]:
-        return {name: value for name, value in self if value is not None}
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -100,20 +99,13 @@ class Distribution(Strict):
 
 
 class Source(Strict):
-    """What all sources have.
-
-    Attributes
-    ----------
-    weight
-        How often it is drawn, relative to the others.
-    """
+    """What all sources have: how often each is drawn, relative to the others."""
 
     weight: Annotated[float, Field(gt=0, le=1e6)] = 1.0
 
 
 def within(low: float, high: float) -> Any:
     """Return a type for distributions that can only be drawn from [low, high]."""
-    from pydantic import AfterValidator
 
     def check(distribution: Distribution) -> Distribution:
         least, most = distribution.bounds

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    FiniteFloat,
+    NonNegativeFloat,
+    ValidationError,
+    model_validator,
+)
 
 from periscopy_sim.dataset.configuration.distributions import Distribution, Source, Strict, within
 from periscopy_sim.dataset.configuration.hidden_sources import HiddenSource
@@ -32,30 +40,32 @@ MOST_GEOMETRIES = 10**5
 SPLITS = ("train", "validation", "test")
 
 
-class SceneSource(Source):
-    """A scene, and what varies in it from geometry to geometry.
+def _rows_and_columns(given: Any) -> Any:
+    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
+    if size is None and not isinstance(given, list | tuple):
+        raise ValueError("write ROWSxCOLUMNS, such as 29x36")
+    return size.groups() if size else given
 
-    Attributes
-    ----------
-    scene
-        A shipped scene's name, or a Mitsuba XML file, as seen from the configuration's folder.
-    parameters
-        Values for its ``<default>``s: text, a number, or how to draw one.
-    version
-        Digest of the scene's files, filled in when a data set is made.
-    """
+
+Count = Annotated[int, Field(strict=True, ge=1)]
+Side = Annotated[int, Field(ge=1, le=10_000)]
+Size = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
+
+
+class SceneSource(Source):
+    """A scene, and what varies in it from geometry to geometry."""
 
     scene: str
-    version: str = ""
+    version: str = ""  # digest of the scene's files, filled in when a data set is made
     parameters: dict[str, Distribution | str] = Field(default_factory=dict)
 
 
 class Splits(Strict):
     """Shares of the geometries, of sum 1."""
 
-    train: Annotated[float, Field(ge=0)] = 0.8
-    validation: Annotated[float, Field(ge=0)] = 0.1
-    test: Annotated[float, Field(ge=0)] = 0.1
+    train: NonNegativeFloat = 0.8
+    validation: NonNegativeFloat = 0.1
+    test: NonNegativeFloat = 0.1
 
     @model_validator(mode="after")
     def _sum_to_one(self) -> Self:
@@ -65,75 +75,32 @@ class Splits(Strict):
 
 
 class Direct(Strict):
-    """Photographs A f: light that the wall reflects once, without Monte Carlo noise of their own.
-
-    Attributes
-    ----------
-    samples
-        Samples of a patch for each pixel of A, see `render_transport`.
-    """
+    """Photographs A f: light that the wall reflects once, without Monte Carlo noise of its own."""
 
     kind: Literal["direct"] = "direct"
-    samples: Annotated[int, Field(ge=1, le=4096)] = 16
+    samples: Annotated[int, Field(ge=1, le=4096)] = 16  # of a patch, see `render_transport`
 
 
 class PathTraced(Strict):
-    """Photographs path traced one by one, with light that bounces between all surfaces.
-
-    Attributes
-    ----------
-    samples
-        Samples of a pixel, rounded up to a square number.
-    bounces
-        Reflections at most; None for any number.
-    """
+    """Photographs path traced one by one, with light that bounces between all surfaces."""
 
     kind: Literal["path-traced"]
-    samples: Annotated[int, Field(ge=1, le=1 << 20)] = 64
+    samples: Annotated[int, Field(ge=1, le=1 << 20)] = 64  # rounded up to a square number
     bounces: Annotated[int, Field(ge=1)] | None = None
 
 
 class Configuration(Strict):
     """A data set's description; ``example.yaml`` beside this file explains each entry.
 
-    Attributes
-    ----------
-    seed
-        Of every random draw: a sample depends on this and on its index alone.
-    count
-        Samples.
-    hidden
-        (R, C) of the hidden images.
-    samples_per_geometry
-        Consecutive samples that share one draw of the scene and its parameters.
-    samples_per_shard
-        Samples in a file of the archive: what is made, and made again, as a whole.
-    clip_length
-        Consecutive samples that are frames of one video: the same light, the hidden scene moves.
-    splits
-        Shares of the geometries that belong to train, validation and test.
-    scenes, hidden_images, ambient
-        What is drawn from, by weight.
-    light
-        How photographs come about.
-    sbr, snr, exposure
-        Signal-to-background ratio, signal-to-noise ratio in dB, and the photograph's mean.
-    saturation
-        Value at which photographs are clipped; None for no limit.
-    photograph_type
-        Numbers in which photographs are kept.
-    keep_background
-        Whether to keep the ambient light of each photograph by itself.
-    folder
-        Where relative paths start; set by `load_configuration`.
+    `folder`, where relative paths start, is set by `load_configuration`.
     """
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
-    count: Annotated[int, Field(strict=True, ge=1, le=MOST_SAMPLES)]
-    hidden: tuple[int, int]
-    samples_per_geometry: Annotated[int, Field(strict=True, ge=1)] = 1000
-    samples_per_shard: Annotated[int, Field(strict=True, ge=1, le=1000)] = 50
-    clip_length: Annotated[int, Field(strict=True, ge=1)] = 1
+    count: Annotated[Count, Field(le=MOST_SAMPLES)]
+    hidden: Size
+    samples_per_geometry: Count = 1000
+    samples_per_shard: Annotated[Count, Field(le=1000)] = 50
+    clip_length: Count = 1
     splits: Splits = Splits()
     scenes: Annotated[tuple[SceneSource, ...], Field(min_length=1)]
     hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
@@ -142,41 +109,20 @@ class Configuration(Strict):
     sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
     snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
     exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
-    saturation: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    saturation: Annotated[FiniteFloat, Field(gt=0)] | None = None
     photograph_type: Literal["float32", "float16"] = "float32"
     keep_background: bool = False
     folder: Path = Path()
 
-    @field_validator("hidden", mode="before")
-    @classmethod
-    def _parse_size(cls, given: Any) -> Any:
-        if isinstance(given, str):
-            rows, _, columns = given.lower().partition("x")
-            if rows.isdecimal() and columns.isdecimal() and len(given) < 20:
-                return int(rows), int(columns)
-        elif isinstance(given, list | tuple):
-            return given
-        raise ValueError("write ROWSxCOLUMNS, such as 29x36")
-
-    @field_validator("hidden")
-    @classmethod
-    def _has_patches(cls, given: tuple[int, int]) -> tuple[int, int]:
-        if not (1 <= given[0] <= 10_000 and 1 <= given[1] <= 10_000):
-            raise ValueError("rows and columns must be from 1 to 10000")
-        return given
-
     @model_validator(mode="after")
     def _divide(self) -> Self:
-        if self.samples_per_shard % self.clip_length:
-            raise ValueError(
-                f"samples_per_shard ({self.samples_per_shard}) must be a multiple of clip_length "
-                f"({self.clip_length})"
-            )
-        if self.samples_per_geometry % self.samples_per_shard:
-            raise ValueError(
-                f"samples_per_geometry ({self.samples_per_geometry}) must be a multiple of "
-                f"samples_per_shard ({self.samples_per_shard})"
-            )
+        for whole, part in (
+            ("samples_per_shard", "clip_length"),
+            ("samples_per_geometry", "samples_per_shard"),
+        ):
+            size, of = getattr(self, whole), getattr(self, part)
+            if size % of:
+                raise ValueError(f"{whole} ({size}) must be a multiple of {part} ({of})")
         if self.geometries > MOST_GEOMETRIES:
             raise ValueError(
                 f"{self.count} samples are of {self.geometries} geometries, more than "
@@ -221,17 +167,14 @@ def load_configuration(path: str | Path) -> Configuration:
     try:
         loader = yaml.SafeLoader(text)
         document = loader.get_single_node()
-        if _size(document, {}) > MOST_ENTRIES:
-            raise ConfigurationError(
-                f"{path}: holds more than {MOST_ENTRIES} entries, aliases followed; write fewer"
-            )
-        entries = None if document is None else loader.construct_document(document)
-    except ConfigurationError:
-        raise
+        if document is not None and _count_entries(document, {}) > MOST_ENTRIES:
+            raise yaml.YAMLError(f"holds more than {MOST_ENTRIES} entries, aliases followed")
+        entries = document and loader.construct_document(document)
     except yaml.YAMLError as error:
-        raise ConfigurationError(
-            f"{path}{_place(error)}: {_problem(error)}; fix the YAML"
-        ) from None
+        mark = getattr(error, "problem_mark", None)
+        place = f", line {mark.line + 1}" if mark else ""
+        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
+        raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     except _MISTAKES as error:
         raise ConfigurationError(f"{path}: cannot be read as YAML: {error}") from None
     if not isinstance(entries, dict):
@@ -240,17 +183,17 @@ def load_configuration(path: str | Path) -> Configuration:
         raise ConfigurationError(f"{path}: 'folder' is this file's own; leave it out")
     try:
         return Configuration.model_validate({**entries, "folder": path.parent.resolve()})
-    except (ValidationError, RecursionError) as error:
+    except ValidationError as error:
         raise ConfigurationError(f"{path}: {_first_mistake(error, document)}") from None
+    except RecursionError:
+        raise ConfigurationError(f"{path}: is nested too deeply; fix the YAML") from None
 
 
-def _size(node: yaml.Node | None, known: dict[yaml.Node, int]) -> int:
+def _count_entries(node: yaml.Node, known: dict[yaml.Node, int]) -> int:
     """Return the number of entries of a document, those of an anchor again at each of its aliases.
 
     Refuses keys given twice, of which YAML readers commonly keep the last.
     """
-    if node is None:
-        return 0
     if node in known:
         if known[node] == 0:
             raise ValueError("an alias stands within its own anchor")
@@ -269,63 +212,52 @@ def _size(node: yaml.Node | None, known: dict[yaml.Node, int]) -> int:
                 given.add(key.value)
     elif isinstance(node, yaml.SequenceNode):
         inner = node.value
-    known[node] = 1 + sum(_size(entry, known) for entry in inner)
+    known[node] = 1 + sum(_count_entries(entry, known) for entry in inner)
     return known[node]
 
 
-def _place(error: yaml.YAMLError) -> str:
-    mark = getattr(error, "problem_mark", None)
-    return f", line {mark.line + 1}" if mark else ""
-
-
-def _problem(error: yaml.YAMLError) -> str:
-    return str(getattr(error, "problem", None) or error).splitlines()[0]
-
-
-def _first_mistake(error: ValidationError | RecursionError, document: yaml.Node | None) -> str:
-    """Return the first of pydantic's complaints in words, with its line."""
-    if isinstance(error, RecursionError):
-        return "is nested too deeply"
-    mistakes = error.errors(include_url=False, include_context=False, include_input=False)
-    first = mistakes[0]
-    known, line = _located(document, first["loc"])
-    entry = ".".join(str(part) for part in known)
-    message = first["msg"].removeprefix("Value error, ")
-    message = _IN_WORDS.get(first["type"], message)
-    if first["type"] == "extra_forbidden":
-        message = "is not known; see 'periscopy dataset --example'"
-    elif first["type"] == "missing":
-        entry, message = ".".join(str(part) for part in first["loc"]), "is missing"
-    more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-    return f"line {line}, {entry}: {message}{more}" if entry else f"{message}{more}"
+def _first_mistake(error: ValidationError, document: yaml.Node | None) -> str:
+    """Return the first of pydantic's complaints in words, with its line; misspelt names first."""
+    told = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "unknown")
+    places = [_located(document, each) for each in told]
+    (entry, line), others = places[0], {place for place, _ in places}
+    message = told[0]["msg"].removeprefix("Value error, ")
+    if told[0]["type"] in _IN_WORDS:
+        message = _IN_WORDS[told[0]["type"]].format_map(told[0].get("ctx", {}))
+    # What holds the first mistake is wrong by that alone.
+    more = sum(entry[: len(place)] != place for place in others)
+    place = f"line {line}, {'.'.join(map(str, entry))}: " if entry else ""
+    return place + message + (f" (and {more} more)" if more else "")
 
 
 _IN_WORDS = {
-    "union_tag_not_found": "has no 'kind'",
+    "missing": "is missing",
+    "union_tag_not_found": "has no 'kind'; see 'periscopy dataset --example'",
+    "union_tag_invalid": "kind '{tag}' is not known; there are {expected_tags}",
     "tuple_type": "give a list",
-    "list_type": "give a list",
     "dict_type": "give entries, NAME: VALUE",
     "model_type": "give entries, NAME: VALUE",
+    "model_attributes_type": "give entries, NAME: VALUE",
     "too_long": "holds too many",
 }
 """Where pydantic's words are a programmer's."""
 
 
-def _located(node: Any, location: tuple[int | str, ...]) -> tuple[list[int | str], int]:
-    """Return the known part of pydantic's location in the document, and its line."""
+def _located(node: Any, mistake: Any) -> tuple[tuple[int | str, ...], int]:
+    """Return what pydantic complains of, as the document names it, and its line."""
+    unknown = mistake.get("ctx", {}).get("entry")
+    location = (*mistake["loc"], unknown) if unknown else mistake["loc"]
     line, found = 1, []
     for part in location:
+        inside: list[tuple[yaml.Node, yaml.Node]] = []
         if isinstance(node, yaml.MappingNode):
-            inside = next((pair for pair in node.value if pair[0].value == part), None)
-            if inside is None:
-                continue
-            line, node = inside[0].start_mark.line + 1, inside[1]
+            inside = [pair for pair in node.value if pair[0].value == part]
         elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
-            if part >= len(node.value):
-                continue
-            node = node.value[part]
-            line = node.start_mark.line + 1
-        else:
-            continue
-        found.append(part)
-    return found, line
+            inside = [(each, each) for each in node.value[part : part + 1]]
+        if inside:
+            key, node = inside[0]
+            line = key.start_mark.line + 1
+            found.append(part)
+    if mistake["type"] in ("missing", "unknown") and location[-1] not in found[-1:]:
+        found.append(location[-1])
+    return tuple(found), line

@@ -6,37 +6,29 @@ Each source is an entry of the configuration and draws clips, (frames, R, C, 3) 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from periscopy_sim.dataset.configuration.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.scenario import Array
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 OVERSAMPLING = 8
 """Points a patch across and down that drawings are averaged over."""
 
-Share = Annotated[float, Field(ge=0, le=1)]
-
 
 class Shapes(Source):
     """Ellipses, rectangles, triangles and stars before a plain background.
 
-    Attributes
-    ----------
-    number
-        How many.
-    size
-        Radius over the image's height.
-    speed
-        Heights that each moves from frame to frame, in a direction of its own; walls reflect it.
+    `size` is their radius over the image's height, `speed` the heights that each moves from frame
+    to frame, in a direction of its own; walls reflect it.
     """
 
     kind: Literal["shapes", "moving"]
@@ -47,10 +39,8 @@ class Shapes(Source):
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip."""
         aspect = shape[1] / shape[0]
-        default = (
-            Distribution(uniform=(0.01, 0.06)) if self.kind == "moving" else Distribution(value=0.0)
-        )
-        speed = self.speed or default
+        usual = {"uniform": (0.01, 0.06)} if self.kind == "moving" else {"value": 0.0}
+        speed = self.speed or Distribution.model_validate(usual)
         count = round(self.number.draw(rng))
         ground = _colour(rng) * rng.uniform(0, 0.5)
         corners = [_outline(rng) * self.size.draw(rng) for _ in range(count)]
@@ -72,14 +62,8 @@ class Shapes(Source):
 class Text(Source):
     """Letters, digits and signs, bright before dark or dark before bright.
 
-    Attributes
-    ----------
-    characters
-        What is drawn from, no spaces.
-    length
-        How many at once.
-    height
-        Of a capital letter, over the image's height; made smaller where the text would not fit.
+    `length` of them stand side by side. The `height` is that of a capital letter, over the image's;
+    it is made smaller where the text would not fit.
     """
 
     kind: Literal["text", "digits"]
@@ -99,19 +83,11 @@ class Text(Source):
 
 
 class Gratings(Source):
-    """Sinusoids or stripes of any direction, in two colours.
-
-    Attributes
-    ----------
-    periods
-        Over the image's height.
-    square
-        Share of them that are stripes.
-    """
+    """Sinusoids or stripes of any direction, in two colours; `periods` over the image's height."""
 
     kind: Literal["gratings"]
     periods: within(0.01, 1000) = Distribution(log_uniform=(0.5, 8.0))  # type: ignore[valid-type]
-    square: Share = 0.5
+    square: Annotated[float, Field(ge=0, le=1)] = 0.5  # share of stripes
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, at rest."""
@@ -130,12 +106,8 @@ class Gratings(Source):
 class Smooth(Source):
     """Random fields without edges: Gaussian, of a power-law spectrum.
 
-    Attributes
-    ----------
-    exponent
-        Amplitudes fall with this power of the frequency.
-    saturation
-        0 is grey, 1 has three independent channels.
+    Amplitudes fall with the power `exponent` of the frequency. A `saturation` of 0 is grey, one of
+    1 has three independent channels.
     """
 
     kind: Literal["smooth"]
@@ -160,22 +132,12 @@ class Smooth(Source):
 
 
 class Folder(Source):
-    """Pictures of a folder and of those within it.
-
-    Attributes
-    ----------
-    folder
-        As seen from the configuration's own.
-    flip
-        Whether to mirror half of them, left to right.
-    version
-        Digest of the pictures, filled in when a data set is made.
-    """
+    """Pictures of a folder and of those within it."""
 
     kind: Literal["folder"]
-    folder: str
-    flip: bool = False
-    version: str = ""
+    folder: str  # as seen from the configuration's own
+    flip: bool = False  # half of them, left to right
+    version: str = ""  # digest of the pictures, filled in when a data set is made
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, at rest; the folder is an absolute path by now."""
@@ -195,13 +157,8 @@ def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: AR
     from periscopy_sim.storage.formats.table import suffixes
 
     known = suffixes(raw=False)
-    files = tuple(
-        sorted(
-            file
-            for file in Path(folder).rglob("*")
-            if file.suffix.lower() in known and not file.name.startswith(".")
-        )
-    )
+    found = (file for file in Path(folder).rglob("*") if file.suffix.lower() in known)
+    files = tuple(sorted(file for file in found if not file.name.startswith(".")))
     if not files:
         raise ConfigurationError(
             f"folder '{folder}' holds no pictures ({', '.join(known)}); check its path"
@@ -270,20 +227,24 @@ def _averaged(image: Array, shape: tuple[int, int]) -> Array:
     return np.asarray(image.reshape(shape[0], k, shape[1], k, -1).mean(axis=(1, 3)))
 
 
-def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
-    """Return the share of each patch within a polygon given in image heights: (R, C, 1)."""
+def _drawn(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
+    """Return the share of each patch that a drawing covers: (R, C, 1)."""
     from PIL import Image, ImageDraw
 
     rows, columns = (OVERSAMPLING * size for size in shape)
     mask = Image.new("L", (columns, rows))
-    ImageDraw.Draw(mask).polygon([(x * rows, y * rows) for x, y in corners.tolist()], fill=255)
+    draw(ImageDraw.Draw(mask))
     return _averaged(np.asarray(mask, np.float64)[..., None] / 255, shape)
+
+
+def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
+    """Return the share of each patch within a polygon given in image heights: (R, C, 1)."""
+    places = (corners * (OVERSAMPLING * shape[0])).ravel().tolist()
+    return _drawn(shape, lambda canvas: canvas.polygon(places, fill=255))
 
 
 def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -> Array:
     """Return the share of each patch within letters: (R, C, 1)."""
-    from PIL import Image, ImageDraw
-
     rows, columns = (OVERSAMPLING * size for size in shape)
     font: Any = _font(max(8, round(height * rows / 0.72)))  # a capital is 0.72 of the font's size
     left, top, right, bottom = font.getbbox(text)
@@ -293,9 +254,7 @@ def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -
         left, top, right, bottom = font.getbbox(text)
     x = place[0] * (columns - (right - left)) - left
     y = place[1] * (rows - (bottom - top)) - top
-    mask = Image.new("L", (columns, rows))
-    ImageDraw.Draw(mask).text((x, y), text, fill=255, font=font)
-    return _averaged(np.asarray(mask, np.float64)[..., None] / 255, shape)
+    return _drawn(shape, lambda canvas: canvas.text((x, y), text, fill=255, font=font))
 
 
 @lru_cache(maxsize=256)

@@ -6,26 +6,20 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from periscopy_sim.dataset.configuration.distributions import Distribution, Source, within
+from periscopy_sim.scenario import Array
 
-Array = NDArray[np.float64]
-Rng = np.random.Generator
+Files = Annotated[tuple[str, ...], Field(min_length=1)]
+"""As seen from the configuration's folder."""
 
 
 class Lamps(Source):
     """Point lights at random places, by Eq. 4.
 
-    Attributes
-    ----------
-    number
-        How many.
-    across, away, up
-        Where, in metres from the centre of the camera's field of view; `away` from the wall.
-    tint
-        Standard deviation of the logarithm of each lamp's colour; 0 is white.
+    They lie `across`, `away` from the wall and `up`, in metres from the centre of the camera's
+    field of view; `tint` is the standard deviation of the logarithm of each lamp's colour.
     """
 
     kind: Literal["lamps"]
@@ -35,7 +29,7 @@ class Lamps(Source):
     up: within(-1000, 1000) = Distribution(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
     tint: within(0, 3) = Distribution(value=0.2)  # type: ignore[valid-type]
 
-    def draw(self, rng: Rng) -> tuple[Array, Array]:
+    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw places, (L, 3) as (across, away, up), and powers, (L, 3) by channel."""
         count = round(self.number.draw(rng))
         axes = (self.across, self.away, self.up)
@@ -45,25 +39,13 @@ class Lamps(Source):
 
 
 class Conditions(Source):
-    """Rendered lighting conditions, as `periscopy ambient` makes them, mixed at random.
-
-    Attributes
-    ----------
-    names
-        Shipped conditions, or scene files, as seen from the configuration's folder.
-    mixed
-        How many are added, with random weights.
-    flip
-        Whether to turn each about the photograph's axes at random.
-    target
-        Relative error to which they are rendered.
-    """
+    """Rendered lighting conditions, as `periscopy ambient` makes them, mixed at random."""
 
     kind: Literal["conditions"]
-    names: Annotated[tuple[str, ...], Field(min_length=1)]
+    names: Files  # or shipped conditions
     mixed: within(1, 100) = Distribution(value=1.0)  # type: ignore[valid-type]
-    flip: bool = True
-    target: Annotated[float, Field(gt=1e-6, lt=1)] = 3e-4
+    flip: bool = True  # about the photograph's axes, at random
+    target: Annotated[float, Field(gt=1e-6, lt=1)] = 3e-4  # relative error when rendered
 
     @model_validator(mode="after")
     def _are_distinct(self) -> Conditions:
@@ -73,18 +55,10 @@ class Conditions(Source):
 
 
 class Pictures(Source):
-    """Photographs of ambient light, such as real ones, of the photographs' size.
-
-    Attributes
-    ----------
-    files
-        As seen from the configuration's folder.
-    flip
-        As in `Conditions`.
-    """
+    """Photographs of ambient light, such as real ones, of the photographs' size."""
 
     kind: Literal["pictures"]
-    files: Annotated[tuple[str, ...], Field(min_length=1)]
+    files: Files
     flip: bool = True
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,7 @@ from periscopy_sim.dataset.configuration.light_sources import Conditions, Pictur
 from periscopy_sim.dataset.making.geometry import Backgrounds, scenario_of, view_digest
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Scenario
-
-Rendering = Callable[[str], AbstractContextManager[Callable[[float], None]]]
-"""Takes the condition that is rendered, gives what takes the fraction done."""
+from periscopy_sim.storage.ambient_library import Progress, find_condition, rendered_once
 
 
 def backgrounds_of(
@@ -24,62 +22,48 @@ def backgrounds_of(
     geometries: Iterable[int],
     first: Scenario,
     folder: Path,
-    rendering: Rendering | None = None,
+    progress: Progress,
 ) -> Backgrounds:
     """Return the ambient light of every wall that the geometries of these numbers see.
 
-    `first` is the scenario of geometry 0. Rendered conditions are kept in `folder`, in one for
-    each view of a wall; `rendering` is called with each that is not there yet.
+    `first` is the scenario of geometry 0, whose wall the given pictures show. Rendered conditions
+    are kept in `folder`, in one for each view of a wall.
     """
-    needed = {
-        number: source
-        for number, source in enumerate(settings.ambient)
-        if isinstance(source, Conditions | Pictures)
+    sources = dict(enumerate(settings.ambient))
+    # The walls' colours are the geometries'.
+    gain = first.channel_gain.astype(np.float32)
+    given = {
+        number: np.stack([given_picture(name, first) for name in source.files]) / gain
+        for number, source in sources.items()
+        if isinstance(source, Pictures)
     }
-    show = rendering or (lambda _: nullcontext(lambda _: None))
+    rendered = {n: source for n, source in sources.items() if isinstance(source, Conditions)}
     found: dict[str, dict[int, NDArray[np.float32]]] = {}
-    for geometry in geometries if needed else ():
+    for geometry in geometries if given or rendered else ():
         scenario = scenario_of(settings, geometry) if geometry else first
         view = view_digest(scenario)
-        if view in found:
-            continue
-        found[view] = {}
-        for number, source in needed.items():
-            if isinstance(source, Conditions):
-                kept = folder / f"ambient-{view}"
-                pictures = [
-                    _rendered(name, source.target, scenario, kept, settings.seed, show)
-                    for name in source.names
-                ]
-            else:
-                pictures = [given_picture(name, scenario) for name in source.files]
-            # The wall's colour is the geometry's.
-            gain = scenario.channel_gain.astype(np.float32)
-            found[view][number] = np.stack(pictures) / gain
+        if view not in found:
+            found[view] = given | {
+                number: _rendered(source, scenario, folder / view, settings.seed, progress)
+                for number, source in rendered.items()
+            }
     return found
 
 
 def _rendered(
-    name: str, target: float, scenario: Scenario, folder: Path, seed: int, show: Rendering
+    source: Conditions, scenario: Scenario, folder: Path, seed: int, progress: Progress
 ) -> NDArray[np.float32]:
-    """Return a condition's photograph, rendered once."""
-    from periscopy_sim.rendering.ambient.background import render_background
-    from periscopy_sim.storage.ambient_library import find_condition
-    from periscopy_sim.storage.formats.exr import read_exr, write_exr
+    """Return photographs of conditions on a grey wall, (K, rows, columns, 3), rendered once."""
     from periscopy_sim.storage.outputs.provenance import scene_sha256
-    from periscopy_sim.storage.outputs.staging import staged_file
 
-    path = find_condition(name)
-    file = folder / f"{path.stem}-{scene_sha256(path)[:8]}-{target:g}.exr"
-    if not file.is_file():
-        with staged_file(file) as staged, show(f"ambient light: {Path(name).stem}") as report:
-            background = render_background(
-                path, scenario, target=target, seed=seed, progress=report
-            )
-            report(1.0)  # who interrupts may have stopped Mitsuba in the midst of it
-            write_exr(staged, background.photograph, {})
-    # Also what was just rendered: as kept, so that a later run computes the same.
-    return read_exr(file)[0]
+    if scenario.wall_reflectance is not None:
+        grey = scenario.wall_reflectance / scenario.channel_gain
+        scenario = replace(scenario, wall_reflectance=grey)
+    pictures = []
+    for path in map(find_condition, source.names):
+        file = folder / f"{path.stem}-{scene_sha256(path)[:8]}-{source.target:g}.exr"
+        pictures.append(rendered_once(file, path, scenario, seed, source.target, progress)[0])
+    return np.stack(pictures)
 
 
 def given_picture(name: str, scenario: Scenario) -> NDArray[np.float32]:

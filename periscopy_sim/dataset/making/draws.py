@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.dataset.configuration.distributions import Distribution, Source
 from periscopy_sim.dataset.configuration.document import SPLITS, Configuration
 from periscopy_sim.dataset.configuration.light_sources import Conditions, Darkness, Lamps
-
-Array = NDArray[np.float64]
+from periscopy_sim.scenario import Array
 
 GEOMETRY, CLIP, NOISE, RENDERING, SPLIT = range(5)
 
@@ -27,72 +25,37 @@ GOLDEN = (np.sqrt(5) - 1) / 2
 
 @dataclass(frozen=True)
 class GeometryDraw:
-    """A scene with values for its parameters.
+    """A scene with values for its parameters; `source` counts the configuration's scenes."""
 
-    Attributes
-    ----------
-    number
-        Counts the geometries of a data set from 0.
-    source
-        Which of the configuration's scenes.
-    parameters
-        Values for its ``<default>``s.
-    split
-        One of `SPLITS`.
-    """
-
-    number: int
+    number: int  # of the data set's geometries, from 0
     source: int
     parameters: dict[str, str]
-    split: str
+    split: str  # one of `SPLITS`
 
 
 @dataclass(frozen=True, eq=False)
 class AmbientDraw:
-    """Ambient light of a clip.
+    """Ambient light of a clip; `source` counts the configuration's.
 
-    Attributes
-    ----------
-    source
-        Which of the configuration's.
-    label
-        ``lamps``, ``none``, or the names of what is mixed.
-    lamps
-        (L, 3) places and (L, 3) powers; None for other sources.
-    mixture
-        Position within the source's names or files, weight, and whether turned upside down and
-        left to right; of each picture that is added.
+    Of each picture that is added, `mixture` holds its position within the source's names or files,
+    its weight, and whether it is turned upside down and left to right.
     """
 
     source: int
-    label: str
-    lamps: tuple[Array, Array] | None = None
+    label: str  # lamps, none, or the names of what is mixed
+    lamps: tuple[Array, Array] | None = None  # (L, 3) places and (L, 3) powers
     mixture: tuple[tuple[int, float, bool, bool], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class ClipDraw:
-    """What the frames of a clip have in common.
+    """What the frames of a clip have in common."""
 
-    Attributes
-    ----------
-    number
-        Counts the clips of a data set from 0.
-    hidden
-        (frames, R, C, 3) linear light.
-    kind
-        Of hidden image.
-    ambient
-        Its ambient light.
-    sbr, snr, exposure
-        See `Configuration`; the SBR is infinite without ambient light.
-    """
-
-    number: int
-    hidden: Array
-    kind: str
+    number: int  # of the data set's clips, from 0
+    hidden: Array  # (frames, R, C, 3) linear light
+    kind: str  # of hidden image
     ambient: AmbientDraw
-    sbr: float
+    sbr: float  # infinite without ambient light
     snr: float
     exposure: float
 
@@ -111,11 +74,11 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     """
     rng = generator(configuration, GEOMETRY, number)
     source = _weighted(rng, configuration.scenes)
-    parameters = {
-        name: distribution if isinstance(distribution, str) else f"{distribution.draw(rng):.9g}"
-        for name, distribution in configuration.scenes[source].parameters.items()
-    }
     scene = configuration.scenes[source]
+    parameters = {
+        name: given if isinstance(given, str) else f"{given.draw(rng):.9g}"
+        for name, given in scene.parameters.items()
+    }
     sizes = np.array([getattr(configuration.splits, name) for name in SPLITS])
     edges = np.cumsum(sizes)
     if any(isinstance(q, Distribution) and q.is_continuous for q in scene.parameters.values()):
@@ -136,10 +99,8 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     source = configuration.hidden_images[_weighted(rng, configuration.hidden_images)]
     hidden = source.draw(rng, configuration.hidden, configuration.clip_length)
     ambient = _draw_ambient(configuration, rng)
-    sbr, snr, exposure = (
-        distribution.draw(rng)
-        for distribution in (configuration.sbr, configuration.snr, configuration.exposure)
-    )
+    measured = (configuration.sbr, configuration.snr, configuration.exposure)
+    sbr, snr, exposure = (distribution.draw(rng) for distribution in measured)
     dark = isinstance(configuration.ambient[ambient.source], Darkness)
     return ClipDraw(number, hidden, source.kind, ambient, np.inf if dark else sbr, snr, exposure)
 
@@ -167,9 +128,8 @@ def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> Amb
         (which, float(weight), bool(down), bool(across))
         for which, weight, (down, across) in zip(chosen, weights, turned, strict=True)
     )
-    return AmbientDraw(
-        number, " + ".join(Path(names[which]).stem for which in chosen), mixture=mixture
-    )
+    label = " + ".join(Path(names[which]).stem for which in chosen)
+    return AmbientDraw(number, label, mixture=mixture)
 
 
 def _weighted(rng: np.random.Generator, sources: Sequence[Source]) -> int:

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from periscopy_sim.dataset.configuration.document import Configuration, Direct, PathTraced
 from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
 from periscopy_sim.errors import ConfigurationError, SceneError
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Array, Scenario
 
-Array = NDArray[np.float64]
 Photographer = Callable[[Array, int], Array]
 """Takes (R, C, 3) and a seed, gives (rows, columns, 3)."""
 
@@ -30,23 +29,11 @@ _rendering = threading.RLock()
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A scene with its parameters, ready to take photographs.
-
-    Attributes
-    ----------
-    draw
-        What was drawn for it.
-    scenario
-        The scene.
-    transport
-        A, (M, N) float32, of direct light; None otherwise.
-    photographer
-        Path traces a photograph; None otherwise.
-    """
+    """A scene with its parameters, ready to take photographs: by A, or path traced."""
 
     draw: GeometryDraw
     scenario: Scenario
-    transport: NDArray[np.float32] | None
+    transport: NDArray[np.float32] | None  # (M, N)
     photographer: Photographer | None
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled_reordered
-
-Array = NDArray[np.float64]
+from periscopy_sim.scenario import Array
 
 
 def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
-from periscopy_sim.dataset.archive.layout import Layout, recognizes
+from periscopy_sim.dataset.archive.layout import Layout
 from periscopy_sim.dataset.configuration.document import Configuration
 from periscopy_sim.dataset.configuration.light_sources import Pictures
-from periscopy_sim.dataset.making.backgrounds import Rendering, backgrounds_of, given_picture
+from periscopy_sim.dataset.making.backgrounds import backgrounds_of, given_picture
 from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
 from periscopy_sim.dataset.making.geometry import Backgrounds, as_json, geometry_of, scenario_of
 from periscopy_sim.dataset.making.inputs import attributes_of, labels_of, resolved
@@ -21,7 +23,8 @@ from periscopy_sim.dataset.making.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.outputs.completion import MAKING
+from periscopy_sim.storage.ambient_library import Progress, silent
+from periscopy_sim.storage.outputs.completion import MAKING, digest_of
 from periscopy_sim.storage.outputs.store import BlockStore, check_place
 
 SHARES_PER_THREAD = 4
@@ -30,21 +33,12 @@ SHARES_PER_THREAD = 4
 
 @dataclass(frozen=True)
 class Made:
-    """What a run did.
+    """What a run did."""
 
-    Attributes
-    ----------
-    count
-        Samples in the data set.
-    made
-        Samples made by this run.
-    geometries
-        Geometries that these are of.
-    """
-
-    count: int
-    made: int
-    geometries: int
+    count: int  # samples in the data set
+    made: int  # samples made by this run
+    geometries: int  # that these are of
+    empty_splits: tuple[str, ...] = ()  # asked for, but without a geometry
 
 
 def make_dataset(
@@ -54,7 +48,7 @@ def make_dataset(
     count: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
-    rendering: Rendering | None = None,
+    rendering: Progress = silent,
 ) -> Made:
     """Make what is missing of a data set.
 
@@ -84,26 +78,43 @@ def make_dataset(
     PeriscopyError
         If a scene, an image or a condition cannot be used, `out` holds something else or another
         process is at work there, the disk is full, or no scheduler answers.
+
+    Warns
+    -----
+    RuntimeWarning
+        The photographs have fewer than two pixels for each patch of the hidden images.
     """
     from periscopy_sim.storage.outputs.lock import alone_in
 
     out, report = Path(out), progress or (lambda *_: None)
     if count is not None:
         configuration = _of_count(configuration, count)
-    check_place(out, Layout.what, recognizes)
+    check_place(out, Layout.what, Layout.recognizes)
     settings = resolved(configuration)
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = _checked_scenes(settings, draws)
-    layout = _layout(settings, first)
+    layout = Layout(
+        settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
+        settings.photograph_type, settings.keep_background,
+    )  # fmt: skip
     attributes = attributes_of(settings, layout)
     with alone_in(out / MAKING):
         store = BlockStore(out, layout, attributes, labels_of(settings, draws))
-        shares = _by_geometry(settings, store.missing())
+        shares = {
+            geometry: list(blocks)
+            for geometry, blocks in groupby(
+                store.missing(),
+                lambda block: block * layout.block_size // settings.samples_per_geometry,
+            )
+        }
         made = sum(layout.block(number).size for blocks in shares.values() for number in blocks)
         done = layout.count - made
         report(done, layout.count)
         if made:
-            backgrounds = backgrounds_of(settings, shares, first, out / MAKING, rendering)
+            # What another seed or version has rendered, before any sample, is not taken.
+            lit_by = digest_of({"seed": settings.seed, **attributes["versions"]})[:8]
+            folder = out / MAKING / f"ambient-{lit_by}"
+            backgrounds = backgrounds_of(settings, shares, first, folder, rendering)
             for block, values in _made(
                 settings, shares, layout.photograph_shape, backgrounds, scheduler
             ):
@@ -112,7 +123,9 @@ def make_dataset(
                 store.write(block, values)
                 done += layout.block(block).size
             report(done, layout.count)
-    return Made(layout.count, made, len(shares))
+    filled = {draw.split for draw in draws}
+    empty = (name for name, share in settings.splits if share > 0 and name not in filled)
+    return Made(layout.count, made, len(shares), tuple(empty))
 
 
 def _made(
@@ -176,25 +189,6 @@ def _tasks(shares: Mapping[int, list[int]], wanted: int) -> Iterator[tuple[int, 
             yield geometry, tuple(part.tolist())
 
 
-def _by_geometry(settings: Configuration, blocks: Iterable[int]) -> dict[int, list[int]]:
-    shares: dict[int, list[int]] = {}
-    for block in blocks:
-        geometry = block * settings.samples_per_shard // settings.samples_per_geometry
-        shares.setdefault(geometry, []).append(block)
-    return shares
-
-
-def _layout(settings: Configuration, scenario: Scenario) -> Layout:
-    return Layout(
-        count=settings.count,
-        block_size=settings.samples_per_shard,
-        photograph_shape=scenario.photograph_shape,
-        hidden_shape=settings.hidden,
-        photograph_type=settings.photograph_type,
-        keep_background=settings.keep_background,
-    )
-
-
 def _of_count(configuration: Configuration, count: int) -> Configuration:
     """Return a configuration of another number of samples, checked as the file's own."""
     try:
@@ -210,6 +204,15 @@ def _checked_scenes(settings: Configuration, draws: Sequence[GeometryDraw]) -> S
     All must be of its film size.
     """
     first = scenario_of(settings, 0)
+    pixels, patches = first.transport_shape
+    if pixels < 2 * patches:
+        warnings.warn(
+            f"{_by(settings.hidden)} patches of {_by(first.photograph_shape)} pixels: with fewer "
+            "than two pixels a patch, noise and ambient light can hardly be told from the hidden "
+            "image; give fewer patches, or larger films",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     for number in {draw.source: draw.number for draw in reversed(draws)}.values():
         if number:
             _check_shape(number, scenario_of(settings, number), first.photograph_shape)
@@ -221,8 +224,11 @@ def _checked_scenes(settings: Configuration, draws: Sequence[GeometryDraw]) -> S
 
 def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
     if scenario.photograph_shape != expected:
-        sizes = ("x".join(map(str, size)) for size in (scenario.photograph_shape, expected))
         raise ConfigurationError(
-            "geometry {} has photographs of {} pixels, geometry 0 of {}; give all scenes films of "
-            "one size".format(geometry, *sizes)
+            f"geometry {geometry} has photographs of {_by(scenario.photograph_shape)} pixels, "
+            f"geometry 0 of {_by(expected)}; give all scenes films of one size"
         )
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.dataset.archive.layout import LABELS
 from periscopy_sim.dataset.configuration.document import Configuration
 from periscopy_sim.dataset.making.draws import (
     NOISE,
@@ -22,9 +23,8 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.threads import in_parallel
-from periscopy_sim.scenario import Scenario, WallFrame, wall_frame
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
-Array = NDArray[np.float64]
 Block = dict[str, NDArray[Any]]
 """Each variable's values for consecutive samples."""
 
@@ -87,7 +87,7 @@ def make_samples(
         "photograph": kept_photographs,
         "hidden": hidden.astype(np.float32),
         "signal_scale": scales,
-        **_labels(configuration, geometry, clips, start, stop),
+        **_labels(geometry, clips, length),
     }
     if kept:
         block["background"] = ambient.astype(configuration.photograph_type, copy=False)
@@ -135,23 +135,19 @@ def _background(
     return total * colour
 
 
-def _labels(
-    configuration: Configuration, geometry: Geometry, clips: list[ClipDraw], start: int, stop: int
-) -> Block:
-    """Return the variables of one value for each sample."""
-    index = np.arange(start, stop)
-    of_clips = {
-        "sbr": np.array([clip.sbr for clip in clips]),
-        "snr": np.array([clip.snr for clip in clips]),
-        "exposure": np.array([clip.exposure for clip in clips]),
-        "clip_number": np.array([clip.number for clip in clips]),
-        "hidden_kind": np.array([clip.kind for clip in clips], np.dtypes.StringDType()),
-        "ambient": np.array([clip.ambient.label for clip in clips], np.dtypes.StringDType()),
+def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
+    """Return the variables of one value for each sample, of clips of `length` frames."""
+    of_frames = [(clip, frame) for clip in clips for frame in range(length)]
+    values = {
+        "sbr": [clip.sbr for clip, _ in of_frames],
+        "snr": [clip.snr for clip, _ in of_frames],
+        "exposure": [clip.exposure for clip, _ in of_frames],
+        "clip_number": [clip.number for clip, _ in of_frames],
+        "hidden_kind": [clip.kind for clip, _ in of_frames],
+        "ambient": [clip.ambient.label for clip, _ in of_frames],
+        "frame": [frame for _, frame in of_frames],
+        "geometry": [geometry.draw.number] * len(of_frames),
+        "split": [geometry.draw.split] * len(of_frames),
     }
-    length = configuration.clip_length
-    return {
-        **{name: np.repeat(values, length) for name, values in of_clips.items()},
-        "frame": (index % length).astype(np.int32),
-        "geometry": np.full(len(index), geometry.draw.number, np.int32),
-        "split": np.full(len(index), geometry.draw.split, np.dtypes.StringDType()),
-    }
+    types = {name: np.dtypes.StringDType() if of is str else of for name, of in LABELS.items()}
+    return {name: np.array(each, types[name]) for name, each in values.items()}

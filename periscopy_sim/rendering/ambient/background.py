@@ -24,6 +24,7 @@ from periscopy_sim.rendering.ambient.irradiance import (
     pixel_edges,
 )
 from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
+from periscopy_sim.rendering.ambient.scalar import scalar_parts
 from periscopy_sim.rendering.ambient.smoothing import chosen_sites
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -120,12 +121,8 @@ def render_background(
     if not scene.emitters():
         raise SceneError(f"scene '{path}' has no emitter; give it light")
     points, normals = _placed(scenario, *_view_of(scene, path))
-    if is_vectorized():
-        parts = _parts(scene, points, normals, scenario.photograph_shape)
-    else:
-        from periscopy_sim.rendering.ambient.scalar import scalar_parts
-
-        parts = scalar_parts(scene, points, normals, scenario.photograph_shape)
+    parts_of = _parts if is_vectorized() else scalar_parts
+    parts = parts_of(scene, points, normals, scenario.photograph_shape)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
@@ -224,11 +221,12 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
     import mitsuba as mi
 
     camera, wall = camera_of(scene), shape_of(scene, "wall")
+    wall = mi.ShapePtr(wall) if is_vectorized() else wall
     points, normals = [], []
     for row, column in itertools.product((1 / 6, 1 / 2, 5 / 6), repeat=2):
         ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(column, row), mi.Point2f(0.5, 0.5))
         si = scene.ray_intersect(ray)
-        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == _pointer(wall))):
+        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == wall)):
             raise SceneError(
                 f"scene '{path}': its camera does not see its wall; move what stands between them"
             )
@@ -236,12 +234,6 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
         normals.append(np.ravel(si.n) * -np.sign(np.ravel(si.n) @ np.ravel(ray.d)))
     size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
     return wall_frame(np.array(points, float), np.array(normals, float), (3, 3)), size
-
-
-def _pointer(shape: Any) -> Any:
-    import mitsuba as mi
-
-    return mi.ShapePtr(shape) if is_vectorized() else shape
 
 
 def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Array]:

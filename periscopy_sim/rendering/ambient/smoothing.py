@@ -19,21 +19,11 @@ DEPENDENT = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Independent estimates of a field.
+    """Independent estimates of a field."""
 
-    Attributes
-    ----------
-    replicas
-        (K, M, 3) at the pixels.
-    squared_bias
-        (3,) of all replicas alike, averaged over the sites.
-    degree
-        Total degree of the polynomial that was best; None if the samples themselves were.
-    """
-
-    replicas: Array
-    squared_bias: Array
-    degree: int | None
+    replicas: Array  # (K, M, 3) at the pixels
+    squared_bias: Array  # (3,) of all replicas alike, averaged over the sites
+    degree: int | None  # total, of the polynomial that was best; None of the samples themselves
 
     @property
     def squared_error(self) -> float:

@@ -64,7 +64,7 @@ def test_draws_stay_within_the_bounds():
         ("many", "valid number"),
         (float("nan"), "finite"),
         ({"uniform": [0, float("inf")]}, "finite"),
-        ({"unifrom": [0, 1]}, "not permitted"),
+        ({"unifrom": [0, 1]}, "not known; did you mean 'uniform'"),
     ],
 )
 def test_what_is_no_distribution_is_refused(given, message):

@@ -65,7 +65,14 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
     ("change", "message"),
     [
         ("colour: red", r"config.yaml: line 7, colour: is not known; see .*--example"),
-        ("light: {kind: direct, smaples: 4}", r"line 7, light.smaples: is not known"),
+        (
+            "light: {kind: direct, smaples: 4}",
+            r"line 7, light.smaples: is not known; did you mean 'samples'\?$",
+        ),
+        ("7: 8", r"line 7, 7: is not known"),
+        ("splits: {<<: {tarin: 1}}", r"line 7, splits.tarin: .* 'train'"),
+        ("light: {samples: 4}", r"line 7, light: has no 'kind'; see"),
+        ("light: 5", r"line 7, light: give entries"),
         ("sbr: {uniform: [1, 0]}", r"line 7, sbr: the interval .* runs backwards"),
         ("sbr: -1", r"line 7, sbr: every value must lie from"),
         ("snr: {normal: [60, 1]}", r"line 7, snr: every value must lie from -100 to 300"),
@@ -102,6 +109,41 @@ def test_missing_entry_is_named(tmp_path, missing):
     text = "\n".join(line for line in LEAST.splitlines() if not line.startswith(missing))
     with pytest.raises(ConfigurationError, match=f"{missing}: is missing"):
         load_configuration(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("count", "cuont", r"line 2, cuont: is not known; did you mean 'count'\?$"),
+        ("scene:", "scne:", r"line 4, scenes.0.scne: is not known; did you mean 'scene'\?$"),
+        (
+            "count: 10",
+            "light: {kind: path-traced, bounce: 2}",
+            r"line 2, light.bounce: .* 'bounces'\? \(and 1 more\)$",
+        ),
+    ],
+)
+def test_misspelt_entries_are_told_before_missing_ones(tmp_path, old, new, message):
+    with pytest.raises(ConfigurationError, match=message):
+        load_configuration(written(tmp_path, LEAST.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("scenes: [chair]", r"line 7, scenes.0: give entries, NAME: VALUE$"),
+        (
+            "scenes: [{scene: chair, parameters: {a: [1]}}]",
+            r"scenes.0.parameters.a: .*\[numbers\]$",
+        ),
+        ("hidden_images: [{kind: folder}]", r"line 7, hidden_images.0.folder: is missing$"),
+        ("hidden_images: [{kind: shape}]", r"0: kind 'shape' is not known; there are 'shapes',"),
+    ],
+)
+def test_one_mistake_is_counted_once(tmp_path, entry, message):
+    kept = [line for line in LEAST.splitlines() if not line.startswith(entry.partition(":")[0])]
+    with pytest.raises(ConfigurationError, match=message):
+        load_configuration(written(tmp_path, "\n".join([*kept, "", entry])))
 
 
 @pytest.mark.parametrize(

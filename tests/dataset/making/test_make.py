@@ -15,6 +15,8 @@ import periscopy_sim as ps
 from periscopy_sim.dataset.making import make as making
 from periscopy_sim.dataset.making.make import make_dataset
 from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
+from periscopy_sim.rendering.ambient import background as ambient
+from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.lock import alone_in
 
 
@@ -227,23 +229,82 @@ def test_given_ambient_light_is_read_checked_and_coloured(configured, tmp_path):
         make_dataset(settings, tmp_path / "e.zarr")
 
 
-def test_rendered_conditions_are_kept_and_not_rendered_again(configured, tmp_path, monkeypatch):
-    from periscopy_sim.rendering.ambient import background as ambient
-
+@pytest.fixture
+def rendered(monkeypatch):
+    """Replace the rendering of ambient light by random numbers; return the names asked for."""
     calls = []
 
-    def render(path, scenario, **_):
+    def render(path, scenario, *, seed, **_):
         calls.append(path.stem)
-        picture = np.random.default_rng(len(calls)).random((*scenario.photograph_shape, 3)) + 1
-        return ambient.Background(picture, 0.0, 0.0)
+        picture = np.random.default_rng(seed).random((*scenario.photograph_shape, 3)) + 1
+        return ambient.Background(picture * scenario.wall_reflectance, 0.0, 0.0)
 
     monkeypatch.setattr(ambient, "render_background", render)
+    return calls
+
+
+def test_rendered_conditions_are_kept_and_not_rendered_again(configured, tmp_path, rendered):
     entry = {"kind": "conditions", "names": ["overcast", "corridor"]}
     settings = configured(ambient=[entry])
     make_dataset(settings, tmp_path / "d.zarr", count=6)
-    assert calls == ["overcast", "corridor"]  # one wall, though three geometries
+    assert rendered == ["overcast", "corridor"]  # one wall, though three geometries
     make_dataset(settings, tmp_path / "d.zarr")
-    assert calls == ["overcast", "corridor"]
+    assert rendered == ["overcast", "corridor"]
+
+
+def test_conditions_that_another_seed_left_are_not_taken(
+    configured, tmp_path, rendered, monkeypatch
+):
+    def stop(*_):
+        raise Stopped
+
+    changes = {"ambient": [{"kind": "conditions", "names": ["overcast"]}], "count": 4}
+    with monkeypatch.context() as patch, pytest.raises(Stopped):
+        patch.setattr(making.BlockStore, "write", stop)
+        make_dataset(configured(**changes), tmp_path / "d.zarr")
+    for path in ("d.zarr", "e.zarr"):
+        make_dataset(configured(seed=8, **changes), tmp_path / path)
+    assert rendered == ["overcast"] * 3
+    one, other = (ps.open_dataset(tmp_path / f"{name}.zarr") for name in "de")
+    np.testing.assert_array_equal(one.background.values, other.background.values)
+
+
+@pytest.mark.usefixtures("rendered")
+def test_walls_of_many_colours_are_lit_alike_in_a_run_that_goes_on(configured, tmp_path):
+    plate = find_scene("plate").read_text()
+    plate = plate.replace('value="0.8"', 'value="$red, 0.5, 0.5"').replace(
+        "<default", '<default name="red" value="0.5"/><default', 1
+    )
+    (tmp_path / "colours.xml").write_text(plate)
+    shutil.copytree(find_scene("plate").parent / "meshes", tmp_path / "meshes")
+    np.save(tmp_path / "light.npy", np.ones((16, 16, 3)))
+    parameters = {"red": {"uniform": [0.2, 0.9]}, "resolution": 16}
+    settings = configured(
+        scenes=[{"scene": "colours.xml", "parameters": parameters}],
+        ambient=[
+            {"kind": "conditions", "names": ["overcast"], "flip": False},
+            {"kind": "pictures", "files": ["light.npy"]},
+        ],
+    ).model_copy(update={"folder": tmp_path})
+    make_dataset(settings, tmp_path / "whole.zarr")
+    for count in (20, 46):  # of geometry 0, of them all
+        make_dataset(settings, tmp_path / "parts.zarr", count=count)
+    assert contents(tmp_path / "parts.zarr") == contents(tmp_path / "whole.zarr")
+    data = ps.open_dataset(tmp_path / "whole.zarr")
+    red = data.parameter_red.values[data.geometry.values]
+    lit = data.background.values.mean(axis=(1, 2))
+    ratio = (lit[:, 0] / lit[:, 2]) / (red / 0.5)
+    for source in ("overcast", "light"):
+        assert np.ptp(ratio[data.ambient.values == source]) < 1e-4
+
+
+def test_as_many_patches_as_pixels_are_warned_of(configured, tmp_path):
+    with pytest.warns(RuntimeWarning, match="12x12 patches of 16x16 pixels: with fewer than two"):
+        make_dataset(configured(hidden="12x12", count=2), tmp_path / "d.zarr")
+
+
+def test_splits_that_stay_empty_are_told(configured, tmp_path):
+    assert make_dataset(configured(), tmp_path / "d.zarr").empty_splits == ("validation", "test")
 
 
 def test_threads_that_make_at_once_make_the_same(configured, undisturbed, tmp_path):
