@@ -177,7 +177,7 @@ def calibrate(
     seed
         Of the draws and the rays.
     progress
-        Called with the fraction done, of the longest that it may take.
+        Called with the fraction done, 1 at last; what ends early leaps.
 
     Returns
     -------
@@ -232,6 +232,7 @@ def calibrate(
     values, after = settle(fine, end, steps)
     visit(values, after.evidence)
     before = fine.explain(start)
+    log.report(1.0)
     alone = end.curvature.covariance()
     errors = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(errors))
@@ -261,20 +262,21 @@ class _Log:
         iteration = 4 * parameters + 2
         self._costs = (1.0, 12.0 * iteration, 25.0 * iteration)
         points = (points_visited(parameters), *(count + 2 for count in ITERATIONS))
-        self._total = float(np.dot(self._costs, points))
+        self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]
         self._done = 0.0
-        self._progress = progress or (lambda _: None)
+        self.report = progress or (lambda _: None)
         self._visited: list[tuple[ResolutionLevel, list[tuple[Values, float]]]] = []
 
     def at(self, level: ResolutionLevel) -> Visit:
         points: list[tuple[Values, float]] = []
         cost = self._costs[len(self._visited)]
+        self._done = self._starts[len(self._visited)]  # a descent may have ended early
         self._visited.append((level, points))
 
         def visit(values: Values, evidence: float) -> None:
             points.append((values, evidence))
             self._done += cost
-            self._progress(min(self._done / self._total, 1.0))
+            self.report(min(self._done / self._starts[-1], 1.0))
 
         return visit
 

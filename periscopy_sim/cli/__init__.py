@@ -31,12 +31,9 @@ from periscopy_sim.cli import (
     video,
 )
 from periscopy_sim.cli.arguments import EXTRAS, missing
-from periscopy_sim.cli.output import warn
+from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C. Newer versions of typer return it, older ones raise Abort."""
 
 app = typer.Typer(
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
@@ -82,20 +79,20 @@ def main() -> None:
         code = app(arguments, prog_name="periscopy", standalone_mode=False)
         sys.stdout.flush()
     except PeriscopyError as error:
-        _fail(str(error), 2)
+        fail(str(error), 2)
     except ModuleNotFoundError as error:
         if error.name not in EXTRAS:
             raise
-        _fail(missing(error.name), 2)
+        fail(missing(error.name), 2)
     except MemoryError as error:
-        _fail(f"not enough memory: {error}; take fewer pixels or patches", 2)
+        fail(f"not enough memory: {error}; take fewer pixels or patches", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except OSError as error:
         if error.errno not in OUT_OF_SPACE:
             raise
         sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115  Python flushes it at its end
-        _fail(f"cannot print: {error.strerror}; free some space", 2)
+        fail(f"cannot print: {error.strerror}; free some space", 2)
     except Exception as error:
         # What the option parser refuses: an unknown option, a missing argument.
         message = getattr(error, "format_message", None)
@@ -103,9 +100,9 @@ def main() -> None:
             raise
         context = getattr(error, "ctx", None)
         hint = f" Try '{context.command_path} --help'." if context else ""
-        _fail(message() + hint, 2)
+        fail(message() + hint, 2)
     if code == INTERRUPTED:
-        _fail("interrupted; nothing was written", INTERRUPTED)
+        fail("interrupted; nothing was written", INTERRUPTED)
     raise SystemExit(code if isinstance(code, int) else 0)
 
 
@@ -119,12 +116,6 @@ def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHoo
         threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
     else:
         otherwise(lost)
-
-
-def _fail(message: str, code: int) -> NoReturn:
-    line = " ".join(message.split())
-    print(f"periscopy: error: {line}", file=sys.stderr)
-    raise SystemExit(code)
 
 
 def _one_line_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -7,33 +7,25 @@ import re
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
-EXTRAS = {
-    "xarray": "sweep",
-    "zarr": "sweep",
-    "distributed": "sweep",
-    "cloudpickle": "sweep",
-    "google_crc32c": "sweep",
-}
-"""Modules that the core install lacks, and the extra that brings each."""
+EXTRAS = ("xarray", "zarr", "distributed", "cloudpickle", "google_crc32c")
+"""Modules that the core install lacks; the extra ``sweep`` brings them."""
 
-Out = Annotated[
-    Path,
-    typer.Option(
-        "--out", metavar="FOLDER", help="Folder to write; appears complete or not at all."
-    ),
-]
-OutFile = Annotated[
-    Path,
-    typer.Option("--out", metavar="FILE", help="File to write; appears complete or not at all."),
-]
+
+def option(form: str, words: str, *names: str, **more: Any) -> Any:
+    """Return an option: the form of its value, its help in words, the rest as typer takes it."""
+    return typer.Option(*names, metavar=form, help=words, **more)
+
+
+Out = Annotated[Path, option("FOLDER", "Folder to write; appears complete or not at all.")]
+OutFile = Annotated[Path, option("FILE", "File to write; appears complete or not at all.")]
 PhotoArgument = Annotated[
     Path,
     typer.Argument(
@@ -42,43 +34,29 @@ PhotoArgument = Annotated[
 ]
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
-SceneOption = Annotated[str, typer.Option("--scene", metavar="SCENE", help=_SCENE)]
-Hidden = Annotated[
-    str,
-    typer.Option(
-        "--hidden", metavar="ROWSxCOLUMNS", help="Patches of the hidden image, such as 29x36."
-    ),
-]
+SceneOption = Annotated[str, option("SCENE", _SCENE)]
+Hidden = Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.")]
 Define = Annotated[
     list[str] | None,
-    typer.Option("-D", metavar="NAME=VALUE", help="Set one of the scene's <default>s; repeatable."),
+    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D"),
 ]
 MaskOption = Annotated[
     Path | None,
-    typer.Option(
-        "--mask",
-        metavar="FILE",
-        help="A grey picture of the photograph's size (PNG, TIFF, JPEG, EXR, NPY or NPZ with key "
-        "mask): bright where the wall is used, black where it is left out.",
+    option(
+        "FILE",
+        "A grey picture of the photograph's size (PNG, TIFF, JPEG, EXR, NPY or NPZ with key mask): "
+        "bright where the wall is used, black where it is left out.",
     ),
 ]
 MatrixOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--transport", metavar="FILE", help="Take A from this NPY file rather than render it."
-    ),
+    Path | None, option("FILE", "Take A from this NPY file rather than render it.", "--transport")
 ]
+# More would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[
-    int,
-    # More would be hours in one kernel, which nothing can interrupt.
-    typer.Option(
-        min=1, max=65536, metavar="NUMBER", help="Samples of a patch for each wall point."
-    ),
+    int, option("NUMBER", "Samples of a patch for each wall point.", min=1, max=65536)
 ]
 # Mitsuba takes seeds of 32 bits; twice this still fits, for renderings in two passes.
-Seed = Annotated[
-    int, typer.Option(min=0, max=2**31 - 1, metavar="NUMBER", help="Seed of every random draw.")
-]
+Seed = Annotated[int, option("NUMBER", "Seed of every random draw.", min=0, max=2**31 - 1)]
 
 
 def not_nan(value: float | None) -> float | None:
@@ -95,12 +73,8 @@ def _decibels(snr: float | None) -> float | None:
     return snr
 
 
-_snr = typer.Option(
-    "--snr",
-    metavar="DB",
-    callback=_decibels,
-    help="Gaussian noise at this signal-to-noise ratio, -100 to 300 dB.",
-)
+_NOISE = "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB."
+_snr = option("DB", _NOISE, callback=_decibels)
 Snr = Annotated[float, _snr]
 OptionalSnr = Annotated[float | None, _snr]
 
@@ -113,23 +87,23 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
-def parse_definitions(definitions: list[str] | None, option: str = "-D") -> dict[str, str]:
+def parse_definitions(definitions: list[str] | None, flag: str = "-D") -> dict[str, str]:
     """Read ``-D name=value`` options, or those of another name; each name once."""
     values: dict[str, str] = {}
     for definition in definitions or []:
         name, separator, value = definition.partition("=")
         if not (name and separator and value):
-            raise PeriscopyError(f"{option} '{definition}' is not of the form name=value")
+            raise PeriscopyError(f"{flag} '{definition}' is not of the form name=value")
         if name in values:
-            raise PeriscopyError(f"{option} {name} is given twice")
+            raise PeriscopyError(f"{flag} {name} is given twice")
         values[name] = value
     return values
 
 
-def require(*extras: str) -> None:
-    """Refuse to start work that would end for want of a module of these extras."""
-    for module, extra in EXTRAS.items():
-        if extra in extras and find_spec(module) is None:
+def require_extras() -> None:
+    """Refuse to start work that would end for want of a module that the core install lacks."""
+    for module in EXTRAS:
+        if find_spec(module) is None:
             raise PeriscopyError(missing(module))
 
 
@@ -137,8 +111,14 @@ def missing(module: str) -> str:
     """Return one line that says which extra brings a module."""
     return (
         f"this needs {module}, which is not installed; install it by: pip install "
-        f"'periscopy-sim[{EXTRAS[module]}]'"
+        "'periscopy-sim[sweep]'"
     )
+
+
+def require_suffix(out: Path, suffix: str, what: str) -> None:
+    """Refuse an --out that does not tell what is written there."""
+    if out.suffix != suffix:
+        raise OutputError(f"--out {out}: {what} is written as {suffix}; name a file that ends so")
 
 
 # -- lists ---------------------------------------------------------------------------------------

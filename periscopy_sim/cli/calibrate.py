@@ -7,23 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import (
-    Define,
-    Hidden,
-    MaskOption,
-    OutFile,
-    PhotoArgument,
-    Samples,
-    SceneOption,
-    Seed,
-    parse_definitions,
-    parse_size,
-)
-from periscopy_sim.cli.output import Stopwatch, progress, say, warn, write_json
+from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli.arguments import option, parse_definitions, parse_size
+from periscopy_sim.cli.output import Stopwatch, progress, say, say_written, warn, write_json
 from periscopy_sim.errors import OutputError, SceneError
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.calibrate import Calibration
@@ -37,29 +28,29 @@ TIED = 0.8
 
 
 def calibrate(
-    photo: PhotoArgument,
-    scene: SceneOption,
-    hidden: Hidden,
+    photo: arguments.PhotoArgument,
+    scene: arguments.SceneOption,
+    hidden: arguments.Hidden,
     free: Annotated[
         str,
-        typer.Option(
-            metavar="NAME,...",
-            help="The scene's <default>s to find, such as occluder_dx,occluder_dy,occluder_dz.",
+        option(
+            "NAME,...",
+            "The scene's <default>s to find, such as occluder_dx,occluder_dy,occluder_dz.",
         ),
     ],
-    out: OutFile,
+    out: arguments.OutFile,
     uncertain: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=ERROR",
-            help="Standard error of a <default> that stays, such as occluder_turn=2: what it may "
+        option(
+            "NAME=ERROR",
+            "Standard error of a <default> that stays, such as occluder_turn=2: what it may "
             "do to the values found is counted in their errors, each on its own. Repeatable.",
         ),
     ] = None,
-    samples: Samples = 16,
-    mask: MaskOption = None,
-    seed: Seed = 0,
-    define: Define = None,
+    samples: arguments.Samples = 16,
+    mask: arguments.MaskOption = None,
+    seed: arguments.Seed = 0,
+    define: arguments.Define = None,
 ) -> None:
     """Move parameters of a scene until it explains a photograph; write the scene anew.
 
@@ -68,12 +59,8 @@ def calibrate(
     """
     from periscopy_sim.calibration.calibrate import calibrate as search
     from periscopy_sim.figures.calibration import draw_calibration
-    from periscopy_sim.shipped import find_scene
-    from periscopy_sim.storage.outputs.provenance import as_text
-    from periscopy_sim.storage.outputs.staging import staged_file
 
-    if out.suffix != ".xml":
-        raise OutputError(f"--out {out}: the scene is written as .xml; name a file that ends so")
+    arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), parse_definitions(define)
     files = [photo, path, *([mask] if mask else [])]
     if out.exists() and out.samefile(path):
@@ -122,7 +109,7 @@ def calibrate(
         write_json(json, summary)
         draw_calibration(png, given_photograph.values, found, as_text(provenance))
     _say(found)
-    say(f"wrote {out}, {record.name}, {picture.name}")
+    say_written(out, record, picture)
 
 
 def _numbers(definitions: Mapping[str, str]) -> dict[str, float]:

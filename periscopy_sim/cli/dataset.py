@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out, require
+from periscopy_sim.cli.arguments import Out, require_extras
 from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 
@@ -76,7 +76,7 @@ def make(
         raise PeriscopyError(
             "name a configuration and --out; 'periscopy dataset --example' prints a configuration"
         )
-    require("sweep", "dataset")
+    require_extras()
     settings = load_configuration(configuration)
     start = time.perf_counter()
     with (

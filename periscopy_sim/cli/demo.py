@@ -6,11 +6,11 @@ import math
 from typing import Annotated
 
 import numpy as np
-import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import Out, Seed, parse_size
-from periscopy_sim.cli.output import Stopwatch, fixable, progress, say, write_json
+from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli.output import Stopwatch, fixable, progress, say, told_folder, write_json
+from periscopy_sim.storage.outputs.provenance import as_text
 
 SBR = 0.5
 SNR = 60.0
@@ -20,25 +20,19 @@ COLOUR = (1.0, 0.9, 0.85)
 
 
 def demo(
-    out: Out,
+    out: arguments.Out,
     hidden: Annotated[
         str | None,
-        typer.Option(
-            metavar="ROWSxCOLUMNS", help="Hidden patches; 29x36, or 14x18 if only scalar works."
-        ),
+        option("ROWSxCOLUMNS", "Hidden patches; 29x36, or 14x18 if only scalar works."),
     ] = None,
     resolution: Annotated[
         int | None,
-        typer.Option(
-            min=2, metavar="NUMBER", help="Pixels along each side; 126, or 63 if only scalar works."
-        ),
+        option("NUMBER", "Pixels along each side; 126, or 63 if only scalar works.", min=2),
     ] = None,
-    image: Annotated[
-        str, typer.Option(metavar="IMAGE", help="What the monitor shows.")
-    ] = "mushroom",
-    seed: Seed = 0,
+    image: Annotated[str, option("IMAGE", "What the monitor shows.")] = "mushroom",
+    seed: arguments.Seed = 0,
     effort: Annotated[
-        float, typer.Option(min=0, max=1, hidden=True, help="Part of the path tracer's samples.")
+        float, option("NUMBER", "Part of the path tracer's samples.", min=0, max=1, hidden=True)
     ] = 1.0,
 ) -> None:
     """Photograph a wall by a hidden monitor under ambient light, and recover what it shows."""
@@ -50,23 +44,19 @@ def demo(
     from periscopy_sim.reconstruction.preconditioned.still import Periscope
     from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
-    from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.formats.exr import write_exr
-    from periscopy_sim.storage.outputs.provenance import as_text
-    from periscopy_sim.storage.outputs.staging import staged_folder
-    from periscopy_sim.storage.pictures import read_hidden_image, write_png
+    from periscopy_sim.storage.pictures import write_png
 
     timed = Stopwatch()
-    with staged_folder(out) as folder:
+    with told_folder(out) as folder:
         variant = use_variant()
         say(f"rendering with {variant}")
         fast = is_vectorized()
 
         patches = hidden or ("29x36" if fast else "14x18")
         pixels = resolution or (126 if fast else 63)
-        definitions = [f"resolution={pixels}"]
-        scenario = inputs.load("chair", patches, definitions)
-        truth = read_hidden_image(find_image(image), parse_size(patches))
+        scenario = inputs.load("chair", patches, [f"resolution={pixels}"])
+        truth = inputs.hidden_image(image, scenario.hidden_shape)
         with timed("transport matrix"):
             A = inputs.render_transport(scenario, 16, seed)
         with timed("photograph"):
@@ -141,8 +131,4 @@ def demo(
     say(
         f"PSNR {psnr:.1f} dB, by the paper's method {psnr_by_paper:.1f} dB, after one gain per "
         "channel that fits the truth"
-    )
-    say(
-        f"wrote {out}/demo.png, photograph.exr, A.npy, reconstruction.npy, reconstruction.png, "
-        "truth.png, summary.json"
     )

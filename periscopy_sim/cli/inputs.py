@@ -133,7 +133,15 @@ def _check_record(path: Path, scenario: Scenario) -> None:
             )
 
 
-# -- photographs and masks -----------------------------------------------------------------------
+# -- images and masks ----------------------------------------------------------------------------
+
+
+def hidden_image(name: str, hidden_shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Read a hidden image, (R, C, 3): a file, or a shipped one by its name."""
+    from periscopy_sim.shipped import find_image
+    from periscopy_sim.storage.pictures import read_hidden_image
+
+    return read_hidden_image(find_image(name), hidden_shape)
 
 
 def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
@@ -160,21 +168,13 @@ def read_photograph(path: Path, scenario: Scenario, mask: Mask | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """The defective pixels of a photograph, of those that a mask leaves.
-
-    Attributes
-    ----------
-    pixels
-        Where they are.
-    mask
-        What the command was given, (rows, columns).
-    warnings
-        A line of them, if there are any.
-    """
+    """The defective pixels of a photograph, of those that a mask leaves."""
 
     pixels: DefectivePixels
     mask: Mask | None
+    """What the command was given, (rows, columns)."""
     warnings: Sequence[str]
+    """A line of them, if there are any."""
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
         """Write a mask that leaves them out too, if there are any."""

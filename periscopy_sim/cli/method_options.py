@@ -6,9 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, TypeVar
 
-import typer
-
-from periscopy_sim.cli.arguments import not_nan
+from periscopy_sim.cli import arguments
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
 
@@ -29,11 +27,11 @@ COUPLINGS = tuple(
 
 def method_help(offered: Offered) -> str:
     """Return the help of ``--method``: each method, what it is, and its certainty for stills."""
-    entries = [METHODS[name] for name in offered]
     return "; ".join(
-        f"{entry.name}: {entry.help}"
+        f"{name}: {entry.help}"
         + (f" (with {entry.certainty})" if entry.certainty and offered is FOR_STILLS else "")
-        for entry in entries
+        for name, entry in METHODS.items()
+        if name in offered
     )
 
 
@@ -77,9 +75,8 @@ def settings_for(
     """
     taken = {option.name: option for option in offered.get(method, ())}
     owners = _by_name(offered)
-    for name, value in given.items():
-        if value is None:
-            continue
+    values = {name: value for name, value in given.items() if value is not None}
+    for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
         belongs = next(iter(owners[name].values())).coupling
         if belongs not in ("", coupling):
@@ -95,9 +92,8 @@ def settings_for(
                 f"{flag} {value:g}: --method {method} takes {taken[name].least:g} to "
                 f"{taken[name].most:g}"
             )
-    values = {name: given.get(name) for name in taken}
     return {
-        name: option.default if (value := values[name]) is None else value
+        name: values.get(name, option.default)
         for name, option in taken.items()
         if option.coupling in ("", coupling)
     }
@@ -124,16 +120,11 @@ def _couplings(method: str) -> tuple[str, ...]:
 
 def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
     """Return, for each option's name, the methods that take it and as what."""
-    names = dict.fromkeys(option.name for options in offered.values() for option in options)
-    return {
-        name: {
-            method: option
-            for method, options in offered.items()
-            for option in options
-            if option.name == name
-        }
-        for name in names
-    }
+    taken: dict[str, dict[str, Option]] = {}
+    for method, options in offered.items():
+        for option in options:
+            taken.setdefault(option.name, {})[method] = option
+    return taken
 
 
 def _argument(taken: Mapping[str, Option]) -> Any:
@@ -148,13 +139,13 @@ def _argument(taken: Mapping[str, Option]) -> Any:
     )
     return Annotated[
         float | None,
-        typer.Option(
+        arguments.option(
+            "NUMBER",
+            f"{first.help} Default: {defaults}.",
             min=min(option.least for option in taken.values()),
             max=max(option.most for option in taken.values()),
-            callback=not_nan,
-            metavar="NUMBER",
+            callback=arguments.not_nan,
             show_default=False,
-            help=f"{first.help} Default: {defaults}.",
         ),
     ]
 

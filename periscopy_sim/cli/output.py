@@ -1,4 +1,4 @@
-"""What the commands tell: lines, warnings, progress, times, JSON."""
+"""What the commands tell: lines, warnings, progress, times, files, JSON."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.staging import staged_folder
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C. Newer versions of typer return it, older ones raise Abort."""
 
 BETWEEN_LINES = 20.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -36,15 +40,33 @@ def warn(message: str) -> None:
     print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
 
 
+def fail(message: str, code: int) -> NoReturn:
+    """Print why a command failed, as one line, and end with an exit code."""
+    print(f"periscopy: error: {' '.join(message.split())}", file=sys.stderr)
+    raise SystemExit(code)
+
+
+@contextmanager
+def told_folder(out: Path) -> Iterator[Path]:
+    """Fill a staged folder, and print the path of each file once all are in their place."""
+    with staged_folder(out) as folder:
+        yield folder
+        names = sorted(entry.name for entry in folder.iterdir())
+    say_written(*(out / name for name in names))
+
+
+def say_written(*paths: Path) -> None:
+    """Print what was written, each path from here."""
+    say(f"wrote {', '.join(map(str, paths))}")
+
+
 @contextmanager
 def to_be_continued() -> Iterator[None]:
-    """End with 130 after Ctrl-C, and say that the same command goes on where it stopped."""
+    """Say after Ctrl-C that the same command goes on where it stopped."""
     try:
         yield
     except KeyboardInterrupt:
-        message = "interrupted; the same command goes on where it stopped"
-        print(f"periscopy: error: {message}", file=sys.stderr)
-        raise SystemExit(130) from None
+        fail("interrupted; the same command goes on where it stopped", INTERRUPTED)
 
 
 @contextmanager

@@ -9,99 +9,68 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import (
-    Define,
-    OptionalSnr,
-    OutFile,
-    SceneArgument,
-    Seed,
-    parse_size,
-)
+from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.output import fixable, say
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.measurement import Sensor
 
 
 def photograph(
-    scene: SceneArgument,
+    scene: arguments.SceneArgument,
     image: Annotated[
         str,
         typer.Argument(metavar="IMAGE", help="What the monitor shows: a file, or a shipped image."),
     ],
-    out: OutFile,
+    out: arguments.OutFile,
     hidden: Annotated[
-        str, typer.Option(metavar="ROWSxCOLUMNS", help="Patches to average the image down to.")
+        str, option("ROWSxCOLUMNS", "Patches to average the image down to.")
     ] = "29x36",
-    samples: Annotated[
-        int, typer.Option(min=1, max=2**20, metavar="NUMBER", help="Camera samples a pixel.")
-    ] = 4096,
+    samples: Annotated[int, option("NUMBER", "Camera samples a pixel.", min=1, max=2**20)] = 4096,
     ambient: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Photograph of ambient light to add, at --sbr."),
+        Path | None, option("FILE", "Photograph of ambient light to add, at --sbr.")
     ] = None,
     sbr: Annotated[
         float | None,
-        typer.Option(
-            min=1e-6,
-            max=1e6,
-            metavar="RATIO",
-            help="Signal-to-background ratio; scales the sum to mean 1.",
-        ),
+        option("RATIO", "Signal-to-background ratio; scales the sum to mean 1.", min=1e-6, max=1e6),
     ] = None,
-    snr: OptionalSnr = None,
+    snr: arguments.OptionalSnr = None,
     electrons: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "NUMBER",
+            "Expose a sensor, instead of --snr: mean electrons a value collects in a frame.",
             min=1e-3,
             max=1e12,
-            metavar="NUMBER",
-            help="Expose a sensor, instead of --snr: mean electrons a value collects in a frame.",
         ),
     ] = None,
     read_noise: Annotated[
         float | None,
-        typer.Option(
-            min=0,
-            max=1e12,
-            metavar="NUMBER",
-            help="The sensor's read noise, electrons. [default: 2.5]",
-        ),
+        option("NUMBER", "The sensor's read noise, electrons. [default: 2.5]", min=0, max=1e12),
     ] = None,
     full_well: Annotated[
         float | None,
-        typer.Option(
-            min=1,
-            max=1e12,
-            metavar="NUMBER",
-            help="The sensor's full well, electrons. [default: 10000]",
-        ),
+        option("NUMBER", "The sensor's full well, electrons. [default: 10000]", min=1, max=1e12),
     ] = None,
     bits: Annotated[
-        int | None,
-        typer.Option(min=4, max=32, metavar="NUMBER", help="The sensor's bit depth. [default: 12]"),
+        int | None, option("NUMBER", "The sensor's bit depth. [default: 12]", min=4, max=32)
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(
-            min=1, max=10**5, metavar="NUMBER", help="Frames of the sensor to average. [default: 1]"
-        ),
+        option("NUMBER", "Frames of the sensor to average. [default: 1]", min=1, max=10**5),
     ] = None,
-    seed: Seed = 0,
-    define: Define = None,
+    seed: arguments.Seed = 0,
+    define: arguments.Define = None,
 ) -> None:
     """Path trace what the camera sees while the monitor shows IMAGE, as an EXR file."""
     from periscopy_sim import measurement
-    from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.formats.exr import write_exr
-    from periscopy_sim.storage.outputs.provenance import as_text
-    from periscopy_sim.storage.outputs.staging import staged_file
-    from periscopy_sim.storage.pictures import read_hidden_image
 
-    if out.suffix != ".exr":
-        raise OutputError(f"--out {out}: the photograph is written as .exr; name a file so")
+    arguments.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
     if snr is not None and electrons is not None:
@@ -112,7 +81,7 @@ def photograph(
     sensor = _sensor(electrons, {name: x for name, x in chosen.items() if x is not None})
     with staged_file(out) as file:
         scenario = inputs.load(scene, hidden, define)
-        shown = read_hidden_image(find_image(image), parse_size(hidden))
+        shown = inputs.hidden_image(image, scenario.hidden_shape)
         background = None
         if ambient is not None:
             background = inputs.read_photograph(ambient, scenario).values

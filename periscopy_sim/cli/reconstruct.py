@@ -2,66 +2,66 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import (
-    Define,
-    Hidden,
-    MaskOption,
-    MatrixOption,
-    Out,
-    PhotoArgument,
-    Samples,
-    SceneOption,
-    Seed,
-)
+from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.method_options import (
     FOR_STILLS,
     method_help,
     settings_for,
     takes_options_of,
 )
-from periscopy_sim.cli.output import Stopwatch, as_json, fixable, say, warn, write_json
+from periscopy_sim.cli.output import (
+    Stopwatch,
+    as_json,
+    fixable,
+    say,
+    told_folder,
+    warn,
+    write_json,
+)
 from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Method, StillMethod
+    from pathlib import Path
+
+    from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.scenario import Array
 
 
 @takes_options_of(FOR_STILLS)
 def reconstruct(
-    photo: PhotoArgument,
-    scene: SceneOption,
-    hidden: Hidden,
-    out: Out,
+    photo: arguments.PhotoArgument,
+    scene: arguments.SceneOption,
+    hidden: arguments.Hidden,
+    out: arguments.Out,
     method: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help=f"{method_help(FOR_STILLS)}; yours as module:callable or file.py:callable.",
+        option(
+            "NAME",
+            f"{method_help(FOR_STILLS)}; yours as module:callable or file.py:callable.",
             autocompletion=lambda: list(FOR_STILLS),
         ),
     ] = DEFAULT,
-    samples: Samples = 16,
+    samples: arguments.Samples = 16,
     model: inputs.ModelOption = inputs.Model.rendered,
-    matrix: MatrixOption = None,
+    matrix: arguments.MatrixOption = None,
     truth: Annotated[
         str | None,
-        typer.Option(
-            metavar="IMAGE",
-            help="The hidden image, if known (a file or a shipped one): adds metrics, a picture.",
+        option(
+            "IMAGE",
+            "The hidden image, if known (a file or a shipped one): adds metrics, a picture.",
         ),
     ] = None,
-    mask: MaskOption = None,
-    seed: Seed = 0,
-    define: Define = None,
+    mask: arguments.MaskOption = None,
+    seed: arguments.Seed = 0,
+    define: arguments.Define = None,
     **options: float | None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
@@ -73,23 +73,18 @@ def reconstruct(
         source_sha256,
     )
     from periscopy_sim.figures import panels
-    from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.outputs.provenance import as_text
-    from periscopy_sim.storage.outputs.staging import staged_folder
-    from periscopy_sim.storage.pictures import read_hidden_image, write_png
+    from periscopy_sim.storage.pictures import write_png
 
     find_method(method)
     settings = settings_for(method, options, FOR_STILLS)
     timed = Stopwatch()
-    with staged_folder(out) as folder:
+    with told_folder(out) as folder:
         with timed("load the scene"):
             scenario = inputs.load(scene, hidden, define)
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
-        known = None
-        if truth is not None:
-            known = read_hidden_image(find_image(truth), scenario.hidden_shape)
+        known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
         with timed("transport matrix"):
             A, origin = inputs.transport(scenario, matrix, samples, seed, model)
         provenance = inputs.provenance_of(scenario, seed)
@@ -103,10 +98,8 @@ def reconstruct(
             own_errors(method, f"failed on {photo}"),
         ):
             image, solved = _recovered(fitted, given.values, scenario.hidden_shape)
-        told = _Told([], None, "", [], {})
-        if solved is not None:
-            with own_errors(method, f"failed on {photo}"):
-                told = _told(fitted, solved, scenario.hidden_shape)  # type: ignore[arg-type]
+        with own_errors(method, f"failed on {photo}"):
+            told = _told(fitted, solved, scenario.hidden_shape)
         inputs.warn_without_record(matrix)
         _write_told(folder, told, image, given.values, text)
         if told.remark:
@@ -135,8 +128,6 @@ def reconstruct(
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )
-        written = sorted(file.name for file in folder.iterdir())
-    say(f"wrote {', '.join(str(out / name) for name in written)}")
     if known is not None:
         say(
             f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
@@ -162,18 +153,20 @@ def _recovered(
 class _Told:
     """What a method knows beside the image: pictures (R, C, 3), its doubt, what a summary keeps."""
 
-    stages: list[tuple[str, Array]]
-    standard_errors: Array | None
-    remark: str
-    doubts: list[str]
-    numbers: dict[str, Any]
+    stages: Sequence[tuple[str, Array]] = ()
+    standard_errors: Array | None = None
+    remark: str = ""
+    doubts: Sequence[str] = ()
+    numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _told(method: StillMethod[Any], found: Any, shape: tuple[int, int]) -> _Told:
-    """Ask a method what it knows, and hold it to what `StillMethod` promises; ValueError if not."""
+def _told(method: Any, found: Any, shape: tuple[int, int]) -> _Told:
+    """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
     from periscopy_sim.evaluation.methods import promised
     from periscopy_sim.figures.panels import displayable
 
+    if found is None:
+        return _Told()
     errors = method.standard_errors(found)
     stages = list(method.stages(found))
     for _, image in stages:
@@ -204,11 +197,7 @@ def _write_told(
 
 
 def _compare(
-    folder: Path,
-    image: Array,
-    truth: Array,
-    photograph: Array,
-    text: dict[str, str],
+    folder: Path, image: Array, truth: Array, photograph: Array, text: dict[str, str]
 ) -> dict[str, Any]:
     """Metrics against the truth, and the picture of both beside the photograph."""
     from periscopy_sim.evaluation import metrics

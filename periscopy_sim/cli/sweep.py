@@ -8,85 +8,59 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
-from periscopy_sim.cli.arguments import (
-    Define,
-    Hidden,
-    MaskOption,
-    Samples,
-    SceneArgument,
-    Seed,
-    Snr,
-    parse_ambient,
-    parse_list,
-    parse_ratios,
-    require,
-)
-from periscopy_sim.cli.output import fixable, progress, say, to_be_continued
+from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
+from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.lock import alone_in
+from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.scenario import Array, Scenario
 
 
 def sweep(
-    scene: SceneArgument,
-    hidden: Hidden,
+    scene: arguments.SceneArgument,
+    hidden: arguments.Hidden,
     out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="FOLDER", help="Folder of results; a sweep that stopped goes on there."
-        ),
+        Path, option("FOLDER", "Folder of results; a sweep that stopped goes on there.")
     ],
     photograph: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="A photograph without ambient light; needs --truth."),
+        Path | None, option("FILE", "A photograph without ambient light; needs --truth.")
     ] = None,
     truth: Annotated[
-        str | None, typer.Option(metavar="IMAGE", help="What the monitor showed in --photograph.")
+        str | None, option("IMAGE", "What the monitor showed in --photograph.")
     ] = None,
     hidden_image: Annotated[
-        str | None,
-        typer.Option(
-            metavar="IMAGE", help="What the monitor shows; the photograph is path traced."
-        ),
+        str | None, option("IMAGE", "What the monitor shows; the photograph is path traced.")
     ] = None,
     sbr: Annotated[
-        str,
-        typer.Option(
-            metavar="RATIOS", help="Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
-        ),
+        str, option("RATIOS", "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9.")
     ] = "0.1:10:log:9",
     ambient: Annotated[
         str,
-        typer.Option(
-            metavar="LIST",
-            help="Ambient light, by comma: all (the realistic shipped conditions), adversarial, "
+        option(
+            "LIST",
+            "Ambient light, by comma: all (the realistic shipped conditions), adversarial, "
             "names of shipped conditions, EXR files, folders of EXR files.",
         ),
     ] = "all",
     flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
     methods: Annotated[
-        str,
-        typer.Option(
-            metavar="LIST", help="Methods by comma; yours as module:callable or file.py:callable."
-        ),
+        str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
     ] = "preconditioned,differencing",
-    snr: Snr = 60.0,
-    seeds: Annotated[
-        int, typer.Option(min=1, metavar="NUMBER", help="Noise draws for each background and SBR.")
-    ] = 1,
+    snr: arguments.Snr = 60.0,
+    seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine's cores."),
+        str | None, option("ADDRESS", "A Dask scheduler; without it, this machine's cores.")
     ] = None,
-    samples: Samples = 16,
-    mask: MaskOption = None,
-    seed: Seed = 0,
-    define: Define = None,
+    samples: arguments.Samples = 16,
+    mask: arguments.MaskOption = None,
+    seed: arguments.Seed = 0,
+    define: arguments.Define = None,
 ) -> None:
     """Reconstruct under every background and SBR by every method; go on where it stopped."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
@@ -96,13 +70,9 @@ def sweep(
     from periscopy_sim.evaluation.sweep_folder import RESULTS, check_folder, claim_folder
     from periscopy_sim.evaluation.sweep_store import mean_errors
     from periscopy_sim.figures import panels
-    from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.outputs.provenance import as_text
-    from periscopy_sim.storage.outputs.staging import staged_file
-    from periscopy_sim.storage.pictures import read_hidden_image
 
     # Whatever can be refused is refused here, before hours of rendering.
-    require("sweep")
+    arguments.require_extras()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = parse_ratios(sbr), parse_ambient(ambient)
@@ -110,7 +80,7 @@ def sweep(
     for name in names:
         find_method(name)
     scenario = inputs.load(scene, hidden, define)
-    shown = read_hidden_image(find_image(truth or hidden_image or ""), scenario.hidden_shape)
+    shown = inputs.hidden_image(truth or hidden_image or "", scenario.hidden_shape)
     used = inputs.read_mask(mask, scenario)
     signal = None
     if photograph is not None:
@@ -183,7 +153,7 @@ def sweep(
             panels.draw_sweep(file, results, metadata=text)
     for line in mean_errors(results):
         say(line)
-    say(f"wrote {', '.join(str(out / name) for name in RESULTS)}")
+    say_written(*(out / name for name in RESULTS))
 
 
 def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:

@@ -10,18 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import (
-    Define,
-    Hidden,
-    MaskOption,
-    MatrixOption,
-    Out,
-    Samples,
-    SceneOption,
-    Seed,
-    not_nan,
-)
+from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
@@ -37,11 +27,13 @@ from periscopy_sim.cli.output import (
     fixable,
     progress,
     say,
+    told_folder,
     warn,
     write_json,
 )
 from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.storage.outputs.provenance import as_text
 
 
 @takes_options_of(FOR_VIDEOS)
@@ -54,59 +46,50 @@ def video(
             "archive, a multi-part EXR, an NPY or NPZ stack (frames, rows, columns, 3).",
         ),
     ],
-    scene: SceneOption,
-    hidden: Hidden,
-    out: Out,
+    scene: arguments.SceneOption,
+    hidden: arguments.Hidden,
+    out: arguments.Out,
     method: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help=f"How each frame is recovered. {method_help(FOR_VIDEOS)}.",
+        option(
+            "NAME",
+            f"How each frame is recovered. {method_help(FOR_VIDEOS)}.",
             autocompletion=lambda: list(FOR_VIDEOS),
         ),
     ] = DEFAULT,
     coupling: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help=f"How each frame is tied to the one before it: {coupling_help()}.",
+        option(
+            "NAME",
+            f"How each frame is tied to the one before it: {coupling_help()}.",
             autocompletion=lambda: list(COUPLINGS),
         ),
     ] = "l1",
-    samples: Samples = 16,
+    samples: arguments.Samples = 16,
     model: inputs.ModelOption = inputs.Model.rendered,
-    matrix: MatrixOption = None,
+    matrix: arguments.MatrixOption = None,
     truth: Annotated[
         str | None,
-        typer.Option(
-            metavar="IMAGES",
-            help="What was hidden, if known: a folder of pictures or an NPY stack, one for each "
+        option(
+            "IMAGES",
+            "What was hidden, if known: a folder of pictures or an NPY stack, one for each "
             "photograph, or one image (a file or a shipped one) for all; adds metrics and "
             "frames_sheet.png.",
         ),
     ] = None,
     rate: Annotated[
         float,
-        typer.Option(
-            min=0.1,
-            max=1000,
-            callback=not_nan,
-            metavar="NUMBER",
-            help="Animation's frames a second.",
+        option(
+            "NUMBER", "Animation's frames a second.", min=0.1, max=1000, callback=arguments.not_nan
         ),
     ] = 16.0,
     batch: Annotated[
         int,
-        typer.Option(
-            min=1,
-            max=4096,
-            metavar="NUMBER",
-            help="Photographs that P or A is applied to in one product.",
-        ),
+        option("NUMBER", "Photographs that P or A is applied to in one product.", min=1, max=4096),
     ] = 16,
-    mask: MaskOption = None,
-    seed: Seed = 0,
-    define: Define = None,
+    mask: arguments.MaskOption = None,
+    seed: arguments.Seed = 0,
+    define: arguments.Define = None,
     **options: float | None,
 ) -> None:
     """Recover a hidden video from a sequence of photographs of the wall."""
@@ -117,8 +100,6 @@ def video(
     from periscopy_sim.evaluation.methods import fit_method
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.outputs.provenance import as_text
-    from periscopy_sim.storage.outputs.staging import staged_folder
     from periscopy_sim.storage.sequences.decoded import decoded_photographs, decoded_truth
     from periscopy_sim.storage.sequences.opening import open_frames
     from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
@@ -129,7 +110,7 @@ def video(
     for_stills = {option.name for option in entry.options} & settings.keys()
     weights = {name: settings[name] for name in settings if name not in for_stills}
     timed = Stopwatch()
-    with staged_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
+    with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"):
             scenario = inputs.load(scene, hidden, define)
         with timed("read the frames"), progress("reading the photographs") as report:
@@ -226,8 +207,6 @@ def video(
             "provenance": provenance,
         }
         write_json(folder / "summary.json", summary)
-        written = sorted(file.name for file in folder.iterdir() if file != Path(scratch))
-    say(f"wrote {', '.join(str(out / name) for name in written)}")
     say(
         f"{len(records)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
         f"{rates['live']:.1f} one at a time"

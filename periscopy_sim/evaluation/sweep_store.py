@@ -216,8 +216,9 @@ def mean_errors(results: xr.Dataset) -> Iterator[str]:
     """Yield lines of the mean error of each method at each SBR, and of what failed."""
     errors = results["mean_squared_error"].transpose("algorithm", "sbr", "background", "seed")
     names = [str(name) for name in results["algorithm"].values]
-    width = max(18, *map(len, names))
-    yield f"{'mean squared error':{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values])
+    heading = "mean squared error at SBR"
+    width = max(map(len, [heading, *names]))
+    yield f"{heading:{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values])
     for name, of_method in zip(names, errors.values, strict=True):
         yield f"{name:{width}}" + _row([_mean(values) for values in of_method])
     failures = results["failure"].transpose("algorithm", ...).values.reshape(len(names), -1)

@@ -36,17 +36,25 @@ def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
     """Return the figure that `draw_calibration` saves."""
     from matplotlib.figure import Figure
 
-    columns = max(3, min(len(calibration.parameters), 4))
-    below = -(-len(calibration.parameters) // columns)
-    figure = Figure(figsize=(3.1 * columns, 3.3 + 2.1 * below), layout="constrained")
-    above, beneath = figure.subfigures(2, 1, height_ratios=[3.3, 2.1 * below], squeeze=False)[:, 0]
+    count = len(calibration.parameters)
+    below = -(-count // 4)
+    columns = -(-count // below)
+    figure = Figure(figsize=(3.1 * max(3, columns), 3.4 + 2.3 * below), layout="constrained")
+    heights = [3.0, 0.4 + 2.3 * below]
+    above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     _draw_residuals(above, photograph, calibration)
-    axes = beneath.subplots(below, columns, squeeze=False).ravel()
-    for k, ax in enumerate(axes):
-        if k < len(calibration.parameters):
+    axes = beneath.subplots(below, columns, squeeze=False)
+    for k, ax in enumerate(axes.flat):
+        if k < count:
             _draw_path(ax, calibration, k)
         else:
             ax.set_axis_off()
+    beneath.supylabel("value, in the scene's units", fontsize=8)
+    beneath.supxlabel("pixels of the photograph: the search goes from coarse to fine", fontsize=8)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    beneath.legend(
+        handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False
+    )
     return figure
 
 
@@ -71,28 +79,23 @@ def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) ->
 def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     """Show a parameter at all points that were visited, level by level, and where it ended."""
     parameter = calibration.parameters[k]
-    shades = ("#bdbdbd", "#6baed6", "#08519c")
-    for level, (shade, visited) in enumerate(zip(shades, calibration.path, strict=True)):
+    looks = {
+        "tried about the start": {"color": "#a0a0a0", "linestyle": "none"},
+        "descent": {"color": "#6baed6"},
+        "finer descent": {"color": "#08519c"},
+    }
+    for level, (visited, (label, look)) in enumerate(
+        zip(calibration.path, looks.items(), strict=True)
+    ):
         # A level's points take equal room, however many they are.
         place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)
-        ax.plot(
-            place,
-            visited.values[:, k],
-            ".-" if level else ".",
-            color=shade,
-            markersize=3,
-            linewidth=0.8,
-        )
+        values = visited.values[:, k]
+        ax.plot(place, values, marker=".", markersize=3, linewidth=0.8, label=label, **look)
     ax.set_ylim(*_shown(calibration, k))
-    ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":")
-    ax.axhspan(
-        parameter.value - parameter.standard_error,
-        parameter.value + parameter.standard_error,
-        color="#fd8d3c",
-        alpha=0.35,
-        linewidth=0,
-    )
-    ax.axhline(parameter.value, color="#d94801", linewidth=0.8)
+    ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":", label="start")
+    ax.axhline(parameter.value, color="#d94801", linewidth=0.8, label="found")
+    low, high = parameter.value + parameter.standard_error * np.array([-1, 1])
+    ax.axhspan(low, high, color="#fd8d3c", alpha=0.35, linewidth=0, label="± standard error")
     ax.set_title(
         f"{parameter.name}: {parameter.value:.4g} ± {parameter.standard_error:.2g}", fontsize=9
     )

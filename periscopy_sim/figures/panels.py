@@ -131,15 +131,19 @@ def draw_certainty(
     errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
     aspect = image.shape[1] / image.shape[0]
     width = max(5.2 * aspect + 1.0, 4.5)
-    figure = Figure(figsize=(width, 3.2), layout="constrained")
+    figure = Figure(figsize=(width, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
     top = float(errors.max()) or 1.0
     shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
+    sentences = (
+        "Right: how far each patch may be off (one standard deviation), by noise and smoothing.",
+        f"Standard errors assume that {ASSUMPTIONS}.",
+    )
     figure.supxlabel(
-        fill(f"Standard errors assume that {ASSUMPTIONS}.", int(15 * width)), fontsize=8
+        "\n".join(fill(sentence, int(16 * width)) for sentence in sentences), fontsize=7.5
     )
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
@@ -196,5 +200,9 @@ def draw_sweep(
             loc="outside upper center", ncols=side_by_side, fontsize=7, frameon=False,
             handlelength=2.8,
         )  # fmt: skip
-    figure.set_size_inches(COLUMN_WIDTH, 2.6 + 0.13 * -(-len(names) // side_by_side))
+        figure.supxlabel(
+            "lines: mean over backgrounds and noise draws; bands: 10th to 90th percentile",
+            fontsize=6,
+        )
+    figure.set_size_inches(COLUMN_WIDTH, 2.75 + 0.13 * -(-len(names) // side_by_side))
     figure.savefig(path, dpi=300, metadata=dict(metadata or {}))

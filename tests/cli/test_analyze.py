@@ -11,6 +11,7 @@ import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
 from periscopy_sim.cli import inputs
+from periscopy_sim.cli.analyze import MEANINGS
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -111,8 +112,10 @@ def test_folder_holds_summary_and_maps(analyzed):
     with Image.open(folder / "bounds.png") as picture:
         picture.load()
         assert picture.text["scene_sha256"] == summary["provenance"]["scene_sha256"]
-    assert f"condition A              {summary['condition_A']:.6g}\n" in printed
-    assert "wrote analysis/summary.json, bounds.png" in printed
+    assert printed.startswith(f"wrote {', '.join(f'analysis/{name}' for name in sorted(names))}\n")
+    for name, meaning in MEANINGS.items():
+        (line,) = [row for row in printed.splitlines() if row.startswith(name.replace("_", " "))]
+        assert line.endswith(f"  {meaning}") and f" {summary[name]:.6g} " in line
     for row in summary["rank_table"]:
         assert f"{row['tolerance']:.0e}  {row['rank']:4d}" in printed
 

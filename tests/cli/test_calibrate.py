@@ -51,10 +51,11 @@ def test_a_chair_that_is_far_off_is_found(photograph, succeeds, tmp_path):
 def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
     printed = succeeds(
-        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "found.xml",
+        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "new/found.xml",
         "--uncertain", "monitor_dx=0.01",
     )  # fmt: skip
-    record = json.loads((tmp_path / "found.json").read_text())
+    assert "wrote new/found.xml, new/found.json, new/found.png\n" in printed
+    record = json.loads((tmp_path / "new/found.json").read_text())
     for name, truth in MOVED.items():
         told = record["parameters"][name]
         assert told["value"] == pytest.approx(truth, abs=1.5e-3)
@@ -70,16 +71,16 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_
         assert told["standard_error"] == pytest.approx(quadrature)
     assert max(record["unexplained"]) < min(record["unexplained_before"])
     assert [len(level["values"][0]) for level in record["path"]] == [2, 2, 2]
-    with Image.open(tmp_path / "found.png") as picture:
+    with Image.open(tmp_path / "new/found.png") as picture:
         assert picture.info["command"].startswith("periscopy calibrate")
     defaults = {
         element.get("name"): element.get("value")
-        for element in ET.parse(tmp_path / "found.xml").iter("default")
+        for element in ET.parse(tmp_path / "new/found.xml").iter("default")
     }
     assert defaults["resolution"] == "32"
     for name in MOVED:
         assert float(defaults[name]) == pytest.approx(record["parameters"][name]["value"], rel=1e-8)
-    assert ps.load_scenario(tmp_path / "found.xml", (6, 7)).photograph_shape == (32, 32)
+    assert ps.load_scenario(tmp_path / "new/found.xml", (6, 7)).photograph_shape == (32, 32)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     folder = tmp_path / "out"
     assert {path.name for path in folder.iterdir()} == FILES | {"notes.txt"}
     for name in FILES:
-        assert name in out
+        assert f"out/{name}" in out
     summary = json.loads((folder / "summary.json").read_text())
     image = np.load(folder / "reconstruction.npy")
     assert image.shape == (6, 7, 3) and image.dtype == np.float32

@@ -102,10 +102,10 @@ def test_undeclared_parameter_is_answered_by_the_declared_ones(refused):
         ("resolution", "-D 'resolution' is not of the form name=value"),
         ("=24", "-D '=24' is not of the form name=value"),
         ("resolution=", "-D 'resolution=' is not of the form name=value"),
-        ("resolution=fine", 'could not parse integer value "fine"'),
+        ("resolution=fine", 'could not parse integer value "fine", given as resolution=fine'),
         ("resolution=-24", "has width -24; give it a whole number from 1 on"),
         ("resolution=0", "has width 0; give it a whole number from 1 on"),
-        ("occluder_dx=left", 'could not parse floating point value "left"'),
+        ("occluder_dx=left", 'floating point value "left", given as occluder_dx=left'),
     ],
 )
 def test_malformed_parameter_is_refused(definition, message, refused):

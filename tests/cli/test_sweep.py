@@ -54,7 +54,7 @@ def test_sweep_writes_store_table_picture_and_prints_the_means(
     }
     lines = [line.split() for line in shown.splitlines()]
     means = errors.reshape(3, 2, -1).mean(axis=2)
-    assert ["mean", "squared", "error", "0.5", "5"] in lines
+    assert ["mean", "squared", "error", "at", "SBR", "0.5", "5"] in lines
     for name, values in zip(("preconditioned", "mine.py:Mine"), means, strict=False):
         assert [name, *(f"{value:.5f}" for value in values)] in lines
     assert ["mine.py:Failing", "failed", "failed"] in lines

@@ -79,6 +79,24 @@ def test_each_parameter_is_shown_on_its_path(axes, residuals):
         assert labels == ["4 x 4", "8 x 9", "16 x 18"]
 
 
+@pytest.mark.parametrize("count", [1, 2, 4, 5, 7])
+def test_paths_fill_their_rows_and_are_explained(residuals, count):
+    shown = calibration(*residuals)
+    shown.parameters = shown.parameters[:1] * count
+    for visited in shown.path:
+        visited.values = np.repeat(visited.values[:, :1], count, axis=1)
+    figure = calibration_figure(np.full((16, 18, 3), 0.5), shown)
+    above, beneath = figure.subfigs
+    assert len(above.axes) == 4
+    rows = beneath.axes[0].get_gridspec().nrows
+    assert len(beneath.axes) - count < rows <= -(-count // 4)
+    (legend,) = beneath.legends
+    told = [text.get_text() for text in legend.get_texts()]
+    assert told[-3:] == ["start", "found", "± standard error"] and len(told) == 6
+    assert "the scene's units" in beneath.get_supylabel()
+    assert "pixels of the photograph" in beneath.get_supxlabel()
+
+
 def test_the_range_holds_what_was_good_not_all_that_was_searched(residuals, monkeypatch):
     monkeypatch.setattr("periscopy_sim.figures.calibration.BEST", 1)
     figure = calibration_figure(np.full((16, 18, 3), 0.5), calibration(*residuals))

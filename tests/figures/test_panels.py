@@ -247,6 +247,7 @@ def test_legend_of_a_sweep_stands_outside_the_axes_and_inside_the_picture(
     inside = [legend for legend in [ax.get_legend()] if legend]
     (legend,) = figure.legends + inside
     assert [text.get_text() for text in legend.get_texts()] == list(names)
+    assert "bands: 10th to 90th percentile" in figure.get_supxlabel()
     place, axes = legend.get_window_extent(), ax.get_window_extent()
     assert place.y0 >= axes.y1
     assert place.x0 >= 0 and place.x1 <= figure.bbox.x1 and place.y1 <= figure.bbox.y1
@@ -309,6 +310,8 @@ def test_certainty_shows_the_errors_in_percent_and_what_they_assume(monkeypatch,
     shown = right.images[0].get_array()
     assert shown[2, 3] == pytest.approx(100 * np.sqrt(0.03) / 4) and np.count_nonzero(shown) == 1
     assert bar.get_ylabel() == "% of white"
-    assert "assume that the scene is right" in " ".join(figure.get_supxlabel().split())
+    caption = " ".join(figure.get_supxlabel().split())
+    assert "how far each patch may be off" in caption
+    assert "assume that the scene is right" in caption
     _, pixels = read(tmp_path / "certainty.png")
     assert pixels[:, :2].min() == pixels[:, -2:].min() == 255  # nothing is cut off

@@ -27,10 +27,12 @@ def export_samples(
     """Write samples as EXR and PNG files, and some of them on a contact sheet; return their names.
 
     The folder receives ``NNNNNNNN_photograph.exr`` and ``.png``, ``NNNNNNNN_hidden.exr`` and
-    ``.png`` for each sample, and ``sheet.png``. A photograph's PNG is scaled to its brightest
-    value. `progress` is called with the samples written and their number.
+    ``.png`` for each sample, and ``sheet.png``. A PNG repeats each pixel to be seen, and a
+    photograph's is scaled to its brightest value. `progress` is called with the samples written and
+    their number.
     """
     from periscopy_sim.figures.contact_sheet import draw_contact_sheet
+    from periscopy_sim.figures.panels import enlarged
     from periscopy_sim.storage.formats.exr import write_exr
     from periscopy_sim.storage.pictures import write_png
 
@@ -47,7 +49,7 @@ def export_samples(
             image = sample[name].values.astype(np.float32)
             stem = f"{index:08d}_{name}"
             write_exr(folder / f"{stem}.exr", image, notes)
-            write_png(folder / f"{stem}.png", _shown(image, white), notes)
+            write_png(folder / f"{stem}.png", enlarged(_shown(image, white)), notes)
             written += [f"{stem}.exr", f"{stem}.png"]
         if progress is not None:
             progress(done, len(indices))

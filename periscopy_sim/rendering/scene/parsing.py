@@ -52,7 +52,11 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
             state = mi.parser.parse_file(config, str(path), **values)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError) as error:
-        raise SceneError(f"scene '{path}': {one_line(error)}") from None
+        reason = one_line(error)
+        _, quotes, text = reason.rpartition(' value "')
+        given = [f"{name}={value}" for name, value in values.items() if quotes and value in text]
+        named = f", given as {' and '.join(given)}" if given else ""
+        raise SceneError(f"scene '{path}': {reason}{named}") from None
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
     for node in state.nodes:
