@@ -37,8 +37,7 @@ SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE)]
 Hidden = Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.")]
 Define = Annotated[
-    list[str] | None,
-    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D"),
+    list[str] | None, option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D")
 ]
 MaskOption = Annotated[
     Path | None,

@@ -22,8 +22,7 @@ COLOUR = (1.0, 0.9, 0.85)
 def demo(
     out: arguments.Out,
     hidden: Annotated[
-        str | None,
-        option("ROWSxCOLUMNS", "Hidden patches; 29x36, or 14x18 if only scalar works."),
+        str | None, option("ROWSxCOLUMNS", "Hidden patches; 29x36, or 14x18 if only scalar works.")
     ] = None,
     resolution: Annotated[
         int | None,

@@ -12,12 +12,7 @@ from periscopy_sim.cli.output import say
 
 def doctor() -> None:
     """Show versions, which Mitsuba variants work here, and why the others do not."""
-    from periscopy_sim.rendering.variant import (
-        LLVM_FILE,
-        OVERRIDE,
-        examine_variants,
-        use_variant,
-    )
+    from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
 
     say(f"python       {platform.python_version()} ({sys.executable})")
     for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):

@@ -10,21 +10,8 @@ import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.method_options import (
-    FOR_STILLS,
-    method_help,
-    settings_for,
-    takes_options_of,
-)
-from periscopy_sim.cli.output import (
-    Stopwatch,
-    as_json,
-    fixable,
-    say,
-    told_folder,
-    warn,
-    write_json,
-)
+from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
+from periscopy_sim.cli.output import Stopwatch, as_json, fixable, say, told_folder, warn, write_json
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage.outputs.provenance import as_text
 
@@ -66,12 +53,7 @@ def reconstruct(
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.evaluation.methods import (
-        find_method,
-        fit_method,
-        own_errors,
-        source_sha256,
-    )
+    from periscopy_sim.evaluation.methods import find_method, fit_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
     from periscopy_sim.storage.pictures import write_png
 

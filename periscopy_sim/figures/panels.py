@@ -113,10 +113,7 @@ def draw_maps(
 
 
 def draw_certainty(
-    path: Path,
-    image: Image,
-    standard_errors: Image,
-    metadata: Mapping[str, str] | None = None,
+    path: Path, image: Image, standard_errors: Image, metadata: Mapping[str, str] | None = None
 ) -> None:
     """Draw a reconstruction beside the standard errors of its patches, and what they assume.
 
