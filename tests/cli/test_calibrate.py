@@ -9,6 +9,8 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.calibration import global_search, parameters
+from periscopy_sim.calibration.calibrate import _Log
+from periscopy_sim.cli import output
 from periscopy_sim.cli.calibrate import _open
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -48,12 +50,16 @@ def test_a_chair_that_is_far_off_is_found(photograph, succeeds, tmp_path):
 
 
 @pytest.mark.usefixtures("near_search")
-def test_a_moved_chair_is_found_and_its_scene_written(photograph, succeeds, tmp_path):
+def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp_path, monkeypatch):
+    monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
     np.save(tmp_path / "y.npy", photograph)
-    printed = succeeds(
+    outcome = periscopy(
         "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "new/found.xml",
         "--uncertain", "monitor_dx=0.01",
     )  # fmt: skip
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.stages[-1] == "calibrating: 100 %"
+    printed = outcome.out
     assert "wrote new/found.xml, new/found.json, new/found.png\n" in printed
     record = json.loads((tmp_path / "new/found.json").read_text())
     for name, truth in MOVED.items():
@@ -200,3 +206,15 @@ def test_why_a_parameter_is_open_is_told(alone, correlation, why):
     ]
     errors = np.array([[1, correlation], [correlation, 1]])
     assert why in _open(SimpleNamespace(parameters=parameters, correlation=errors), 0, "turn")
+
+
+def test_progress_leaps_over_what_ended_early_and_never_goes_back():
+    told = []
+    log = _Log(2, told.append)
+    for visits in (3, 2, 2):
+        visit = log.at(None)
+        for _ in range(visits):
+            visit(np.zeros(2), 0.0)
+    assert told == sorted(told) and 0 < told[0] < told[-1] < 1
+    # A visit of a later level costs more; the levels before count as done.
+    assert told[3] - told[2] > 2 * (told[2] - told[1]) and told[5] - told[4] > told[4] - told[3]
