@@ -32,6 +32,9 @@ Array = NDArray[Any]
 Bounds = tuple[float, float]
 """τ and τ₂."""
 
+Shape = tuple[int, int, int]
+"""Frames, rows and columns; without time one frame."""
+
 Stop = tuple[float, int]
 """The relative duality gap to stop at, and the number of iterations to give up after."""
 
@@ -61,62 +64,73 @@ def denoise_channels(
     frame without a temporal weight w > 0; p is alike and not read where λ₂ is 0. λ = 2τ and λ₂ =
     2τ₂ are (stack · channels,). `denoised`, like g, receives f; `duals`, (stack · channels, axes,
     frames · rows · columns), hold the q/τ to start from and receive that of f, unless f is known
-    without iterating; `iterations` and relative duality `gaps`, (stack · channels,), likewise.
+    without iterating. `iterations` and relative duality `gaps`, (stack · channels,), likewise; only
+    channels whose iterations are negative are denoised, and stay so if the precision of `duals`,
+    in which they are iterated upon, does not resolve the gap asked for.
     """
+    shape = images.shape[1:4]
     for k in range(part[0], part[1]):
+        if iterations[k] >= 0:
+            continue
         which, channel = k // images.shape[4], k % images.shape[4]
-        g = p = _flat(images, which, channel)
-        if l1_weights[k] > 0:
-            p = _flat(previous, which, channel)
         f = denoised[which, :, :, :, channel]
-        bounds = weights[k] / 2, l1_weights[k] / 2
-        iterations[k], gaps[k] = _denoise_channel(g, p, bounds, temporal_weight, stop, f, duals[k])
+        g = p = _flat(images[which, :, :, :, channel])
+        if l1_weights[k] > 0:
+            p = _flat(previous[which, :, :, :, channel])
+        # Shifted and scaled to mean 0 and peak 1, no sum can over- or underflow.
+        mean = _mean(g)
+        peak = max(_peak(g, mean), _peak(p, mean))
+        bound, l1_bound = weights[k] / 2, l1_weights[k] / 2
+        largest = (4 if temporal_weight is None else 4 + 2 * temporal_weight) * bound  # of |div q|
+        rounding = float(np.finfo(f.dtype).eps)
+        if peak == 0 or largest <= rounding * peak:
+            for n in range(len(g)):
+                g[n] = _shrunk(g[n], p[n], l1_bound)
+            _unflatten(g, 0.0, 1.0, f)
+            iterations[k], gaps[k] = 0, 0.0
+            continue
+        bound = bound / peak
+        l1_bound = min(l1_bound, 2 * peak + largest) / peak  # |g + div q − p|: that gives p already
+        g, p = _scaled(g, mean, peak), _scaled(p, mean, peak)
+        if l1_bound == 0 and bound >= _flattening_bound(g.reshape(shape), temporal_weight):
+            f[:] = mean
+            iterations[k], gaps[k] = 0, 0.0
+            continue
+        # Where div q nearly cancels g, it is the roundings of q that count.
+        energy = _energy(g)
+        rounded = max(energy, _energy(p)) + 2 * len(g) * bound**2
+        if duals.itemsize == 8 or _RESOLVED * rounding * rounded <= stop[0] * energy:
+            bounds = bound, l1_bound
+            own, own_p = g.astype(duals.dtype), p.astype(duals.dtype)
+            scaled, iterations[k], gaps[k] = _minimize(
+                own, own_p, shape, bounds, temporal_weight, stop, duals[k]
+            )
+            _unflatten(scaled, mean, peak, f)
 
 
 @compiled_reordered
-def _denoise_channel(
-    g: NDArray[np.float64],
-    p: NDArray[np.float64],
-    bounds: Bounds,
-    temporal_weight: float | None,
-    stop: Stop,
-    denoised: Array,
-    dual: Array,
-) -> tuple[int, float]:
-    """Shift and scale one channel to mean 0 and peak 1, where no sum can over- or underflow."""
-    shape = denoised.shape
-    rounding = float(np.finfo(denoised.dtype).eps)
-    mean = _mean(g)
-    peak = max(_peak(g, mean), _peak(p, mean))
-    bound, l1_bound = bounds
-    largest = (4 if temporal_weight is None else 4 + 2 * temporal_weight) * bound  # of |div q|
-    if peak == 0 or largest <= rounding * peak:
-        denoised[:] = _shrunk(g, p, l1_bound).reshape(shape)
-        return 0, 0.0
-    g, p = (g - mean) / peak, (p - mean) / peak
-    bound = bound / peak
-    l1_bound = min(l1_bound, 2 * peak + largest) / peak  # |g + div q − p|, which gives p already
-    if l1_bound == 0 and bound >= _flattening_bound(g.reshape(shape), temporal_weight):
-        denoised[:] = mean
-        return 0, 0.0
-
-    # Where div q nearly cancels g, it is the roundings of q that count.
-    energy = _energy(g)
-    rounded = max(energy, _energy(p)) + 2 * len(g) * bound**2
-    bounds = bound, l1_bound
-    if _RESOLVED * rounding * rounded <= stop[0] * energy:
-        own, own_p = g.astype(denoised.dtype), p.astype(denoised.dtype)
-        f, iterations, gap = _minimize(own, own_p, shape, bounds, temporal_weight, stop, dual)
-        denoised[:] = (mean + peak * f).reshape(shape)
-    else:
-        wide, iterations, gap = _minimize(g, p, shape, bounds, temporal_weight, stop, dual)
-        denoised[:] = (mean + peak * wide).reshape(shape)
-    return iterations, gap
+def _flat(image: Array) -> NDArray[np.float64]:
+    return image.astype(np.float64).ravel()
 
 
 @compiled_reordered
-def _flat(images: Array, which: int, channel: int) -> NDArray[np.float64]:
-    return images[which, :, :, :, channel].astype(np.float64).ravel()
+def _unflatten(flat: Array, mean: float, peak: float, image: Array) -> None:
+    """Set an image to its flat values, scaled and shifted back."""
+    frames, rows, columns = image.shape
+    n = 0
+    for t in range(frames):
+        for i in range(rows):
+            for j in range(columns):
+                image[t, i, j] = mean + peak * flat[n]
+                n += 1
+
+
+@compiled_reordered
+def _scaled(values: Array, mean: float, peak: float) -> Array:
+    scaled = np.empty_like(values)
+    for n in range(len(values)):
+        scaled[n] = (values[n] - mean) / peak
+    return scaled
 
 
 @compiled_reordered
@@ -146,13 +160,10 @@ def _energy(values: NDArray[np.float64]) -> float:
 
 
 @compiled_reordered
-def _shrunk(values: Array, towards: Array, by: float) -> Array:
-    """Move each value towards another by a given amount, at most onto it (soft threshold)."""
-    result = np.empty_like(values)
-    for n in range(len(values)):
-        distance = values[n] - towards[n]
-        result[n] = values[n] - math.copysign(by, distance) if abs(distance) > by else towards[n]
-    return result
+def _shrunk(value: float, towards: float, by: float) -> float:
+    """Move a value towards another by a given amount, at most onto it (soft threshold)."""
+    distance = value - towards
+    return value - math.copysign(by, distance) if abs(distance) > by else towards
 
 
 @compiled_reordered
@@ -185,7 +196,7 @@ def _flattening_bound(deviation: NDArray[np.float64], temporal_weight: float | N
 def _minimize(
     g: Array,
     p: Array,
-    shape: tuple[int, int, int],
+    shape: Shape,
     bounds: Bounds,
     temporal_weight: float | None,
     stop: Stop,
@@ -197,19 +208,21 @@ def _minimize(
     """
     frames, rows, columns = shape
     bound, l1_bound = bounds
-    tolerance, max_iterations = stop
-    axes = len(relative_dual)
     margin = columns if temporal_weight is None else rows * columns
+    axes = len(relative_dual)
     inside = _inside(g, shape, axes)
     dual = np.zeros((axes, margin + len(g)), g.dtype)
-    dual[:, margin:] = g.dtype.type(bound) * relative_dual
+    for axis in range(axes):
+        within, given = dual[axis, margin:], relative_dual[axis]
+        for n in range(len(g)):
+            within[n] = bound * given[n]
     extrapolated = dual.copy()
     f = np.zeros(len(g) + margin, g.dtype)
     step = 1 / _squared_norm(frames, temporal_weight)
     t = 1.0
     gap = math.inf
     iteration = 0
-    while iteration < max_iterations and gap > tolerance:
+    while iteration < stop[1] and gap > stop[0]:
         iteration += 1
         _apply_dual(g, p, l1_bound, extrapolated, columns, temporal_weight, f)
         t_next = (1 + math.sqrt(1 + 4 * t * t)) / 2
@@ -218,12 +231,15 @@ def _minimize(
         )
         t = t_next
         if uphill > 0:
-            extrapolated[:] = dual
+            extrapolated = dual.copy()
             t = 1.0
-        if iteration % _GAP_INTERVAL == 0 or iteration == max_iterations:
+        if iteration % _GAP_INTERVAL == 0 or iteration == stop[1]:
             _apply_dual(g, p, l1_bound, dual, columns, temporal_weight, f)
             gap = _relative_gap(g, p, f, inside, bounds, dual, columns, temporal_weight)
-    relative_dual[:] = dual[:, margin:] / g.dtype.type(bound)
+    for axis in range(axes):
+        within, given = dual[axis, margin:], relative_dual[axis]
+        for n in range(len(g)):
+            given[n] = within[n] / bound
     return f[: len(g)], iteration, gap
 
 
@@ -236,15 +252,17 @@ def _squared_norm(frames: int, temporal_weight: float | None) -> float:
 
 
 @compiled_reordered
-def _inside(g: Array, shape: tuple[int, int, int], axes: int) -> Array:
+def _inside(g: Array, shape: Shape, axes: int) -> Array:
     """Mark where each axis has a next row, column or frame, by 1; elsewhere 0."""
-    frames, rows, columns = shape
-    inside = np.ones((axes, frames, rows, columns), g.dtype)
-    inside[0, :, rows - 1] = 0
-    inside[1, :, :, columns - 1] = 0
+    _, rows, columns = shape
+    frame = rows * columns
+    inside = np.ones((axes, len(g)), g.dtype)
+    for end in range(frame, len(g) + 1, frame):
+        inside[0, end - columns : end] = 0
+    inside[1, columns - 1 :: columns] = 0
     if axes == 3:
-        inside[2, frames - 1] = 0
-    return inside.reshape(axes, len(g))
+        inside[2, len(g) - frame :] = 0
+    return inside
 
 
 @compiled_reordered

@@ -205,18 +205,25 @@ def solve_total_variation(
     dual = np.zeros((len(weights), 2 if w is None else 3, g[0, ..., 0].size), g.dtype)
     if start is not None and start.shape == dual.shape:
         dual[:] = start
-    iterations = np.zeros(len(weights), dtype=np.int64)
+    iterations = np.full(len(weights), -1)
     gaps = np.zeros(len(weights))
     stop = float(tolerance), int(max_iterations)
 
-    def denoise(part: tuple[int, int]) -> None:
-        told = denoised, dual, iterations, gaps
-        denoise_channels(g, p, weights, l1_weights, w, stop, part, *told)
+    def denoise(duals: Image) -> None:
+        def denoise_part(part: tuple[int, int]) -> None:
+            told = denoised, duals, iterations, gaps
+            denoise_channels(g, p, weights, l1_weights, w, stop, part, *told)
 
-    if g.size < _SMALL:
-        denoise((0, len(weights)))
-    else:
-        in_parallel(denoise, ranges(len(weights)))
+        if g.size < _SMALL:
+            denoise_part((0, len(weights)))
+        else:
+            in_parallel(denoise_part, ranges(len(weights)))
+
+    denoise(dual)
+    if (iterations < 0).any():
+        wide = dual.astype(np.float64)
+        denoise(wide)
+        dual[:] = wide
     gap = float(gaps.max())
     return TotalVariationResult(
         image=denoised.reshape(values.shape),
