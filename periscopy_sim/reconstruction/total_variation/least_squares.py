@@ -71,30 +71,17 @@ class Quadratic(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """Where an iteration ended.
-
-    Attributes
-    ----------
-    f
-        (N, K) the images.
-    product
-        (N, K) G f.
-    divergence
-        (N, K) div q of a field q of length at most λ/2; at the minimum it is G f − h.
-    iterations
-        How many were taken.
-    path
-        (K,) length of each iteration's change, as a part of the image's norm.
-    left
-        What is left to do, by the measure that the iterations stop at.
-    """
+    """Where an iteration ended: images f and G f, (N, K), after so many iterations."""
 
     f: Array
     product: Array
     divergence: Array
+    """(N, K) div q of a field q of length at most λ/2; at the minimum it is G f − h."""
     iterations: int
     path: Sequence[Array]
+    """(K,) length of each iteration's change, as a part of the image's norm."""
     left: float
+    """What is left to do, by the measure that the iterations stop at."""
 
 
 def path_of_last_third(iterate: Iterate) -> float:
@@ -169,21 +156,11 @@ def ratio(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """The quadratic ‖K f − b‖², for one K and any b, by the Gram matrix: K is met only once.
+    """The quadratic ‖K f − b‖², for one K and any b, by the Gram matrix: K is met only once."""
 
-    Attributes
-    ----------
-    gram
-        (N, N) G = KᵀK.
-    cholesky
-        (N, N) upper triangular R with RᵀR = G.
-    image_shape
-        (R, C) of f, with product N.
-    """
-
-    gram: Array
-    cholesky: Array
-    image_shape: tuple[int, int]
+    gram: Array  # (N, N) G = KᵀK
+    cholesky: Array  # (N, N) upper triangular R with RᵀR = G
+    image_shape: tuple[int, int]  # (R, C) of f, with product N
 
     def product(self, f: Array) -> Array:
         """Multiply (N,) by G, on one thread: waking others takes longer, by far on a busy machine.
@@ -262,17 +239,7 @@ class LeastSquares:
 
 @dataclass(frozen=True, eq=False)
 class GramMatrix:
-    """A `Quadratic` whose G is a matrix.
-
-    Attributes
-    ----------
-    matrix
-        (N, N) G.
-    image_shape
-        (R, C) with product N.
-    lipschitz
-        Its largest eigenvalue.
-    """
+    """A `Quadratic` whose G is a matrix, (N, N)."""
 
     matrix: Array
     image_shape: tuple[int, int]
@@ -285,22 +252,12 @@ class GramMatrix:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquaresMinimum:
-    """An image of least squares with total variation.
-
-    Attributes
-    ----------
-    f
-        (N,) the image.
-    iterations
-        How many were taken.
-    gap
-        The duality gap as a fraction of ‖K f‖² of the unregularized f. ‖K(f − f̂)‖² is at most
-        this fraction of it.
-    """
+    """An image of least squares with total variation, (N,), and the iterations it took."""
 
     f: Array
     iterations: int
     gap: float
+    """The duality gap as a fraction of ‖K f‖² of the unregularized f; ‖K(f − f̂)‖² is no more."""
 
 
 @compiled_reordered
