@@ -98,8 +98,12 @@ def succeeds(periscopy, without_doubts):
 def refused(periscopy, tmp_path):
     """Run a command that must fail by one line and leave every file as it was; return the line."""
 
-    def contents():
-        return {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
+    def contents():  # but for what Python keeps beside a file of methods
+        return {
+            path: path.is_file() and path.read_bytes()
+            for path in tmp_path.rglob("*")
+            if "__pycache__" not in path.parts
+        }
 
     def run(*arguments, out=""):
         before = contents()
@@ -137,6 +141,13 @@ def few_lights(monkeypatch):
     """Model ambient light by 3 x 3 x 3 lights, 2 m apart: 512 take longer than all the rest."""
     grid = point_light.paper_grid
     monkeypatch.setattr(point_light, "paper_grid", lambda: grid(2.0))
+
+
+@pytest.fixture
+def few_paths(monkeypatch):
+    """Trace few paths in a round of ambient light, one of which is as exact as tests need."""
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.PATHS", 16)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.DIRECT_SAMPLES", 16)
 
 
 # -- videos --------------------------------------------------------------------------------------

@@ -10,14 +10,9 @@ from periscopy_sim.shipped import find_scene, scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 
+pytestmark = pytest.mark.usefixtures("few_paths")
 jit = pytest.mark.usefixtures("jit")
 COMMAND = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")
-
-
-@pytest.fixture(autouse=True)
-def few_paths(monkeypatch):
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.PATHS", 16)
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.DIRECT_SAMPLES", 16)
 
 
 def changed(old, new):

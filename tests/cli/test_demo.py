@@ -10,7 +10,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.rendering.variant import OVERRIDE
 
-jit = pytest.mark.usefixtures("jit", "few_lights")
+jit = pytest.mark.usefixtures("jit", "few_lights", "few_paths")
 
 TINY = ("demo", "--hidden", "6x7", "--resolution", "24", "--effort", "0.02")
 FILES = {
