@@ -66,7 +66,8 @@ def test_image_is_that_of_the_rows_used(given, reconstruct, scenario, transport)
     by_hand = ps.Periscope(transport[used], B[used], hidden_shape=(4, 5), explicit=False)
     solution = by_hand.solve(given.reshape(576, 3)[used])
     np.testing.assert_allclose(image, solution.image, rtol=1e-4, atol=1e-4)
-    np.testing.assert_allclose(summary["noise"], solution.noise, rtol=1e-6)
+    # Noise of a hundredth of the photograph is rounded as the photograph is: to single precision.
+    np.testing.assert_allclose(summary["noise"], solution.noise, rtol=1e-5)
 
 
 def test_mask_of_another_size_is_refused_before_rendering(refused, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import struct
 import tracemalloc
 import zipfile
 import zlib
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ def refusal():
     return run
 
 
+@cache
 def zeros(window=15):
     deflate = zlib.compressobj(6, zlib.DEFLATED, window)
     pieces = [deflate.compress(bytes(1 << 20)) for _ in range(MUCH >> 20)]
@@ -202,7 +204,7 @@ def test_archive_of_fewer_than_no_frames_is_refused(refusal, tmp_path):
 @pytest.mark.parametrize(
     ("codec", "stored"),
     [
-        (GzipCodec(), zeros(31)),
+        (GzipCodec(), None),
         (BloscCodec(), b"\x02\x01\x01\x04" + b"\xff\xff\xff\x7f" * 2 + b"\x40" + bytes(51)),
     ],
 )
@@ -210,7 +212,7 @@ def test_zarr_chunk_that_unpacks_to_too_much_is_refused(refusal, tmp_path, codec
     clip = np.ones((3, *SHAPE, 3), np.float32)
     zarr.create_array(tmp_path / "y.zarr", data=clip, chunks=clip.shape, compressors=codec)
     assert len(list(open_frames(tmp_path / "y.zarr", SHAPE))) == 3
-    (tmp_path / "y.zarr" / "c" / "0" / "0" / "0" / "0").write_bytes(stored)
+    (tmp_path / "y.zarr" / "c" / "0" / "0" / "0" / "0").write_bytes(stored or zeros(31))
     assert "the chunk '0' is" in refusal(open_frames, tmp_path / "y.zarr", SHAPE)
 
 
