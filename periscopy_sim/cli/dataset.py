@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import threading
 import time
@@ -183,13 +184,13 @@ def parse_indices(text: str, count: int) -> list[int]:
     """
     indices: list[int] = []
     for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        numbers = (first, last) if dash else (first,)
-        if not all(number.isascii() and number.isdecimal() for number in numbers):
+        numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
+        if not numbers:
             raise PeriscopyError(f"'{text}' are no samples; write 0,5,7 or a range such as 0-11")
-        if len(first) > 12 or len(last) > 12 or (dash and int(last) < int(first)):
+        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        if last < first:
             raise PeriscopyError(f"'{part}' is no range of samples; write its least number first")
-        indices += range(int(first), min(int(last), count - 1) + 1) if dash else [int(first)]
+        indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
     if not indices:
         raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
     return list(dict.fromkeys(indices))

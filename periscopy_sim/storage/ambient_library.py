@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
+from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
+from periscopy_sim.storage.outputs.staging import staged_file
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Takes what is being rendered, gives what the fraction done is reported to."""
@@ -64,8 +67,6 @@ def rendered_once(
     With `settings`, these and the errors of the photograph become the file's metadata.
     """
     from periscopy_sim.rendering.ambient.background import render_background
-    from periscopy_sim.storage.formats.exr import read_exr, write_exr
-    from periscopy_sim.storage.outputs.staging import staged_file
 
     if not file.is_file():
         with staged_file(file) as staged, progress(f"ambient light: {path.stem}") as report:
@@ -79,8 +80,6 @@ def rendered_once(
 
 def find_condition(name: str) -> Path:
     """Return the file of a shipped condition, or the scene file named."""
-    from periscopy_sim.shipped import find_scene
-
     if name in (*REALISTIC, *ADVERSARIAL):
         return find_scene(f"ambient/{name}")
     if Path(name).suffix == ".xml" and Path(name).is_file():
@@ -94,8 +93,6 @@ def find_condition(name: str) -> Path:
 def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[str, str]:
     """Return what a picture depends on; the scenario's hidden size is not of it."""
     import mitsuba as mi
-
-    from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 
     made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
     record = as_text({**made, "parameters": dict(scenario.parameters)})

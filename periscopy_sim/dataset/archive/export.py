@@ -41,34 +41,28 @@ def export_samples(
     for index in indices:
         if not 0 <= index < count:
             raise DatasetError(f"{path}: has no sample {index}; it has 0 to {count - 1}")
-    written = []
+    labels = [name for name, values in data.variables.items() if values.dims == ("sample",)]
+    written, titles = [], []
+    sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}
     for done, index in enumerate(indices, 1):
-        sample = data.isel(sample=index)
-        notes = {name: str(sample[name].item()) for name in _labels(data)}
-        for name, white in {"photograph": None, "hidden": 1.0}.items():
-            image = sample[name].values.astype(np.float32)
-            stem = f"{index:08d}_{name}"
+        sample = data.isel(sample=index).load()
+        notes = {str(name): str(sample[name].item()) for name in labels}
+        for name, pictures in sheet.items():
+            image, stem = sample[name].values.astype(np.float32), f"{index:08d}_{name}"
+            shown = _shown(image, 1.0 if name == "hidden" else None)
             write_exr(folder / f"{stem}.exr", image, notes)
-            write_png(folder / f"{stem}.png", enlarged(_shown(image, white)), notes)
+            write_png(folder / f"{stem}.png", enlarged(shown), notes)
             written += [f"{stem}.exr", f"{stem}.png"]
+            if done <= SHEET_SIZE:
+                pictures.append(shown)
+        titles.append(_title(sample, index))
         if progress is not None:
             progress(done, len(indices))
-    shown = [data.isel(sample=index) for index in indices[:SHEET_SIZE]]
     draw_contact_sheet(
-        folder / "sheet.png",
-        [
-            ("photograph", [_shown(sample["photograph"].values, None) for sample in shown]),
-            ("hidden", [_shown(sample["hidden"].values, 1.0) for sample in shown]),
-        ],
-        titles=[_title(*each) for each in zip(shown, indices, strict=False)],
-        columns=SHEET_COLUMNS,
-        fontsize=5.5,
-    )
+        folder / "sheet.png", list(sheet.items()), titles=titles[:SHEET_SIZE],
+        columns=SHEET_COLUMNS, fontsize=5.5,
+    )  # fmt: skip
     return [*written, "sheet.png"]
-
-
-def _labels(data: xr.Dataset) -> list[str]:
-    return [str(name) for name in data.variables if data[name].dims == ("sample",)]
 
 
 def _shown(image: Any, white: float | None) -> Any:

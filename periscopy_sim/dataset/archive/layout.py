@@ -18,44 +18,26 @@ KIND = "periscopy data set"
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
 
-VARIABLES: dict[str, dict[str, str]] = {
-    "photograph": {
-        "long_name": "photograph of the wall, linear light",
-        "units": "mean of a photograph of exposure 1",
-    },
-    "hidden": {"long_name": "hidden image, linear light", "units": "white of the monitor"},
-    "background": {
-        "long_name": "ambient light of the photograph, without noise",
-        "units": "mean of a photograph of exposure 1",
-    },
-    "signal_scale": {
-        "long_name": "photograph's unit over that of A f: photograph = scale A f + background",
-        "units": "1",
-    },
-    "sbr": {"long_name": "signal-to-background ratio", "units": "1"},
-    "snr": {"long_name": "signal-to-noise ratio", "units": "dB"},
-    "exposure": {"long_name": "mean of the photograph without noise", "units": "1"},
-    "clip_number": {"long_name": "number of the video that the photograph is of"},
-    "frame": {"long_name": "number of the frame within its video"},
-    "geometry": {"long_name": "number of the scene and its parameters"},
-    "split": {"long_name": "train, validation or test"},
-    "hidden_kind": {"long_name": "source of the hidden image"},
-    "ambient": {"long_name": "source of the ambient light"},
+_EXPOSED = "mean of a photograph of exposure 1"
+PICTURES: dict[str, tuple[str, str | None]] = {  # long name and units
+    "photograph": ("photograph of the wall, linear light", _EXPOSED),
+    "hidden": ("hidden image, linear light", "white of the monitor"),
+    "background": ("ambient light of the photograph, without noise", _EXPOSED),
 }
-
-LABELS: dict[str, Any] = {
-    "signal_scale": "float64",
-    "sbr": "float64",
-    "snr": "float64",
-    "exposure": "float64",
-    "clip_number": "int64",
-    "frame": "int32",
-    "geometry": "int32",
-    "split": str,
-    "hidden_kind": str,
-    "ambient": str,
+_SCALE = "photograph's unit over that of A f: photograph = scale A f + background"
+LABELS: dict[str, tuple[Any, str, str | None]] = {
+    "signal_scale": ("float64", _SCALE, "1"),
+    "sbr": ("float64", "signal-to-background ratio", "1"),
+    "snr": ("float64", "signal-to-noise ratio", "dB"),
+    "exposure": ("float64", "mean of the photograph without noise", "1"),
+    "clip_number": ("int64", "number of the video that the photograph is of", None),
+    "frame": ("int32", "number of the frame within its video", None),
+    "geometry": ("int32", "number of the scene and its parameters", None),
+    "split": (str, "train, validation or test", None),
+    "hidden_kind": (str, "source of the hidden image", None),
+    "ambient": (str, "source of the ambient light", None),
 }
-"""Variables of one value for each sample, and their types."""
+"""Variables of one value for each sample: type, long name and units."""
 
 
 @dataclass(frozen=True)
@@ -95,19 +77,22 @@ class Layout:
                 cname="zstd", clevel=1, shuffle="bitshuffle",
                 typesize=np.dtype(dtype).itemsize, blocksize=0,
             )  # fmt: skip
+            long_name, units = PICTURES[name]
             laid_out[name] = {
                 "shape": (self.count, *shape), "chunks": (1, *shape),
                 "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
+                "attributes": {"long_name": long_name, "units": units},
             }  # fmt: skip
-        for name, dtype in LABELS.items():
+        for name, (dtype, long_name, units) in LABELS.items():
             fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
             laid_out[name] = {
                 "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
                 "fill_value": fill, "dimension_names": ("sample",),
                 "compressors": [Crc32cCodec()],
+                "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
             }  # fmt: skip
-        return {name: {**each, "attributes": VARIABLES[name]} for name, each in laid_out.items()}
+        return laid_out
 
     @staticmethod
     def recognizes(attributes: Mapping[str, Any]) -> bool:

@@ -6,7 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,10 +52,8 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
 
     path = Path(path)
     _, layout, digest = read_head(path)
-    recorded = 0
-    while recorded < layout.blocks and is_recorded(path, digest, layout.block(recorded)):
-        recorded += 1
-    ready = min(recorded * layout.block_size, layout.count)
+    blocks = map(layout.block, range(layout.blocks))
+    ready = sum(b.size for b in takewhile(lambda b: is_recorded(path, digest, b), blocks))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "

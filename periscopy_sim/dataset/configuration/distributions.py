@@ -77,10 +77,8 @@ class Distribution(Strict):
     @property
     def is_continuous(self) -> bool:
         """Return whether no two draws are alike."""
-        if self.normal is not None:
-            return self.normal[1] > 0
-        interval = self.uniform or self.log_uniform
-        return interval is not None and interval[0] < interval[1]
+        least, most = self.bounds
+        return least < most and self.choice is None
 
     def draw(self, rng: np.random.Generator) -> float:
         """Draw a number."""

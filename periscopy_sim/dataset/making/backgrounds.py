@@ -15,6 +15,8 @@ from periscopy_sim.dataset.making.geometry import Backgrounds, scenario_of, view
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, find_condition, rendered_once
+from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.photographs import read_photograph
 
 
 def backgrounds_of(
@@ -54,8 +56,6 @@ def _rendered(
     source: Conditions, scenario: Scenario, folder: Path, seed: int, progress: Progress
 ) -> NDArray[np.float32]:
     """Return photographs of conditions on a grey wall, (K, rows, columns, 3), rendered once."""
-    from periscopy_sim.storage.outputs.provenance import scene_sha256
-
     if scenario.wall_reflectance is not None:
         grey = scenario.wall_reflectance / scenario.channel_gain
         scenario = replace(scenario, wall_reflectance=grey)
@@ -71,8 +71,6 @@ def given_picture(name: str, scenario: Scenario) -> NDArray[np.float32]:
 
     Its mean must be positive.
     """
-    from periscopy_sim.storage.photographs import read_photograph
-
     picture = read_photograph(name, scenario.photograph_shape).values
     if not picture.mean() > 0:
         raise ConfigurationError(f"{name}: its mean is not positive; give ambient light")

@@ -100,13 +100,9 @@ def make_dataset(
     attributes = attributes_of(settings, layout)
     with alone_in(out / MAKING):
         store = BlockStore(out, layout, attributes, labels_of(settings, draws))
-        shares = {
-            geometry: list(blocks)
-            for geometry, blocks in groupby(
-                store.missing(),
-                lambda block: block * layout.block_size // settings.samples_per_geometry,
-            )
-        }
+        blocks_each = settings.samples_per_geometry // layout.block_size
+        by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
+        shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
         made = sum(layout.block(number).size for blocks in shares.values() for number in blocks)
         done = layout.count - made
         report(done, layout.count)
@@ -115,9 +111,8 @@ def make_dataset(
             lit_by = digest_of({"seed": settings.seed, **attributes["versions"]})[:8]
             folder = out / MAKING / f"ambient-{lit_by}"
             backgrounds = backgrounds_of(settings, shares, first, folder, rendering)
-            for block, values in _made(
-                settings, shares, layout.photograph_shape, backgrounds, scheduler
-            ):
+            making = _made(settings, shares, layout.photograph_shape, backgrounds, scheduler)
+            for block, values in making:
                 # Before it is kept: who interrupts may have stopped Mitsuba in the midst of it.
                 report(done, layout.count)
                 store.write(block, values)
@@ -142,17 +137,16 @@ def _made(
             make = partial(make_block, *shared, geometry)
             # Rendered here, not in the threads; path tracing is parallel by itself.
             traced = geometry_of(shared[0], geometry).transport is None
-            yield from zip(
-                blocks, map(make, blocks) if traced else ahead(make, blocks), strict=True
-            )
+            made = map(make, blocks) if traced else ahead(make, blocks)
+            yield from zip(blocks, made, strict=True)
         return
     from periscopy_sim.evaluation.workers import compute, connect
 
     with connect(scheduler) as client:
         threads = sum(client.nthreads().values())
         tasks = list(_tasks(shares, SHARES_PER_THREAD * threads))
-        for _, made in compute(client, _make_share, shared, tasks):
-            yield from made
+        for _, share in compute(client, _make_share, shared, tasks):
+            yield from share
 
 
 def make_block(

@@ -58,6 +58,11 @@ def make_samples(
         clip, light, first = clips[number], lights[number], number * length
         frames = slice(first, first + length)
         mean = signals[frames].mean()
+        if not mean > 0:
+            raise ConfigurationError(
+                f"sample {start + first}: no light of the monitor reaches the wall; move what "
+                "stands between them, or raise the samples of light"
+            )
         if light is None:
             exposed, share = signals[frames] / mean, 1.0
         else:
@@ -101,12 +106,9 @@ def _signals(
     scenario = geometry.scenario
     if geometry.transport is None:
         assert geometry.photographer is not None
-        return np.stack(
-            [
-                geometry.photographer(image, random_seed(configuration, RENDERING, start + k))
-                for k, image in enumerate(hidden)
-            ]
-        )
+        numbers = range(start, start + len(hidden))
+        seeds = [random_seed(configuration, RENDERING, number) for number in numbers]
+        return np.stack(list(map(geometry.photographer, hidden, seeds)))
     f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
     y = times_rows(rows, geometry.transport).reshape(len(hidden), 3, -1)
@@ -149,5 +151,6 @@ def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
         "geometry": [geometry.draw.number] * len(of_frames),
         "split": [geometry.draw.split] * len(of_frames),
     }
-    types = {name: np.dtypes.StringDType() if of is str else of for name, of in LABELS.items()}
+    text = np.dtypes.StringDType()
+    types = {name: text if kind is str else kind for name, (kind, *_) in LABELS.items()}
     return {name: np.array(each, types[name]) for name, each in values.items()}

@@ -12,6 +12,7 @@ import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,10 @@ def render_background(
             "type diffuse"
         )
     path = find_scene(path)
-    scene = _ambient_scene(path, parameters)
+    nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
+    check_media(nodes)
+    nodes.average_pixels()
+    scene = nodes.instantiate()
     if not scene.emitters():
         raise SceneError(f"scene '{path}' has no emitter; give it light")
     points, normals = _placed(scenario, *_view_of(scene, path))
@@ -146,20 +150,14 @@ def render_background(
 
 def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
-    edges = pixel_edges(points, normals, shape)
-
-    def direct(emitter: Any) -> Part:
-        def estimate(seed: int) -> Array:
-            return direct_irradiance(scene, emitter, points, normals, edges, DIRECT_SAMPLES, seed)
-
-        return Part(estimate, np.arange(len(points)), shape)
-
-    sites = chosen_sites(shape, SITES)
-
-    def bounced(seed: int) -> Array:
-        return bounced_irradiance(scene, points[sites], normals[sites], PATHS, seed)
-
-    return [*(direct(emitter) for emitter in scene.emitters()), Part(bounced, sites, shape)]
+    edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape, SITES)
+    direct = [
+        partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
+        for emitter in scene.emitters()
+    ]
+    bounced = partial(bounced_irradiance, scene, points[sites], normals[sites], PATHS)
+    everywhere = np.arange(len(points))
+    return [*(Part(each, everywhere, shape) for each in direct), Part(bounced, sites, shape)]
 
 
 def _refined(
@@ -207,13 +205,6 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
     lit = pixel != 0
     relative = np.sqrt((variance[lit] / pixel[lit, None] ** 2).sum() / variance.size)
     return float(relative), float(brightness.std(ddof=1) / np.sqrt(K) / brightness.mean())
-
-
-def _ambient_scene(path: Path, parameters: Mapping[str, str] | None) -> Any:
-    nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check_media(nodes)
-    nodes.average_pixels()
-    return nodes.instantiate()
 
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:

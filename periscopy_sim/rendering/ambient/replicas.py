@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,26 +23,19 @@ PATHS = 256
 """Paths from each of them in a round."""
 
 
+@dataclass(eq=False)
 class Part:
-    """One part of the light, estimated in replicas at some of the pixels.
+    """One part of the light, estimated in replicas at some of the pixels."""
 
-    `estimate` maps a seed to the (S, 3) irradiance at the `sites`, (S,) row-major indices of
-    pixels. `rounds` counts how often samples were added; `field` is the light at every pixel after
-    the first.
-    """
-
-    def __init__(
-        self, estimate: Callable[[int], Array], sites: NDArray[np.intp], shape: tuple[int, int]
-    ) -> None:
-        self._estimate = estimate
-        self._sites = sites
-        self._shape = shape
-        self._sum = np.zeros((REPLICAS, len(sites), 3))
-        self.rounds = 0
-        self.field: Field
+    estimate: Callable[[int], Array]  # maps a seed to the (S, 3) irradiance at the sites
+    sites: NDArray[np.intp]  # (S,) row-major indices of pixels
+    shape: tuple[int, int]  # of the photograph
+    rounds: int = 0  # how often samples were added
+    field: Field = dataclasses.field(init=False)  # at every pixel, after the first round
+    _sum: Array = dataclasses.field(default_factory=lambda: np.zeros(()))
 
     def add_round(self, seeds: Iterator[int]) -> None:
         """Add samples to every replica, and estimate the field anew."""
-        self._sum += np.stack([self._estimate(next(seeds)) for _ in range(REPLICAS)])
+        self._sum = self._sum + [self.estimate(next(seeds)) for _ in range(REPLICAS)]
         self.rounds += 1
-        self.field = best_estimate(self._sum / self.rounds, self._sites, self._shape)
+        self.field = best_estimate(self._sum / self.rounds, self.sites, self.shape)

@@ -1,5 +1,7 @@
 """What photographs are made of, put together again from the parts that are kept."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,13 @@ def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry
     too_bright = bright.model_copy(update={"exposure": Distribution(value=1e6)})
     with pytest.raises(ConfigurationError, match="do not fit float16"):
         make_samples(too_bright, geometry, {}, 0, 2)
+
+
+@pytest.mark.parametrize("ambient", ["none", "lamps"])
+def test_monitor_that_lights_nothing_is_told(configured, geometry, ambient):
+    dark = replace(geometry, transport=np.zeros_like(geometry.transport))
+    with pytest.raises(ConfigurationError, match="sample 2: no light of the monitor reaches"):
+        make_samples(configured(ambient=[{"kind": ambient}]), dark, {}, 2, 4)
 
 
 def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):
