@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import monitor_texture
-from periscopy_sim.rendering.variant import use_variant
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
 
-WAVEFRONT = 1 << 26
-"""Camera samples traced at once; bounds the memory."""
+WAVEFRONT = 1 << 22
+"""Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
 
 
 def render_photograph(
@@ -167,22 +167,54 @@ def path_trace(
     import mitsuba as mi
 
     camera = camera_of(scene) if sensor is None else sensor
-    columns, rows = (int(n) for n in camera.film().crop_size())
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    at_once = max(1, WAVEFRONT // (rows * columns))
-    passes = math.ceil(samples / at_once)
-    # The multi-jittered sampler wants a square number.
-    square = math.ceil(math.sqrt(samples / passes)) ** 2
-    total = np.zeros((rows, columns, 3))
-    for number in range(passes):
-        picture = mi.render(
-            scene,
-            sensor=camera,
-            integrator=integrator,
-            spp=square,
-            seed=(seed * passes + number) % 2**32,
-        )
-        total += np.array(picture)
-        if progress is not None:
-            progress((number + 1) / passes)
-    return total / passes
+    square = math.ceil(math.sqrt(samples)) ** 2  # as the multi-jittered sampler wants it
+    seed, report = seed % 2**32, progress or (lambda _: None)
+    if is_vectorized():
+        return _wavefronts(scene, camera, integrator, square, seed, report)
+    picture = mi.render(scene, sensor=camera, integrator=integrator, spp=square, seed=seed)
+    report(1.0)
+    return np.array(picture, np.float64)
+
+
+def _wavefronts(
+    scene: Any,
+    camera: Any,
+    integrator: Any,
+    samples: int,
+    seed: int,
+    report: Callable[[float], None],
+) -> Array:
+    """Render as `mi.render` does, but the stratified samples of a pixel in several wavefronts.
+
+    Independent renderings of fewer samples would have larger strata, and larger errors.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    columns, rows = (int(n) for n in camera.film().crop_size())
+    most = max(1, WAVEFRONT // (rows * columns))
+    at_once = max(n for n in range(1, min(most, samples) + 1) if samples % n == 0)
+    sampler = camera.sampler().clone()
+    sampler.set_sample_count(samples)
+    sampler.set_samples_per_wavefront(at_once)
+    sampler.seed(dr.opaque(mi.UInt32, seed), rows * columns * at_once)
+    pixel = dr.arange(mi.UInt32, rows * columns * at_once) // dr.opaque(mi.UInt32, at_once)
+    corner = mi.Point2f(pixel % columns, pixel // columns)
+    total = np.zeros((3, rows * columns))
+    for done in range(at_once, samples + 1, at_once):
+        sampler.schedule_state()
+        dr.eval()  # one kernel serves all wavefronts
+        position = (corner + sampler.next_2d()) / mi.ScalarPoint2f(columns, rows)
+        aperture = sampler.next_2d() if camera.needs_aperture_sample() else mi.Point2f(0.5)
+        time = camera.shutter_open()
+        if camera.shutter_open_time() > 0:
+            time += sampler.next_1d() * camera.shutter_open_time()
+        ray, weight = camera.sample_ray_differential(time, 0.0, position, aperture)
+        light, *_ = integrator.sample(scene, sampler, ray)
+        light *= weight
+        dr.eval(light)  # the sums over its channels would each trace it anew
+        total += np.array(dr.block_sum(light, at_once))
+        sampler.advance()
+        report(done / samples)
+    return (total.T / samples).reshape(rows, columns, 3)
