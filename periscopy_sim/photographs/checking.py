@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,15 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics.validation import LIGHT_RANGE
 
+_TOO_DARK = "check its sign, and the dark frame that was subtracted from it"
 _NOT_REAL = {
-    "b": "truth values",
-    "c": "complex numbers",
-    "O": "Python objects, which are never loaded",
-    "S": "text",
-    "U": "text",
-    "V": "records",
-    "M": "dates",
-    "m": "times",
+    **{"b": "truth values", "c": "complex numbers", "S": "text", "U": "text"},
+    **{"O": "Python objects, which are never loaded", "V": "records", "M": "dates", "m": "times"},
 }
 
 
@@ -54,11 +50,11 @@ def check_photograph(
     """Check that an array can be a photograph, and return it in its one form, (rows, columns, 3).
 
     `values` are (rows, columns), (rows, columns, 1) or (rows, columns, 3), with a single channel
-    being grey: finite real numbers, the largest from 1e-30 to 1e30; negatives may come of
-    subtracted dark frames. The (rows, columns) bool mask is True where the wall is used; elsewhere
-    the photograph may hold anything, also NaN, and is returned as zero. `name` is what messages
-    call the array. The result is a new float64 array; a `PhotographError` is raised if any of this
-    does not hold.
+    being grey: finite real numbers, one of them positive, the largest from 1e-30 to 1e30; negatives
+    may come of subtracted dark frames. The (rows, columns) bool mask is True where the wall is
+    used; elsewhere the photograph may hold anything, also NaN, and is returned as zero. `name` is
+    what messages call the array. The result is a new float64 array; a `PhotographError` is raised
+    if any of this does not hold.
     """
     try:
         array = np.asarray(values)
@@ -88,10 +84,29 @@ def check_photograph(
         )
     if not photograph.any():
         raise PhotographError(f"{name}: every value is zero; check the exposure or the export")
+    if photograph.max() <= 0:
+        raise PhotographError(f"{name}: no value is positive, as light is; {_TOO_DARK}")
     largest = np.abs(photograph).max()
     if not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return np.repeat(photograph, 3 // photograph.shape[2], axis=2)
+
+
+def checked_photograph(
+    values: ArrayLike,
+    shape: tuple[int, int],
+    name: str,
+    mask: NDArray[np.bool_] | None = None,
+    warnings: Sequence[str] = (),
+) -> Photograph:
+    """Check an array as `check_photograph` does; doubt one whose values are negative for the most.
+
+    `warnings` are what is known of it already.
+    """
+    checked = check_photograph(values, shape, name, mask)
+    used = checked if mask is None else checked[mask]
+    doubts = [f"{name}: most values are negative; {_TOO_DARK}"] if np.mean(used < 0) > 0.5 else []
+    return Photograph(checked, (*warnings, *doubts))
 
 
 def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.photographs.checking import Photograph, check_photograph, check_size
+from periscopy_sim.photographs.checking import Photograph, check_size, checked_photograph
 from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.picture import Picture
 from periscopy_sim.storage.formats.srgb import srgb_decode
@@ -41,14 +41,14 @@ def read_photograph(
     Raises
     ------
     PhotographError
-        If the file is missing, damaged, of another format, or fails `check_photograph`.
+        If the file is missing, damaged, of another format, or no photograph: see
+        `check_photograph`.
     """
     path = Path(path)
     row = format_of(path)
     picture = row.decode(path, "photograph", shape)
     values, warnings = _prepared(picture, shape, row.name, str(path))
-    checked = check_photograph(values, shape, str(path), mask)
-    return Photograph(checked, tuple(warnings))
+    return checked_photograph(values, shape, str(path), mask, warnings)
 
 
 def _prepared(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import check_real
-from periscopy_sim.storage.formats.decoding import check_count, decoding
+from periscopy_sim.storage.formats.decoding import check_count, decoding, listed
 
 _LONGEST_HEADER = 10_000  # bytes: NumPy's own limit, which it looks at once it has read them
 
@@ -30,14 +30,19 @@ def read_npy(path: Path, *, truth_values: bool = False) -> NDArray[Any]:
 def read_npz(path: Path, key: str, *, truth_values: bool = False) -> NDArray[Any]:
     """Read one array of an NPZ archive by its key, as `read_npy` does."""
     with decoding(path, "NPZ"), zipfile.ZipFile(path) as archive:
-        keys = [name.removesuffix(".npy") for name in archive.namelist()]
-        if key not in keys:
-            raise PhotographError(
-                f"{path}: has no array '{key}', only {', '.join(keys) or 'none at all'}; "
-                f"save it with numpy.savez(..., {key}=...)"
-            )
+        check_key(archive, key, path)
         with archive.open(f"{key}.npy") as stream:  # compares the checksum
             return _read_array(stream, path, truth_values)
+
+
+def check_key(archive: zipfile.ZipFile, key: str, path: Path) -> None:
+    """Refuse an NPZ archive that has no array of a name."""
+    keys = [name.removesuffix(".npy") for name in archive.namelist()]
+    if key not in keys:
+        raise PhotographError(
+            f"{path}: has no array '{key}', only {listed(keys) or 'none at all'}; "
+            f"save it with numpy.savez(..., {key}=...)"
+        )
 
 
 def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

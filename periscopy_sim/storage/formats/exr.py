@@ -26,30 +26,18 @@ _FLAT = ("scanlineimage", "tiledimage")
 
 @dataclass(frozen=True)
 class ExrPart:
-    """What the header of a part of an OpenEXR file tells.
+    """What the header of a part of an OpenEXR file tells."""
 
-    Attributes
-    ----------
-    name : str
-        Of the part; empty where it has none.
-    size : (rows, columns)
-        Of its pixels.
-    colour, left_out : tuple of str
-        Its channels of colour, or the grey one, and its others.
-    metadata : dict
-        Its attributes that are text or numbers and do not describe the pixels.
-    """
-
-    name: str
-    size: tuple[int, int]
-    colour: tuple[str, ...]
-    left_out: tuple[str, ...]
-    metadata: dict[str, str | float]
+    name: str  # empty where it has none
+    size: tuple[int, int]  # rows, columns
+    colour: tuple[str, ...]  # its channels of colour, or the grey one
+    left_out: tuple[str, ...]  # its other channels
+    metadata: dict[str, str | float]  # what is text or numbers and does not describe the pixels
 
     @property
     def count(self) -> int:
-        """Number of channels."""
-        return len(self.colour) + len(self.left_out)
+        """Number of values."""
+        return math.prod(self.size) * len((*self.colour, *self.left_out))
 
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
@@ -70,7 +58,8 @@ def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float])
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        **{name: _attribute(value) for name, value in metadata.items()},
+        # In an array: a Python float would lose its double precision.
+        **{n: v if isinstance(v, str) else np.array([v], np.float64) for n, v in metadata.items()},
     }
     # OpenEXR ignores strides: each channel must be contiguous.
     channels = {c: np.ascontiguousarray(pixels[..., i]) for i, c in enumerate("RGB")}
@@ -81,8 +70,7 @@ def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float])
 def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
     """Read an image of `write_exr`, or the colour of any flat OpenEXR file, and the metadata.
 
-    The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated. The
-    metadata are those of `ExrPart`.
+    The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated.
     """
     colour, part = decode_exr(path)
     return np.broadcast_to(colour, (*part.size, 3)).astype(np.float32), part.metadata
@@ -112,8 +100,7 @@ def exr_parts(path: Path) -> list[ExrPart]:
     with decoding(path, "EXR"), OpenEXR.File(str(path), header_only=True) as file:
         headers = [dict(part.header) for part in file.parts]  # closing the file empties its own
         parts = [_part(header, path, len(headers), k) for k, header in enumerate(headers)]
-        counts = (part.count * math.prod(part.size) for part in parts)
-        check_count((sum(counts),), path)
+        check_count((sum(part.count for part in parts),), path)
     return parts
 
 
@@ -178,11 +165,6 @@ def _colour_channels(names: Sequence[str], place: Path) -> list[str]:
         f"{place}: among its channels {listed(names) or 'none'} there is not exactly one "
         "colour image; save R, G, B alone"
     )
-
-
-def _attribute(value: str | float) -> str | NDArray[np.float64]:
-    """Return a value as OpenEXR takes it: a Python float would lose its double precision."""
-    return value if isinstance(value, str) else np.array([value], dtype=np.float64)
 
 
 def _metadata(header: Mapping[str, Any]) -> dict[str, str | float]:

@@ -32,13 +32,8 @@ _DTYPES = {
 _OPAQUE = 17  # classes of matrices; from double to uint64 they hold numbers:
 _NUMBER_CLASSES = range(6, 16)
 _OTHER_CLASSES = {
-    1: "cell",
-    2: "struct",
-    3: "object",
-    4: "char",
-    5: "sparse",
-    16: "function handle",
-    _OPAQUE: "opaque object",
+    **{1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse"},
+    **{16: "function handle", _OPAQUE: "opaque object"},
 }
 _LOGICAL_FLAG, _COMPLEX_FLAG = 0x200, 0x800
 _UNPACKED = 4 * UNPACKED_COUNT  # bytes that compressed variables may hold in a file of any size,
@@ -47,18 +42,10 @@ _LARGEST_RATIO = 16  # and for each byte of a larger one
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """A variable of a MATLAB file.
+    """A variable of a MATLAB file."""
 
-    Attributes
-    ----------
-    kind : str
-        `real` for real numbers, else the class of what it holds.
-    values : array of any shape, or None
-        Real numbers as they are stored, None for all other kinds.
-    """
-
-    kind: str
-    values: NDArray[Any] | None
+    kind: str  # `real` for real numbers, else the class of what it holds
+    values: NDArray[Any] | None  # real numbers as they are stored, None for all other kinds
 
 
 def read_matrices(path: Path) -> dict[str, Matrix]:
@@ -99,9 +86,7 @@ def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         else:
             kind, start = word, position + 8
             (size,) = struct.unpack_from(f"{order}I", content, position + 4)
-            following = start + size
-            if kind != _COMPRESSED:
-                following += -size % 8
+            following = start + size + (0 if kind == _COMPRESSED else -size % 8)
         if start + size > min(following, len(content)):
             raise ValueError(f"a variable is cut short {position} bytes in")
         yield kind, content[start : start + size]

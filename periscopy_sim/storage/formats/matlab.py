@@ -15,7 +15,7 @@ from periscopy_sim.storage.formats.picture import Picture
 _REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exposures
 
 
-def read_matlab_counts(path: Path) -> Picture:
+def read_matlab_counts(path: Path, *_: object) -> Picture:
     """Read raw sensor counts, as colours of the Bayer cells, from a MATLAB file of version 5 to 7.
 
     The file holds `image`, the Bayer counts summed over exposures, `shutter_speed`, and

@@ -10,24 +10,10 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What a file holds, as it was saved.
+    """What a file holds, as it was saved; row 0 is the top."""
 
-    Attributes
-    ----------
-    values : (rows, columns) or (rows, columns, channels) of any real dtype
-        Row 0 is the top.
-    alpha : (rows, columns, 1) of the same dtype, or None
-        Opacity, where the file has it.
-    left_out : tuple of str
-        Other channels of the file.
-    is_display : bool
-        Whether the file is made for screens, so that its integers may be encoded by the sRGB curve.
-    exposure : float or None
-        Exposure time of raw sensor counts, which are averaged to a photograph; None for all else.
-    """
-
-    values: NDArray[Any]
-    alpha: NDArray[Any] | None = None
-    left_out: tuple[str, ...] = ()
-    is_display: bool = False
-    exposure: float | None = None
+    values: NDArray[Any]  # (rows, columns[, channels]) of any real dtype
+    alpha: NDArray[Any] | None = None  # opacity, (rows, columns, 1) of that dtype
+    left_out: tuple[str, ...] = ()  # other channels of the file
+    is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
+    exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None

@@ -14,15 +14,8 @@ from periscopy_sim.photographs.checking import check_size
 from periscopy_sim.storage.formats.decoding import Inflater, check_count, decoding
 from periscopy_sim.storage.formats.picture import Picture
 
-_DIRECT_MODES = {  # of Pillow's modes: what to convert each to
-    "1": "L",
-    "L": "L",
-    "LA": "LA",
-    "P": "RGB",
-    "PA": "RGBA",
-    "RGB": "RGB",
-    "RGBA": "RGBA",
-}
+_CHANGED_MODES = {"1": "L", "P": "RGB", "PA": "RGBA"}  # of Pillow's modes: what to convert each to
+_DIRECT_MODES = ("L", "LA", "RGB", "RGBA")
 
 
 def read_png(path: Path, _: str, size: tuple[int, int] | None) -> Picture:
@@ -124,9 +117,9 @@ def _read_with_pillow(path: Path, kind: str) -> Picture:
 
     with decoding(path, kind), Image.open(path, formats=[kind]) as picture:
         check_count((picture.height, picture.width, len(picture.getbands())), path)
-        if picture.mode not in _DIRECT_MODES:
+        mode = _CHANGED_MODES.get(picture.mode, picture.mode)
+        if mode not in _DIRECT_MODES:
             raise PhotographError(f"{path}: has colours {picture.mode}; save it as grey or RGB")
-        mode = _DIRECT_MODES[picture.mode]
         if "transparency" in picture.info:
             mode = {"L": "LA", "RGB": "RGBA"}.get(mode, mode)
         return _split(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path)

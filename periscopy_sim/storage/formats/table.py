@@ -19,9 +19,7 @@ from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.matlab import read_matlab_counts
 from periscopy_sim.storage.formats.picture import Picture
 from periscopy_sim.storage.formats.rasters import read_jpeg, read_png, read_tiff
-from periscopy_sim.storage.sequences.exr_frames import exr_stack
-from periscopy_sim.storage.sequences.frames import Stack
-from periscopy_sim.storage.sequences.stacks import npy_stack, npz_stack
+from periscopy_sim.storage.sequences.stacks import Stack, exr_stack, npy_stack, npz_stack
 
 Size: TypeAlias = tuple[int, int] | None
 
@@ -30,30 +28,18 @@ Size: TypeAlias = tuple[int, int] | None
 class FileFormat:
     """A row of the table.
 
-    Attributes
-    ----------
-    name
-        As messages call it.
-    suffixes
-        Of file names, in lower case; they count only where a folder is listed.
-    signatures
-        Bytes by which a file is known, each with its offset.
-    decode
-        Reads one picture from a path. Also told for what it serves, `photograph`, `hidden` or
-        `mask`, which is the key of its array where a file holds several, and the (rows, columns)
-        that it must have, if any, which a slow decoder checks at once.
-    open_stack
-        Opens the frames of one file, of the camera's (rows, columns); None where it holds one.
-    is_raw
-        Whether it holds counts of a sensor, which are no mask and no hidden image.
+    `decode` reads one picture from a path. It is told, too, for what that serves, `photograph`,
+    `hidden` or `mask`, which is the key of its array where a file holds several, and the (rows,
+    columns) that it must have, if any, which a slow decoder checks at once. `open_stack` opens the
+    frames of one file, of the camera's (rows, columns); None where it holds one.
     """
 
     name: str
-    suffixes: tuple[str, ...]
-    signatures: tuple[tuple[int, bytes], ...]
+    suffixes: tuple[str, ...]  # in lower case; they count only where a folder is listed
+    signatures: tuple[tuple[int, bytes], ...]  # bytes by which a file is known, after their offset
     decode: Callable[[Path, str, Size], Picture]
     open_stack: Callable[[Path, tuple[int, int]], Stack] | None = None
-    is_raw: bool = False
+    is_raw: bool = False  # counts of a sensor, which are no mask and no hidden image
 
 
 def _exr(path: Path, *_: object) -> Picture:
@@ -92,7 +78,7 @@ FORMATS = (
         "MATLAB",
         (".mat",),
         ((124, b"\x00\x01IM"), (124, b"\x01\x00MI")),
-        lambda path, *_: read_matlab_counts(path),
+        read_matlab_counts,
         is_raw=True,
     ),
     FileFormat(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,29 +16,16 @@ MAKING = "making"
 
 @dataclass(frozen=True)
 class Block:
-    """What is written at once, with files of its own.
+    """What is written at once, with files of its own."""
 
-    Attributes
-    ----------
-    number
-        Counts the blocks of a store from 0.
-    place
-        Its slice of each dimension that is cut into blocks.
-    files
-        Each variable's file, as seen from the store.
-    """
-
-    number: int
-    place: Mapping[str, slice]
-    files: Mapping[str, str]
+    number: int  # counts the blocks of a store from 0
+    place: Mapping[str, slice]  # its slice of each dimension that is cut into blocks
+    files: Mapping[str, str]  # each variable's file, as seen from the store
 
     @property
     def size(self) -> int:
         """Entries, such as samples."""
-        size = 1
-        for each in self.place.values():
-            size *= each.stop - each.start
-        return size
+        return math.prod(each.stop - each.start for each in self.place.values())
 
 
 def digest_of(attributes: Mapping[str, Any]) -> str:
@@ -81,20 +69,17 @@ def record_of(path: Path, digest: str, block: Block) -> dict[str, Any]:
 def is_recorded(path: Path, digest: str, block: Block) -> bool:
     """Return whether a block's record is of this store, and of a block as large."""
     record = read_record(path, block.number)
-    return (
-        record is not None
-        and record["of"] == digest
-        and record["samples"] == block.size
-        and set(record["crc32c"]) == set(block.files)
+    return record is not None and (
+        (record["of"], record["samples"]) == (digest, block.size)
+        and record["crc32c"].keys() == block.files.keys()
     )
 
 
 def is_complete(path: Path, digest: str, block: Block) -> bool:
     """Return whether a block is recorded, and each of its files is what its record says."""
     try:
-        return is_recorded(path, digest, block) and (
-            read_record(path, block.number) == record_of(path, digest, block)
-        )
+        recorded = is_recorded(path, digest, block)  # or else no checksum is worth its while
+        return recorded and read_record(path, block.number) == record_of(path, digest, block)
     except OSError:
         return False
 

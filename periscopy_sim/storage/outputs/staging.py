@@ -30,15 +30,14 @@ _CUT_SHORT = re.compile(r"\d+ requested and \d+ written")
 def staged_file(path: Path) -> Iterator[Path]:
     """Write a file under a temporary name, and rename it once it is complete.
 
-    Missing parent folders are made. If the block raises, whatever the exception, nothing of the
-    file or of the folders made for it remains, and a file that stood there before is untouched. The
-    block is given a free name with the same suffix in the same folder; symbolic links are followed.
-    An `OutputError` is raised on entry if `path` is a folder or a device, or its folder cannot be
-    written; later, if the disk is full.
+    Missing parent folders are made, symbolic links followed. If the block raises, nothing of the
+    file or of those folders remains, and a file that stood there before is untouched. The block is
+    given a free name with the same suffix in the same folder. An `OutputError` is raised on entry
+    if `path` is a folder or a device, or its folder cannot be written; later, if the disk is full.
     """
     with ExitStack() as undo:
         with _reported(path):
-            target = _resolved(path)
+            target = Path(os.path.realpath(path))  # absolute: the block may change folder
             if target.is_dir():
                 raise OutputError(f"cannot write {path}: it is a folder; name a file inside it")
             if target.exists() and not target.is_file():
@@ -55,18 +54,16 @@ def staged_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def staged_folder(path: Path) -> Iterator[Path]:
-    """Fill a folder under a temporary name, and rename it once it is complete.
+    """Fill a folder under a temporary name, as `staged_file` does a file.
 
     Where the folder exists already, each file of the new one replaces its namesake, one atomic
-    rename at a time, and all others are kept. If the block raises, nothing of it remains. The block
-    is given an empty folder: beside `path`, or inside it where `path` exists, since that may be a
-    mount point, across which files cannot be renamed; symbolic links are followed. An `OutputError`
-    is raised on entry if `path` is a file or its place cannot be written; later, if the disk is
-    full or a file would replace a folder or a folder a file.
+    rename at a time, and all others are kept. The block is given an empty folder: beside `path`, or
+    inside it where `path` exists, since that may be a mount point, across which files cannot be
+    renamed. It is an `OutputError`, too, if a file would replace a folder or a folder a file.
     """
     with ExitStack() as undo:
         with _reported(path):
-            target = _resolved(path)
+            target = Path(os.path.realpath(path))
             if target.exists() and not target.is_dir():
                 raise OutputError(f"cannot write {path}: it is a file; name a folder")
             home = target if target.is_dir() else target.parent
@@ -82,11 +79,6 @@ def staged_folder(path: Path) -> Iterator[Path]:
                 _merge(staged, target)
             else:
                 staged.rename(target)
-
-
-def _resolved(path: Path) -> Path:
-    """Return an absolute path, so that the block may change folder; symbolic links followed."""
-    return Path(os.path.realpath(path))
 
 
 @contextmanager

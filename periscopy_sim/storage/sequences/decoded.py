@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.photographs.checking import Photograph
 from periscopy_sim.storage.sequences.frames import Frames
 from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
 from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
@@ -18,28 +18,28 @@ Image = NDArray[np.floating[Any]]
 
 
 def decoded_photographs(
-    sequence: Frames, shape: tuple[int, int], file: Path, progress: Callable[[float], None]
+    sequence: Frames[Photograph],
+    shape: tuple[int, int],
+    file: Path,
+    progress: Callable[[float], None],
 ) -> tuple[Image, list[str]]:
     """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
 
     They are (rows, columns, 3) each, and kept in an NPY file. One that cannot serve is a
     `PhotographError` that names it.
     """
-    warnings = list(sequence.warnings)
-    first: dict[str, str] = {}
-    times: Counter[str] = Counter()
+    of_kind: dict[str, list[str]] = {}
     with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
         for k, photograph in enumerate(sequence, 1):
             write(photograph.values)
             for warning in photograph.warnings:
-                what = warning.partition(": ")[2]
-                first.setdefault(what, warning)
-                times[what] += 1
+                of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
             progress(k / len(sequence))
-    for what, warning in first.items():
-        others = f" (likewise {times[what] - 1} more)" if times[what] > 1 else ""
-        warnings.append(warning + others)
-    return mapped_stack(file), warnings
+    counted = (
+        first + (f" (likewise {len(others)} more)" if others else "")
+        for first, *others in of_kind.values()
+    )
+    return mapped_stack(file), [*sequence.warnings, *counted]
 
 
 def decoded_truth(path: Path, shape: tuple[int, int], count: int, file: Path) -> Image:

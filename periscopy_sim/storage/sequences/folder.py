@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.checking import Photograph
 from periscopy_sim.storage.formats.decoding import listed
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.sequences.frames import Frames
 
 
-def folder_frames(path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None) -> Frames:
+def folder_frames(
+    path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None
+) -> Frames[Photograph]:
     """Open a folder, one photograph a file; see `open_frames`."""
     files, others = files_of_one_kind(path)
     warnings = (f"{path}: left out {listed(others)}",) if others else ()
@@ -33,19 +36,14 @@ def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
     those of several formats, is a `PhotographError`.
     """
     try:
-        entries = [
-            entry
-            for entry in folder.iterdir()
-            if not entry.name.startswith(".") and not entry.is_dir()
-        ]
+        files = [each for each in folder.iterdir() if each.name[0] != "." and not each.is_dir()]
     except OSError as error:
         raise PhotographError(f"{folder}: cannot be opened: {error.strerror}") from error
-    entries.sort(key=lambda entry: _natural(entry.name))
     known = suffixes()
     of_kind: dict[str, list[Path]] = {}
-    for entry in entries:
-        of_kind.setdefault(known.get(entry.suffix.lower(), ""), []).append(entry)
-    others = [entry.name for entry in of_kind.pop("", [])]
+    for file in sorted(files, key=lambda file: _natural(file.name)):
+        of_kind.setdefault(known.get(file.suffix.lower(), ""), []).append(file)
+    others = [file.name for file in of_kind.pop("", [])]
     if not of_kind:
         raise PhotographError(
             f"{folder}: holds no file named *{', *'.join(known)}; name a folder that does"

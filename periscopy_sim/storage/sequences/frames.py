@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic, TypeVar
 
-from numpy.typing import NDArray
-
-from periscopy_sim.photographs.checking import Photograph
+Frame = TypeVar("Frame")
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
-    """Photographs in time's order, decoded one at a time as they are iterated over.
+class Frames(Generic[Frame]):
+    """Frames in time's order, decoded one at a time as they are iterated over.
 
     Attributes
     ----------
@@ -22,32 +20,15 @@ class Frames:
     warnings : tuple of str
         What was left out of the whole, one line each.
     decode : callable
-        Starts an iterator over all of them.
+        Starts an iterator over all of them: photographs, or arrays not yet checked one by one.
     """
 
     names: tuple[str, ...]
     warnings: tuple[str, ...]
-    decode: Callable[[], Iterator[Photograph]]
+    decode: Callable[[], Iterator[Frame]]
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def __iter__(self) -> Iterator[Photograph]:
+    def __iter__(self) -> Iterator[Frame]:
         return self.decode()
-
-
-@dataclass(frozen=True, eq=False)
-class Stack:
-    """Frames that one file or archive holds, not yet checked one by one.
-
-    Attributes
-    ----------
-    names, warnings
-        As in `Frames`.
-    values : callable
-        Starts an iterator over the array of each frame.
-    """
-
-    names: tuple[str, ...]
-    warnings: tuple[str, ...]
-    values: Callable[[], Iterator[NDArray[Any]]]

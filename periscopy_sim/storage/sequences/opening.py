@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import Photograph, check_photograph
+from periscopy_sim.photographs.checking import Photograph, checked_photograph
 from periscopy_sim.storage.formats.decoding import place_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.sequences.folder import folder_frames
@@ -22,7 +22,7 @@ _FORMS = "a folder of photographs, a Zarr archive, a multi-part EXR or an NPY or
 
 def open_frames(
     path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
-) -> Frames:
+) -> Frames[Photograph]:
     """Open a sequence of photographs; each is read and checked when its turn comes.
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
@@ -31,8 +31,7 @@ def open_frames(
     array (frames, rows, columns, 3), or a group that has it as `photograph`. NPY and NPZ files (key
     `photograph`) hold such an array too. A multi-part EXR holds a frame in each part, of the
     channels that a still may have; OpenEXR decodes all its parts at once, so that it may be no
-    larger than a still. Where there
-    are three channels there may be one, which is grey.
+    larger than a still. Where there are three channels there may be one, which is grey.
 
     Parameters
     ----------
@@ -66,7 +65,7 @@ def open_frames(
         stack = row.open_stack(path, shape)
 
     def decode() -> Iterator[Photograph]:
-        for k, values in enumerate(stack.values()):
-            yield Photograph(check_photograph(values, shape, str(place_of(path, k)), mask))
+        for k, values in enumerate(stack):
+            yield checked_photograph(values, shape, str(place_of(path, k)), mask)
 
     return Frames(stack.names, stack.warnings, decode)

@@ -1,4 +1,4 @@
-"""Frames stacked in one array: NPY and NPZ files and Zarr archives."""
+"""Frames in one file or archive: NPY, NPZ, the parts of an OpenEXR file, Zarr."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.lib.format as npy
@@ -15,9 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import check_real, check_size
-from periscopy_sim.storage.formats.arrays import read_header
+from periscopy_sim.storage.formats.arrays import check_key, read_header
 from periscopy_sim.storage.formats.decoding import check_count, decoding, listed, place_of
-from periscopy_sim.storage.sequences.frames import Stack
+from periscopy_sim.storage.formats.exr import exr_parts, exr_pixels
+from periscopy_sim.storage.sequences.frames import Frames
+
+Stack: TypeAlias = Frames[NDArray[Any]]
+"""Frames that one file or archive holds, not yet checked one by one."""
 
 KEY = "photograph"
 """Name of the array in an NPZ file or a Zarr group."""
@@ -32,21 +36,16 @@ MOST_FRAMES = 10**6
 @contextmanager
 def npy_writer(
     path: Path, shape: Sequence[int], dtype: type[np.floating[Any]]
-) -> Iterator[Callable[[ArrayLike], None]]:
+) -> Iterator[Callable[[ArrayLike], object]]:
     """Write an NPY file of a stack, (frames, ...), as `numpy.save` would.
 
     The function yielded takes each frame in turn.
     """
-    header = {
-        "descr": npy.dtype_to_descr(np.dtype(dtype)), "fortran_order": False, "shape": tuple(shape)
-    }  # fmt: skip
+    described = npy.dtype_to_descr(np.dtype(dtype))
+    header = {"descr": described, "fortran_order": False, "shape": tuple(shape)}
     with path.open("wb") as stream:
         npy.write_array_header_1_0(stream, header)
-
-        def write(frame: ArrayLike) -> None:
-            stream.write(np.ascontiguousarray(frame, dtype=dtype).tobytes())
-
-        yield write
+        yield lambda frame: stream.write(np.ascontiguousarray(frame, dtype=dtype).tobytes())
 
 
 def mapped_stack(path: Path) -> NDArray[Any]:
@@ -60,18 +59,13 @@ def npy_stack(path: Path, shape: tuple[int, int]) -> Stack:
     """Open an NPY file (frames, rows, columns, 3); see `open_frames`."""
     stack = mapped_stack(path)
     _check_stack(stack.shape, stack.dtype, shape, path)
-    return Stack(_numbers(len(stack)), (), lambda: iter(stack))
+    return Frames(_numbers(len(stack)), (), lambda: iter(stack))
 
 
 def npz_stack(path: Path, shape: tuple[int, int]) -> Stack:
     """Open an NPZ file's array `photograph`, decompressed frame by frame; see `open_frames`."""
     with decoding(path, "NPZ"), zipfile.ZipFile(path) as archive:
-        if f"{KEY}.npy" not in archive.namelist():
-            keys = [name.removesuffix(".npy") for name in archive.namelist()]
-            raise PhotographError(
-                f"{path}: has no array '{KEY}', only {listed(keys) or 'none at all'}; save it "
-                f"with numpy.savez(..., {KEY}=...)"
-            )
+        check_key(archive, KEY, path)
         with archive.open(f"{KEY}.npy") as stream:
             stack, fortran, dtype = read_header(stream)
             held = archive.getinfo(f"{KEY}.npy").file_size - stream.tell()
@@ -91,11 +85,19 @@ def npz_stack(path: Path, shape: tuple[int, int]) -> Stack:
                     frame = np.frombuffer(content, dtype).reshape(stack[1:])
                 yield frame
 
-    return Stack(_numbers(stack[0]), (), values)
+    return Frames(_numbers(stack[0]), (), values)
 
 
-def _numbers(count: int) -> tuple[str, ...]:
-    return tuple(str(k) for k in range(count))
+def exr_stack(path: Path, shape: tuple[int, int]) -> Stack:
+    """Open an EXR file, one frame a part; see `open_frames`."""
+    parts = exr_parts(path)
+    if not parts:
+        raise PhotographError(f"{path}: holds no frames; give one at least")
+    for k, part in enumerate(parts):
+        check_size(part.size, shape, str(place_of(path, k)))
+    left_out = sorted({name for part in parts for name in part.left_out})
+    warnings = (f"{path}: left out the channels {listed(left_out)}",) if left_out else ()
+    return Frames(tuple(part.name for part in parts), warnings, lambda: exr_pixels(path, parts))
 
 
 def zarr_stack(path: Path, shape: tuple[int, int]) -> Stack:
@@ -130,12 +132,10 @@ def zarr_stack(path: Path, shape: tuple[int, int]) -> Stack:
             )
         _check_stored(path / array.path, most, None if behind is None else 4 * len(behind), path)
         absent = array.nchunks - array.nchunks_initialized
-    warnings: tuple[str, ...] = ()
-    if absent:
-        warnings = (
-            f"{path}: {absent} of {array.nchunks} chunks are not there and read as "
-            f"{array.fill_value}; unless that was written, copy it again",
-        )
+    missing = (
+        f"{path}: {absent} of {array.nchunks} chunks are not there and read as {array.fill_value}; "
+        "unless that was written, copy it again"
+    )
 
     def values() -> Iterator[NDArray[Any]]:
         for start in range(0, array.shape[0], chunks[0]):  # a chunk cannot be read in part
@@ -144,7 +144,11 @@ def zarr_stack(path: Path, shape: tuple[int, int]) -> Stack:
                 block = np.asarray(array[start:stop])
             yield from block
 
-    return Stack(_numbers(array.shape[0]), warnings, values)
+    return Frames(_numbers(array.shape[0]), (missing,) if absent else (), values)
+
+
+def _numbers(count: int) -> tuple[str, ...]:
+    return tuple(map(str, range(count)))
 
 
 def _check_stored(folder: Path, most: int, behind: int | None, path: Path) -> None:

@@ -221,7 +221,7 @@ def test_truncated_file_is_refused(name, part, save, line_of, tmp_path, capfd):
 def test_import_brings_in_no_decoder():
     script = (
         "import sys\n"
-        "from periscopy_sim.storage.sequences import exr_frames, frames, hidden_frames, stacks\n"
+        "from periscopy_sim.storage.sequences import frames, hidden_frames, stacks\n"
         "heavy = {'mitsuba', 'scipy', 'OpenEXR', 'tifffile', 'PIL', 'png', 'zarr', 'xarray'}\n"
         "print(*heavy & set(sys.modules))"
     )
