@@ -59,6 +59,7 @@ def calibrate(
     """
     from periscopy_sim.calibration.calibrate import calibrate as search
     from periscopy_sim.figures.calibration import draw_calibration
+    from periscopy_sim.photographs.checking import blackened
 
     arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), parse_definitions(define)
@@ -107,7 +108,8 @@ def calibrate(
             "provenance": provenance,
         }
         write_json(json, summary)
-        draw_calibration(png, given_photograph.values, found, as_text(provenance))
+        seen = blackened(given_photograph.values, used)
+        draw_calibration(png, seen, found, as_text(provenance))
     _say(found)
     say_written(out, record, picture)
 

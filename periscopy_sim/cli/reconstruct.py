@@ -55,6 +55,7 @@ def reconstruct(
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation.methods import find_method, fit_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
+    from periscopy_sim.photographs.checking import blackened
     from periscopy_sim.storage.pictures import write_png
 
     find_method(method)
@@ -66,6 +67,7 @@ def reconstruct(
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
+        seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
         with timed("transport matrix"):
             A, origin = inputs.transport(scenario, matrix, samples, seed, model)
@@ -79,11 +81,11 @@ def reconstruct(
             fixable(f"{photo} by {method}"),
             own_errors(method, f"failed on {photo}"),
         ):
-            image, solved = _recovered(fitted, given.values, scenario.hidden_shape)
+            image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
             told = _told(fitted, solved, scenario.hidden_shape)
         inputs.warn_without_record(matrix)
-        _write_told(folder, told, image, given.values, text)
+        _write_told(folder, told, image, seen, text)
         if told.remark:
             say(told.remark)
         for doubt in told.doubts:
@@ -106,7 +108,7 @@ def reconstruct(
             "truth": truth,
         }
         if known is not None:
-            summary |= _compare(folder, image, known, given.values, text)
+            summary |= _compare(folder, image, known, seen, text)
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )

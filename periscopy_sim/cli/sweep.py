@@ -86,8 +86,9 @@ def sweep(
     if photograph is not None:
         signal = inputs.read_photograph(photograph, scenario, used).values
         inputs.look_for_defects(signal, used, str(photograph))
+    seen = None if flips else used  # flipped, a background shows what the mask leaves out of it
     backgrounds = {
-        name: inputs.read_photograph(path, scenario, used).values if path else None
+        name: inputs.read_photograph(path, scenario, seen).values if path else None
         for name, path in lights.items()
     }
     settings = {

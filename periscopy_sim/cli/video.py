@@ -119,7 +119,7 @@ def video(
             names = drawing.picture_names(len(sequence))
             _check_left_over(out / "frames", names)
             photographs, warnings = decoded_photographs(
-                sequence, scenario.photograph_shape, Path(scratch, "y.npy"), report
+                sequence, scenario.photograph_shape, used, Path(scratch, "y.npy"), report
             )
             for warning in warnings:
                 warn(warning)

@@ -30,6 +30,7 @@ from periscopy_sim.evaluation.sweep_store import (
     write_table,
 )
 from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.photographs.checking import used_pixels
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.storage.outputs.staging import out_of_space_reported
 
@@ -107,7 +108,7 @@ class Sweep:
                 raise PeriscopyError(
                     f"'{name}' has shape {image.shape}, the signal {self.signal.shape}"
                 )
-            used = self._used(image)
+            used = used_pixels(image, self.mask)
             if not (np.isfinite(used).all() and used.mean() > 0):
                 raise PeriscopyError(f"'{name}' must be finite, with a positive mean")
         if self.truth.ndim != 3 or self.truth.shape[2] != 3:
@@ -127,37 +128,20 @@ class Sweep:
         }
 
     def photograph(self, background: str, sbr: float, seed: int) -> Array:
-        """Return one measurement (Sec. 4.1).
+        """Return the measurement of these labels (Sec. 4.1).
 
-        Its noise follows from its own labels and the sweep's seed, so that it stays the same
-        whatever else is swept.
-
-        Parameters
-        ----------
-        background, sbr, seed
-            Labels.
-
-        Returns
-        -------
-        ndarray
-            (rows, columns, 3) of mean 1, plus noise; zero where the wall is not used.
+        It is (rows, columns, 3) of mean 1, plus noise; zero where the wall is not used. Its noise
+        follows from its own labels and the sweep's seed: the same whatever else is swept.
         """
         # In one memory order, which sums follow, whether the arrays have travelled or not.
-        images = (self._used(image) for image in (self.signal, self.backgrounds[background]))
-        signal, ambient = map(np.ascontiguousarray, images)
+        images = self.signal, self.backgrounds[background]
+        signal, ambient = (np.ascontiguousarray(used_pixels(y, self.mask)) for y in images)
         exposed = composite(signal, ambient, sbr)
         identity = json.dumps([self.seed, background, float(sbr), int(seed)]).encode()
         entropy = int.from_bytes(hashlib.sha256(identity).digest()[:16])  # 128 bits
-        noisy = add_noise(exposed, self.snr, entropy)
-        if self.mask is None:
-            return noisy
         photograph = np.zeros(self.signal.shape)
-        photograph[self.mask] = noisy
+        photograph[... if self.mask is None else self.mask] = add_noise(exposed, self.snr, entropy)
         return photograph
-
-    def _used(self, image: Image) -> Image:
-        """Pixels of a photograph that the mask leaves, (M', 3), or the photograph itself."""
-        return image if self.mask is None else image[self.mask]
 
     def configuration(self) -> dict[str, Any]:
         """Return all that the results depend on; arrays by their digests."""
@@ -183,16 +167,8 @@ def array_sha256(array: NDArray[Any]) -> str:
 def flips(backgrounds: Mapping[str, Image]) -> dict[str, Image]:
     """Flip each background about each axis and about both: four times as many (Sec. 4.1).
 
-    Parameters
-    ----------
-    backgrounds
-        Name to (rows, columns, 3).
-
-    Returns
-    -------
-    dict
-        Each background under its own name, then with `` up-down``, `` left-right`` and `` both``
-        added to it.
+    They are (rows, columns, 3) each, by name. Return each under its own name, then with
+    `` up-down``, `` left-right`` and `` both`` added to it.
     """
     flipped = {}
     for name, image in backgrounds.items():

@@ -5,7 +5,6 @@ A trial is one photograph reconstructed by every method.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -50,32 +49,17 @@ class Trial(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What one method made of one photograph.
+    """What one method made of one photograph; NaN where it failed."""
 
-    Attributes
-    ----------
-    image
-        (R, C, 3) float32; NaN where the method failed.
-    metrics
-        Values of `METRICS`, in their order; NaN where the method failed.
-    failure
-        Why it failed; empty where it did not.
-    """
-
-    image: NDArray[np.float32]
-    metrics: tuple[float, ...]
-    failure: str
+    image: NDArray[np.float32]  # (R, C, 3)
+    metrics: tuple[float, ...]  # values of `METRICS`, in their order
+    failure: str  # why it failed; empty where it did not
 
 
 class SweepLayout:
     """How a sweep's results are laid out, a `StoreLayout`; each trial is a block.
 
-    Parameters
-    ----------
-    labels
-        The values of each of `LABELS`.
-    hidden_shape
-        (R, C) of the images.
+    `labels` are the values of each of `LABELS`, `hidden_shape` is (R, C) of the images.
     """
 
     what = "sweep"
@@ -133,23 +117,9 @@ class SweepLayout:
 
 
 class SweepStore:
-    """A sweep's results, in the making or complete.
+    """A sweep's results, in the making or complete, in a `BlockStore` of a `SweepLayout`.
 
-    Parameters
-    ----------
-    path
-        A Zarr folder; made if missing, complete with its labels or not at all.
-    labels
-        The values of each of `LABELS`.
-    hidden_shape
-        (R, C) of the images.
-    configuration
-        All that the results depend on, of JSON's types; kept as the store's attributes.
-
-    Raises
-    ------
-    OutputError
-        If the path holds anything else, or a sweep of another configuration.
+    `configuration` is all that the results depend on, of JSON's types: the store's attributes.
     """
 
     def __init__(
@@ -165,12 +135,10 @@ class SweepStore:
                 "'algorithm' 'method'; remove it, or name another folder"
             )
         self.path, self._layout = path, SweepLayout(labels, hidden_shape)
-        pixels = {"row": range(hidden_shape[0]), "column": range(hidden_shape[1])}
-        coordinates = {**labels, **pixels, "channel": ["red", "green", "blue"]}
-        self._store = BlockStore(
-            path, self._layout, configuration,
-            {name: (name, values) for name, values in coordinates.items()},
-        )  # fmt: skip
+        pixels = (*map(range, hidden_shape), ["red", "green", "blue"])
+        coordinates = {**labels, **dict(zip(PIXELS, pixels, strict=True))}
+        named = {name: (name, values) for name, values in coordinates.items()}
+        self._store = BlockStore(path, self._layout, configuration, named)
 
     def missing(self) -> list[Trial]:
         """Return the trials that are not complete yet."""
@@ -178,15 +146,14 @@ class SweepStore:
 
     def write(self, trial: Trial, outcomes: Sequence[Outcome]) -> None:
         """Keep what every method, in order, made of a trial, and record that it is complete."""
+        images, metrics, failures = zip(*outcomes, strict=True)
         of_methods: dict[str, NDArray[Any]] = {
-            "reconstruction": np.stack([outcome.image for outcome in outcomes]),
-            "failure": np.array([o.failure for o in outcomes], np.dtypes.StringDType()),
+            "reconstruction": np.stack(images),
+            "failure": np.array(failures, np.dtypes.StringDType()),
+            **dict(zip(METRICS, np.transpose(metrics), strict=True)),
         }
-        metrics = np.array([outcome.metrics for outcome in outcomes])
-        of_methods |= dict(zip(METRICS, metrics.T, strict=True))
-        number = self._layout.trials.index(trial)
         cell = {name: values[:, None, None, None] for name, values in of_methods.items()}
-        self._store.write(number, cell)
+        self._store.write(self._layout.trials.index(trial), cell)
 
     def load(self) -> xr.Dataset:
         """Read the results into memory."""
@@ -203,35 +170,24 @@ class SweepStore:
 
 def write_table(path: Path, results: xr.Dataset) -> None:
     """Write a sweep's results as a long CSV table, one row for each method and photograph."""
-    columns = (*METRICS, "failure")
-    values = [results[name].transpose(*LABELS).values.ravel().tolist() for name in columns]
-    places = product(*(results[name].values.tolist() for name in LABELS))
-    with staged_file(path) as staged, staged.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow((*LABELS, *columns))
-        table.writerows((*place, *row) for place, *row in zip(places, *values, strict=True))
+    table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
+    with staged_file(path) as staged:
+        table.to_csv(staged, na_rep="nan", lineterminator="\n")
 
 
 def mean_errors(results: xr.Dataset) -> Iterator[str]:
     """Yield lines of the mean error of each method at each SBR, and of what failed."""
-    errors = results["mean_squared_error"].transpose("algorithm", "sbr", "background", "seed")
+    errors = results["mean_squared_error"].mean(("background", "seed"))  # of what did not fail
     names = [str(name) for name in results["algorithm"].values]
     heading = "mean squared error at SBR"
     width = max(map(len, [heading, *names]))
-    yield f"{heading:{width}}" + _row([f"{sbr:g}" for sbr in results["sbr"].values])
-    for name, of_method in zip(names, errors.values, strict=True):
-        yield f"{name:{width}}" + _row([_mean(values) for values in of_method])
+    ratios = "".join(f"{sbr:9g}" for sbr in results["sbr"].values)
+    yield f"{heading:{width}}{ratios}"
+    for name, of_method in zip(names, errors.transpose("algorithm", "sbr").values, strict=True):
+        cells = (f"{'failed':>9}" if np.isnan(error) else f"{error:9.5f}" for error in of_method)
+        yield f"{name:{width}}{''.join(cells)}"
     failures = results["failure"].transpose("algorithm", ...).values.reshape(len(names), -1)
     for name, messages in zip(names, failures, strict=True):
         failed = messages[messages != ""]
         if failed.size:
             yield f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}"
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "".join(f"{cell:>9}" for cell in cells)
-
-
-def _mean(errors: NDArray[np.float64]) -> str:
-    seen = errors[np.isfinite(errors)]
-    return f"{seen.mean():.5f}" if seen.size else "failed"

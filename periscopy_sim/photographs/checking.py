@@ -52,9 +52,9 @@ def check_photograph(
     `values` are (rows, columns), (rows, columns, 1) or (rows, columns, 3), with a single channel
     being grey: finite real numbers, one of them positive, the largest from 1e-30 to 1e30; negatives
     may come of subtracted dark frames. The (rows, columns) bool mask is True where the wall is
-    used; elsewhere the photograph may hold anything, also NaN, and is returned as zero. `name` is
-    what messages call the array. The result is a new float64 array; a `PhotographError` is raised
-    if any of this does not hold.
+    used; elsewhere the photograph may hold anything, also NaN, and keeps it: whoever computes with
+    it leaves those pixels out. `name` is what messages call the array. The result is a new float64
+    array; a `PhotographError` is raised if any of this does not hold.
     """
     try:
         array = np.asarray(values)
@@ -71,22 +71,21 @@ def check_photograph(
     # What is out of range becomes infinite, and is refused below; so are signalling NaNs.
     with np.errstate(over="ignore", invalid="ignore"):
         photograph = np.asarray(array, dtype=np.float64)
-    if mask is not None:
-        if mask.shape != tuple(shape):
-            raise PhotographError(f"{name}: the mask has shape {mask.shape}, not {tuple(shape)}")
-        photograph = np.where(mask[..., np.newaxis], photograph, 0)
-    broken = np.argwhere(~np.isfinite(photograph))
-    if len(broken):
+    if mask is not None and mask.shape != tuple(shape):
+        raise PhotographError(f"{name}: the mask has shape {mask.shape}, not {tuple(shape)}")
+    light = used_pixels(photograph, mask)
+    if not np.isfinite(light).all():
+        broken = np.argwhere(blackened(~np.isfinite(photograph), mask))
         row, column, channel = broken[0]
         raise PhotographError(
             f"{name}: {len(broken)} values are NaN or infinite, the first at row {row}, "
             f"column {column}, channel {channel}; replace them, or leave them out by a mask"
         )
-    if not photograph.any():
+    if not light.any():
         raise PhotographError(f"{name}: every value is zero; check the exposure or the export")
-    if photograph.max() <= 0:
+    if light.max() <= 0:
         raise PhotographError(f"{name}: no value is positive, as light is; {_TOO_DARK}")
-    largest = np.abs(photograph).max()
+    largest = np.abs(light).max()
     if not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return np.repeat(photograph, 3 // photograph.shape[2], axis=2)
@@ -104,9 +103,22 @@ def checked_photograph(
     `warnings` are what is known of it already.
     """
     checked = check_photograph(values, shape, name, mask)
-    used = checked if mask is None else checked[mask]
-    doubts = [f"{name}: most values are negative; {_TOO_DARK}"] if np.mean(used < 0) > 0.5 else []
-    return Photograph(checked, (*warnings, *doubts))
+    if np.mean(used_pixels(checked, mask) < 0) > 0.5:
+        warnings = (*warnings, f"{name}: most values are negative; {_TOO_DARK}")
+    return Photograph(checked, tuple(warnings))
+
+
+def used_pixels(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[Any]:
+    """Return the pixels of an image that a mask leaves, (M', channels); without one, the image."""
+    return image if mask is None else image[mask]
+
+
+def blackened(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[Any]:
+    """Return an image, (rows, columns, channels), black where a mask leaves it out.
+
+    So it is drawn, and so a method sees it that takes no mask.
+    """
+    return image if mask is None else np.where(mask[..., np.newaxis], image, 0)
 
 
 def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None:

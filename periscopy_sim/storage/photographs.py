@@ -36,7 +36,7 @@ def read_photograph(
         Size that the photograph must have.
     mask : (rows, columns) bool
         True where the wall is used; elsewhere the photograph may hold anything, also NaN, and
-        is returned as zero. None: everywhere.
+        keeps it. Give the mask to the method too, which leaves those pixels out. None: everywhere.
 
     Raises
     ------

@@ -8,6 +8,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.cli import inputs
+from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -66,7 +67,8 @@ def test_image_is_that_of_the_rows_used(given, reconstruct, scenario, transport)
     by_hand = ps.Periscope(transport[used], B[used], hidden_shape=(4, 5), explicit=False)
     solution = by_hand.solve(given.reshape(576, 3)[used])
     np.testing.assert_allclose(image, solution.image, rtol=1e-4, atol=1e-4)
-    # Noise of a hundredth of the photograph is rounded as the photograph is: to single precision.
+    # The command's P and R are of single precision, and noise² is ‖y⊥‖² less ‖R f‖², here up to 30
+    # times what is left: four roundings of 6e-8 become 30 × 4 × 6e-8 / 2 = 4e-6 of the noise.
     np.testing.assert_allclose(summary["noise"], solution.noise, rtol=1e-5)
 
 
@@ -95,6 +97,40 @@ def test_too_few_pixels_are_refused(method, refused, tmp_path):
     command = ("reconstruct", "clean.npy", "--scene", "chair", *TINY, "--method", method)
     line = refused(*command, "--mask", "few.npy", "--out", "out")
     assert "few.npy: the mask leaves 19 pixels for 20 patches: leave out less" in line
+
+
+MINE = """
+import numpy as np
+
+class Mine:
+    def __init__(self, scenario, A, B):
+        self.A, self.shape = A, (*scenario.hidden_shape, 3)
+
+    def reconstruct(self, photograph):
+        return (self.A.T @ photograph.reshape(len(self.A), 3)).reshape(self.shape)
+"""
+
+
+@pytest.mark.filterwarnings("ignore:method 'mine.py:Mine' takes no keyword mask")
+def test_method_that_takes_no_mask_and_every_picture_see_black(
+    given, succeeds, transport, tmp_path
+):
+    (tmp_path / "mine.py").write_text(MINE)
+    np.save(tmp_path / "truth.npy", np.random.default_rng(1).uniform(0.1, 1, (4, 5, 3)))
+    pixels = {}
+    for photo in ("clean", "spoilt"):
+        for method in ("mine.py:Mine", "truncated-svd"):
+            options = ("--mask", "mask.png", "--truth", "truth.npy", "--method", method)
+            arguments = ("--scene", "chair", *TINY, *options, "--out", f"{photo}-{method[0]}")
+            succeeds("reconstruct", f"{photo}.npy", *arguments)
+        for picture in ("m/comparison.png", "t/comparison.png", "t/stages.png"):
+            with Image.open(tmp_path / f"{photo}-{picture}") as drawn:
+                pixels[photo, picture] = np.asarray(drawn)
+    for (_, picture), drawn in pixels.items():
+        np.testing.assert_array_equal(drawn, pixels["clean", picture])
+    black = np.where(MASK[..., None], given, 0).reshape(576, 3)
+    image = np.load(tmp_path / "spoilt-m" / "reconstruction.npy")
+    np.testing.assert_allclose(image.reshape(20, 3), transport.T @ black, rtol=1e-5)
 
 
 # -- defective pixels ----------------------------------------------------------------------------
@@ -199,6 +235,24 @@ def test_sweep_leaves_out_what_the_mask_does(succeeds, refused, sweep_input, swe
     # Another mask, or none, is another sweep.
     assert "out holds another sweep (mask " in refused(*command, "--mask", "other.npy")
     assert "here unset)" in refused(*sweep_command(methods="preconditioned,differencing,iterative"))
+
+
+def test_background_is_flipped_whole(succeeds, refused, sweep_input, sweep_command):
+    mask = np.ones((21, 21), bool)
+    mask[:4] = False
+    light = np.full((21, 21, 3), 2.0)
+    np.save(sweep_input / "mask.npy", mask)
+    write_exr(sweep_input / "even.exr", light, {})
+    options = {"mask": "mask.npy", "methods": "truncated-svd", "sbr": "1"}
+    succeeds(*sweep_command(**options, ambient="even.exr"))
+    held = json.loads((sweep_input / "out/sweep.zarr/zarr.json").read_text())["attributes"]
+    assert len(held["background_sha256"]) == 4
+    assert len(set(held["background_sha256"].values())) == 1
+    # What the mask leaves out is seen where the background is flipped, and only there.
+    write_exr(sweep_input / "dark.exr", np.where(mask[..., None], light, np.nan), {})
+    command = sweep_command(**options, ambient="dark.exr", out="other")
+    assert "dark.exr: 252 values are NaN or infinite" in refused(*command)
+    succeeds(*command, "--no-flips")
 
 
 def test_own_method_is_told_the_mask(succeeds, sweep_input, sweep_command):

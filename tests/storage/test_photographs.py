@@ -268,6 +268,24 @@ def test_signalling_nan_is_refused_without_a_warning(tmp_path):
         read(save_npy(tmp_path / "y.npy", values))
 
 
+@pytest.mark.parametrize("values", [-np.ones((*SHAPE, 3)), -np.abs(LIGHT), -COUNTS.astype(int)])
+def test_photograph_without_a_positive_value_is_refused(tmp_path, values):
+    with pytest.raises(PhotographError, match=r"y\.npy: no value is positive.* the dark frame"):
+        read(save_npy(tmp_path / "y.npy", values))
+
+
+def test_photograph_that_is_negative_for_the_most_is_doubted(tmp_path):
+    half = np.where(np.arange(SHAPE[1]) < 5, -1.0, 2.0) * np.ones(SHAPE)  # 5 of 9 columns
+    (warning,) = read(save_npy(tmp_path / "y.npy", half)).warnings
+    assert warning == (
+        f"{tmp_path / 'y.npy'}: most values are negative; check its sign, and the dark frame that "
+        "was subtracted from it"
+    )
+    assert read(save_npy(tmp_path / "y.npy", -half)).warnings == ()
+    mask = np.broadcast_to(np.arange(SHAPE[1]) > 1, SHAPE)  # leaves 3 negative columns of 7
+    assert read_photograph(save_npy(tmp_path / "y.npy", half), SHAPE, mask).warnings == ()
+
+
 class Grenade:
     def __init__(self, path):
         self.path = path

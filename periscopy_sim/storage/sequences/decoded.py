@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.photographs.checking import Photograph
+from periscopy_sim.photographs.checking import Photograph, blackened
 from periscopy_sim.storage.sequences.frames import Frames
 from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
 from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
@@ -20,18 +20,19 @@ Image = NDArray[np.floating[Any]]
 def decoded_photographs(
     sequence: Frames[Photograph],
     shape: tuple[int, int],
+    mask: NDArray[np.bool_] | None,
     file: Path,
     progress: Callable[[float], None],
 ) -> tuple[Image, list[str]]:
     """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
 
-    They are (rows, columns, 3) each, and kept in an NPY file. One that cannot serve is a
-    `PhotographError` that names it.
+    They are (rows, columns, 3) each, black where the mask leaves them out, as they are drawn, and
+    kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
     """
     of_kind: dict[str, list[str]] = {}
     with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
         for k, photograph in enumerate(sequence, 1):
-            write(photograph.values)
+            write(blackened(photograph.values, mask))
             for warning in photograph.warnings:
                 of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
             progress(k / len(sequence))
