@@ -36,8 +36,7 @@ from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
-from .storage.masks import read_mask
-from .storage.photographs import read_photograph
+from .storage.photographs import read_mask, read_photograph
 from .storage.pictures import read_hidden_image
 from .storage.sequences.opening import open_frames
 

@@ -147,11 +147,11 @@ def hidden_image(name: str, hidden_shape: tuple[int, int]) -> NDArray[np.float64
 def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
     """Read the mask that a command was given, (rows, columns); None if it was given none."""
     from periscopy_sim.reconstruction.observation import checked_mask
-    from periscopy_sim.storage import masks
+    from periscopy_sim.storage import photographs
 
     if path is None:
         return None
-    mask = masks.read_mask(path, scenario.photograph_shape)
+    mask = photographs.read_mask(path, scenario.photograph_shape)
     with fixable(str(path)):
         return checked_mask(mask, scenario.transport_shape)
 

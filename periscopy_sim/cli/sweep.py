@@ -14,8 +14,8 @@ from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.outputs.lock import alone_in
 from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.outputs.resume import alone_in
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:

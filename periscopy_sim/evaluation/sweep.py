@@ -270,10 +270,7 @@ def _metrics(image: Image, truth: Image) -> tuple[float, ...]:
 
 def _append_seconds(path: Path, sweep: Sweep, trial: Trial, seconds: Sequence[float]) -> None:
     is_new = not path.exists()
-    with (
-        out_of_space_reported(path),
-        path.open("a", encoding="utf-8", newline="") as stream,
-    ):
+    with out_of_space_reported(path), path.open("a", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         if is_new:
             stream.write("# measured run times: they differ from run to run\n")

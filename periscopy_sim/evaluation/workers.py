@@ -67,10 +67,7 @@ def connect(scheduler: str | None) -> Iterator[Client]:
 
 
 def compute(
-    client: Client,
-    task: Callable[[Shared, Item], Result],
-    shared: Shared,
-    items: Iterable[Item],
+    client: Client, task: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
 ) -> Iterator[tuple[Item, Result]]:
     """Run a task on every item, each on one thread of linear algebra; yield results as they come.
 
@@ -95,10 +92,7 @@ def compute(
 
 
 def _submitted(
-    client: Client,
-    task: Callable[[Shared, Item], Result],
-    shared: Shared,
-    items: Iterable[Item],
+    client: Client, task: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
 ) -> Iterator[tuple[Item, Result]]:
     from distributed import as_completed
 

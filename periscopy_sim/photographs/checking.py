@@ -42,10 +42,7 @@ class Photograph:
 
 
 def check_photograph(
-    values: ArrayLike,
-    shape: tuple[int, int],
-    name: str,
-    mask: NDArray[np.bool_] | None = None,
+    values: ArrayLike, shape: tuple[int, int], name: str, mask: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
     """Check that an array can be a photograph, and return it in its one form, (rows, columns, 3).
 

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.usefixtures("few_lights")
 HOLDING = """
 import sys, time
 from pathlib import Path
-from periscopy_sim.storage.outputs.lock import alone_in
+from periscopy_sim.storage.outputs.resume import alone_in
 with alone_in(Path("out")):
     print("held", flush=True)
     time.sleep(600)

@@ -111,7 +111,7 @@ class Mine:
 """
 
 
-@pytest.mark.filterwarnings("ignore:method 'mine.py:Mine' takes no keyword mask")
+@pytest.mark.filterwarnings("ignore:.* takes no keyword mask")
 def test_method_that_takes_no_mask_and_every_picture_see_black(
     given, succeeds, transport, tmp_path
 ):

@@ -10,8 +10,7 @@ from PIL import Image
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import blackened, check_photograph
 from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.masks import read_mask
-from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.sequences.opening import open_frames
 

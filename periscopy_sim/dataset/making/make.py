@@ -84,7 +84,7 @@ def make_dataset(
     RuntimeWarning
         The photographs have fewer than two pixels for each patch of the hidden images.
     """
-    from periscopy_sim.storage.outputs.lock import alone_in
+    from periscopy_sim.storage.outputs.resume import alone_in
 
     out, report = Path(out), progress or (lambda *_: None)
     if count is not None:

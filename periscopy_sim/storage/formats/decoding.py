@@ -1,4 +1,4 @@
-"""Reading untrusted files: bounds on what they announce, and every failure as one error."""
+"""What decoders return, bounds on what files announce, and every failure as one error."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ import math
 import os
 import warnings
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 
@@ -23,6 +27,17 @@ LARGEST_RATIO = 64
 """Most values that a larger file may announce for each of its bytes."""
 
 _PIECE = 1 << 20  # bytes unpacked at once
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a file holds, as it was saved; row 0 is the top."""
+
+    values: NDArray[Any]  # (rows, columns[, channels]) of any real dtype
+    alpha: NDArray[Any] | None = None  # opacity, (rows, columns, 1) of that dtype
+    left_out: tuple[str, ...] = ()  # other channels of the file
+    is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
+    exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None
 
 
 def listed(names: Sequence[str]) -> str:
@@ -55,26 +70,18 @@ def check_count(shape: Sequence[int], path: Path) -> None:
         )
 
 
-class Inflater:
-    """Unpack deflated bytes piece by piece, to see that they are not more than they should be."""
-
-    def __init__(self, most: int, path: Path) -> None:
-        self._left, self._path = most, path
-        self._inflate = zlib.decompressobj()
-
-    def feed(self, packed: bytes) -> None:
-        """Unpack the next bytes, and forget them; refuse what unpacks to more than `most` in all.
-
-        Damaged ones are a zlib.error.
-        """
+def check_unpacked(pieces: Iterable[bytes], most: int, path: Path) -> None:
+    """Refuse deflated bytes that unpack to more than `most`; damaged ones are a zlib.error."""
+    inflate, left = zlib.decompressobj(), most
+    for packed in pieces:
         while packed:
-            self._left -= len(self._inflate.decompress(packed, _PIECE))
-            if self._left < 0:
+            left -= len(inflate.decompress(packed, _PIECE))
+            if left < 0:
                 raise PhotographError(
-                    f"{self._path}: unpacks to more pixels than its header announces; save or "
-                    "copy it again"
+                    f"{path}: unpacks to more pixels than its header announces; save or copy it "
+                    "again"
                 )
-            packed = self._inflate.unconsumed_tail
+            packed = inflate.unconsumed_tail
 
 
 @contextmanager

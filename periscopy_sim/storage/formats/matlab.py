@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
-from periscopy_sim.storage.formats.picture import Picture
 
 _REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exposures
 

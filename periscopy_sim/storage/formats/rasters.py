@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import check_size
-from periscopy_sim.storage.formats.decoding import Inflater, check_count, decoding
-from periscopy_sim.storage.formats.picture import Picture
+from periscopy_sim.storage.formats.decoding import Picture, check_count, check_unpacked, decoding
 
 _CHANGED_MODES = {"1": "L", "P": "RGB", "PA": "RGBA"}  # of Pillow's modes: what to convert each to
 _DIRECT_MODES = ("L", "LA", "RGB", "RGBA")
@@ -75,10 +74,9 @@ def _png_header(path: Path) -> tuple[int, int, int]:
         reader.preamble()
         check_count((reader.height, reader.width, reader.planes), path)
         bits = reader.width * reader.planes * reader.bitdepth
-        pixels = Inflater(2 * (reader.height + 8) * (bits // 8 + 8), path)  # interlaced ones too
-        for kind, body in reader.chunks():  # each is compared with its checksum; the last is there
-            if kind == b"IDAT":
-                pixels.feed(body)
+        most = 2 * (reader.height + 8) * (bits // 8 + 8)  # interlaced ones too
+        chunks = reader.chunks()  # each is compared with its checksum; the last is there
+        check_unpacked((body for kind, body in chunks if kind == b"IDAT"), most, path)
         return reader.height, reader.width, reader.bitdepth
 
 
@@ -108,7 +106,7 @@ def _check_packing(page: Any, path: Path) -> None:
     with path.open("rb") as stream:
         for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True):
             stream.seek(offset)
-            Inflater(most, path).feed(stream.read(count))
+            check_unpacked([stream.read(count)], most, path)
 
 
 def _read_with_pillow(path: Path, kind: str) -> Picture:

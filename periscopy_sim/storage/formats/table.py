@@ -15,9 +15,9 @@ import numpy as np
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.arrays import read_npy, read_npz
+from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.matlab import read_matlab_counts
-from periscopy_sim.storage.formats.picture import Picture
 from periscopy_sim.storage.formats.rasters import read_jpeg, read_png, read_tiff
 from periscopy_sim.storage.sequences.stacks import Stack, exr_stack, npy_stack, npz_stack
 

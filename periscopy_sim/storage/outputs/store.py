@@ -30,13 +30,8 @@ from periscopy_sim.storage.outputs.completion import (
     record_of,
     recorded_blocks,
 )
-from periscopy_sim.storage.outputs.lock import LOCK
-from periscopy_sim.storage.outputs.resume import check_settings
-from periscopy_sim.storage.outputs.staging import (
-    out_of_space_reported,
-    staged_file,
-    staged_folder,
-)
+from periscopy_sim.storage.outputs.resume import LOCK, check_settings
+from periscopy_sim.storage.outputs.staging import out_of_space_reported, staged_file, staged_folder
 
 
 class StoreLayout(Protocol):

@@ -17,7 +17,7 @@ from periscopy_sim.dataset.making.make import make_dataset
 from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.lock import alone_in
+from periscopy_sim.storage.outputs.resume import alone_in
 
 
 def contents(path):

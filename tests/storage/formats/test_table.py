@@ -5,9 +5,8 @@ import pytest
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats import table
-from periscopy_sim.storage.formats.picture import Picture
-from periscopy_sim.storage.masks import read_mask
-from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.storage.formats.decoding import Picture
+from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image
 from periscopy_sim.storage.sequences.opening import open_frames
 

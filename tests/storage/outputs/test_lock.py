@@ -3,7 +3,7 @@
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.storage.outputs.lock import alone_in
+from periscopy_sim.storage.outputs.resume import alone_in
 
 
 def test_folder_is_free_again_after_an_error(tmp_path):
