@@ -58,12 +58,7 @@ def check_photograph(
     except ValueError as error:  # rows of different lengths
         raise PhotographError(f"{name}: is no array of numbers ({error}); give one") from error
     check_real(array.dtype, name)
-    if array.ndim == 2:
-        array = array[..., None]
-    if array.ndim != 3 or array.shape[2] not in (1, 3):
-        raise PhotographError(
-            f"{name}: has shape {np.shape(values)}; give (rows, columns, 3), or one channel of grey"
-        )
+    array = with_channels(array, name)
     check_size(array.shape[:2], shape, name)
     # What is out of range becomes infinite, and is refused below; so are signalling NaNs.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -116,6 +111,16 @@ def blackened(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[An
     So it is drawn, and so a method sees it that takes no mask.
     """
     return image if mask is None else np.where(mask[..., np.newaxis], image, 0)
+
+
+def with_channels(values: NDArray[Any], name: str) -> NDArray[Any]:
+    """Return (rows, columns, 1 or 3) values, which may lack a channel of grey; refuse others."""
+    channels = values[..., np.newaxis] if values.ndim == 2 else values
+    if channels.ndim != 3 or channels.shape[2] not in (1, 3):
+        raise PhotographError(
+            f"{name}: has shape {values.shape}; give (rows, columns, 3), or one channel of grey"
+        )
+    return channels
 
 
 def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None:

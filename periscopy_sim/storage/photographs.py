@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import Photograph, check_size, checked_photograph
+from periscopy_sim.photographs.checking import (
+    Photograph,
+    check_size,
+    checked_photograph,
+    with_channels,
+)
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.srgb import srgb_decode
@@ -102,10 +107,7 @@ def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
     values = picture.values
     if picture.alpha is not None:
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
-    if values.ndim == 2:
-        values = values[..., np.newaxis]
-    if values.ndim != 3 or values.shape[2] not in (1, 3):
-        raise PhotographError(f"{path}: has shape {values.shape}; give (rows, columns)")
+    values = with_channels(values, str(path))
     check_size(values.shape[:2], shape, str(path))
     if not np.isfinite(values).all():
         raise PhotographError(f"{path}: has NaN or infinite values; give truth values")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.checking import with_channels
 from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -48,12 +49,10 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     """
     path = Path(path)
     picture = decode_picture(path, "hidden")
-    values, alpha = picture.values, picture.alpha
-    if values.ndim == 2:
-        values = values[..., np.newaxis]
+    values, alpha = with_channels(picture.values, str(path)), picture.alpha
     encoded = picture.is_display and values.dtype.kind == "u"
-    if values.ndim != 3 or values.shape[2] not in (1, 3) or values.size == 0:
-        raise PhotographError(f"{path}: has shape {values.shape}; give (rows, columns, 3), or grey")
+    if values.size == 0:
+        raise PhotographError(f"{path}: has shape {values.shape}; give one pixel at least")
     if max(values.shape) > _LONGEST_SIDE:
         raise PhotographError(f"{path}: is {max(values.shape)} pixels long; shrink it first")
 

@@ -89,7 +89,7 @@ class BlockStore:
                     record_file(path, number).unlink()
             # The head of the whole comes last: `zarr.json` is behind all other names.
             with staged_folder(path) as head:
-                _lay_out(head, layout, attributes, labels)
+                self._lay_out(head, attributes, labels)
         self._group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
 
     def missing(self) -> Iterator[int]:
@@ -144,6 +144,23 @@ class BlockStore:
                 "folder"
             )
 
+    def _lay_out(
+        self, head: Path, attributes: Mapping[str, Any], labels: Mapping[str, tuple[str, Any]]
+    ) -> None:
+        """Write a store without blocks; xarray reads it."""
+        import zarr
+
+        count = {} if self.layout.count is None else {"count": self.layout.count}
+        group = zarr.create_group(head, zarr_format=3, attributes={**attributes, **count})
+        making = zarr.create_group(head / MAKING, zarr_format=3)
+        making.attrs["description"] = "marks of the blocks that are finished, and what made them"
+        for name, settings in self.layout.variables().items():
+            group.create_array(name, **settings)
+        for name, (dimension, values) in labels.items():
+            is_text = isinstance(values[0], str)
+            array = np.array(values, np.dtypes.StringDType() if is_text else None)
+            group.create_array(name, data=array, dimension_names=(dimension,))
+
     def _remove_what_was_torn(self) -> None:
         """Remove what a run that was killed has left of its writing."""
         places = [self.path / name for name in (MAKING, *self.layout.variables())]
@@ -184,24 +201,3 @@ def _writing(path: Path) -> Iterator[None]:
         raise OutputError(
             f"cannot write {error.filename or path}: {error.strerror}; remove what stands there"
         ) from error
-
-
-def _lay_out(
-    path: Path,
-    layout: StoreLayout,
-    attributes: Mapping[str, Any],
-    labels: Mapping[str, tuple[str, Any]],
-) -> None:
-    """Write a store without blocks; xarray reads it."""
-    import zarr
-
-    count = {} if layout.count is None else {"count": layout.count}
-    group = zarr.create_group(path, zarr_format=3, attributes={**attributes, **count})
-    making = zarr.create_group(path / MAKING, zarr_format=3)
-    making.attrs["description"] = "marks of the blocks that are finished, and what made them"
-    for name, settings in layout.variables().items():
-        group.create_array(name, **settings)
-    for name, (dimension, values) in labels.items():
-        is_text = isinstance(values[0], str)
-        array = np.array(values, np.dtypes.StringDType() if is_text else None)
-        group.create_array(name, data=array, dimension_names=(dimension,))
