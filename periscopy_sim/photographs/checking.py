@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,21 +82,12 @@ def check_photograph(
     return np.repeat(photograph, 3 // photograph.shape[2], axis=2)
 
 
-def checked_photograph(
-    values: ArrayLike,
-    shape: tuple[int, int],
-    name: str,
-    mask: NDArray[np.bool_] | None = None,
-    warnings: Sequence[str] = (),
-) -> Photograph:
-    """Check an array as `check_photograph` does; doubt one whose values are negative for the most.
-
-    `warnings` are what is known of it already.
-    """
-    checked = check_photograph(values, shape, name, mask)
-    if np.mean(used_pixels(checked, mask) < 0) > 0.5:
-        warnings = (*warnings, f"{name}: most values are negative; {_TOO_DARK}")
-    return Photograph(checked, tuple(warnings))
+def doubts_of(
+    photograph: NDArray[np.float64], name: str, mask: NDArray[np.bool_] | None
+) -> list[str]:
+    """Return a line for what is allowed of a photograph that was checked, but hardly light."""
+    is_dark = np.mean(used_pixels(photograph, mask) < 0) > 0.5
+    return [f"{name}: most values are negative; {_TOO_DARK}"] if is_dark else []
 
 
 def used_pixels(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[Any]:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import (
     Photograph,
+    check_photograph,
     check_size,
-    checked_photograph,
+    doubts_of,
     with_channels,
 )
 from periscopy_sim.storage.formats.decoding import Picture
@@ -47,14 +48,14 @@ def read_photograph(
     Raises
     ------
     PhotographError
-        If the file is missing, damaged, of another format, or no photograph: see
-        `check_photograph`.
+        If the file is missing, damaged, of another format, or fails `check_photograph`.
     """
     path = Path(path)
     row = format_of(path)
     picture = row.decode(path, "photograph", shape)
     values, warnings = _prepared(picture, shape, row.name, str(path))
-    return checked_photograph(values, shape, str(path), mask, warnings)
+    checked = check_photograph(values, shape, str(path), mask)
+    return Photograph(checked, (*warnings, *doubts_of(checked, str(path), mask)))
 
 
 def _prepared(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import Photograph, checked_photograph
+from periscopy_sim.photographs.checking import Photograph, check_photograph, doubts_of
 from periscopy_sim.storage.formats.decoding import place_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.sequences.folder import folder_frames
@@ -66,6 +66,8 @@ def open_frames(
 
     def decode() -> Iterator[Photograph]:
         for k, values in enumerate(stack):
-            yield checked_photograph(values, shape, str(place_of(path, k)), mask)
+            place = str(place_of(path, k))
+            checked = check_photograph(values, shape, place, mask)
+            yield Photograph(checked, tuple(doubts_of(checked, place, mask)))
 
     return Frames(stack.names, stack.warnings, decode)
