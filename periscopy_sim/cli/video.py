@@ -100,8 +100,8 @@ def video(
     from periscopy_sim.evaluation.methods import fit_method
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.sequences.decoded import decoded_photographs, decoded_truth
-    from periscopy_sim.storage.sequences.opening import open_frames
+    from periscopy_sim.storage.sequences.hidden_frames import decoded_truth
+    from periscopy_sim.storage.sequences.opening import decoded_photographs, open_frames
     from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
     check_coupling(method, coupling)

@@ -6,10 +6,9 @@ import asyncio
 import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from itertools import islice
-from queue import Empty, Queue
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -126,17 +125,13 @@ def _check_answer(address: str) -> None:
 
     def ask() -> None:
         try:
-            answers.put(asyncio.run(asyncio.wait_for(identity(), PATIENCE)))
+            answer.set_result(asyncio.run(asyncio.wait_for(identity(), PATIENCE)))
         except Exception:  # MemoryError too, where it sends what reads as a length of terabytes
-            answers.put("")
+            answer.set_result("")
 
-    answers: Queue[str] = Queue()
+    answer: Future[str] = Future()
     Thread(target=ask, daemon=True).start()
-    try:
-        answer = answers.get(timeout=PATIENCE)  # signals interrupt it
-    except Empty:
-        raise TimeoutError(f"{address} does not answer") from None
-    if answer != "Scheduler":
+    if answer.result(PATIENCE) != "Scheduler":  # or a TimeoutError; signals interrupt it
         raise ConnectionError(f"{address} is no scheduler")
 
 

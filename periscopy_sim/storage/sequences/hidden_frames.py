@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from periscopy_sim.storage.formats.decoding import place_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
 from periscopy_sim.storage.sequences.folder import files_of_one_kind
-from periscopy_sim.storage.sequences.stacks import mapped_stack
+from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,14 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
         yield from map(read, range(count))
     else:
         yield from repeat(read(0), count)
+
+
+def decoded_truth(path: Path, shape: tuple[int, int], count: int, file: Path) -> NDArray[Any]:
+    """Return what was hidden, (F, R, C, 3), frame by frame; see `read_hidden_frames`."""
+    with npy_writer(file, (count, *shape, 3), np.float64) as write:
+        for image in read_hidden_frames(path, shape, count):
+            write(image)
+    return mapped_stack(file)
 
 
 def _opened(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:

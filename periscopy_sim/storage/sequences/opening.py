@@ -1,20 +1,21 @@
-"""Open a sequence of photographs, whichever form it has."""
+"""Open a sequence of photographs, whichever form it has, and decode all of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import Photograph, check_photograph, doubts_of
+from periscopy_sim.photographs.checking import Photograph, blackened, check_photograph, doubts_of
 from periscopy_sim.storage.formats.decoding import place_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.sequences.folder import folder_frames
 from periscopy_sim.storage.sequences.frames import Frames
-from periscopy_sim.storage.sequences.stacks import zarr_stack
+from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer, zarr_stack
 
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
 _FORMS = "a folder of photographs, a Zarr archive, a multi-part EXR or an NPY or NPZ stack"
@@ -71,3 +72,29 @@ def open_frames(
             yield Photograph(checked, tuple(doubts_of(checked, place, mask)))
 
     return Frames(stack.names, stack.warnings, decode)
+
+
+def decoded_photographs(
+    sequence: Frames[Photograph],
+    shape: tuple[int, int],
+    mask: NDArray[np.bool_] | None,
+    file: Path,
+    progress: Callable[[float], None],
+) -> tuple[NDArray[np.floating[Any]], list[str]]:
+    """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
+
+    They are (rows, columns, 3) each, black where the mask leaves them out, as they are drawn, and
+    kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
+    """
+    of_kind: dict[str, list[str]] = {}
+    with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
+        for k, photograph in enumerate(sequence, 1):
+            write(blackened(photograph.values, mask))
+            for warning in photograph.warnings:
+                of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
+            progress(k / len(sequence))
+    counted = (
+        first + (f" (likewise {len(others)} more)" if others else "")
+        for first, *others in of_kind.values()
+    )
+    return mapped_stack(file), [*sequence.warnings, *counted]
