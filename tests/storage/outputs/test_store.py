@@ -5,18 +5,24 @@ import json
 import numpy as np
 import pytest
 
-from periscopy_sim.dataset.archive.layout import Layout, read_attributes, recognizes
+from periscopy_sim.dataset.archive.layout import Layout, read_head
 from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.storage.outputs import store
 from periscopy_sim.storage.outputs.completion import MAKING, digest_of, is_complete, record_file
 from periscopy_sim.storage.outputs.store import BlockStore
 
-ATTRIBUTES = {"kind": "periscopy data set", "configuration": {"seed": 1}}
+SIZES = {
+    "block": 3,
+    "photograph_shape": [4, 5],
+    "hidden_shape": [2, 3],
+    "photograph_type": "float32",
+    "keep_background": False,
+}
+ATTRIBUTES = {"kind": "periscopy data set", "layout": SIZES, "configuration": {"seed": 1}}
 
 
-def layout(count=7, **changes):
-    sizes = {"block_size": 3, "photograph_shape": (4, 5), "hidden_shape": (2, 3)}
-    return Layout(count=count, **sizes, photograph_type="float32", keep_background=False, **changes)
+def layout(count=7):
+    return Layout(count, 3, (4, 5), (2, 3), "float32", keep_background=False)
 
 
 def block(number, size=3):
@@ -40,7 +46,7 @@ def file_of(path, name, number):
 
 
 def check_place(path):
-    store.check_place(path, Layout.what, recognizes)
+    store.check_place(path, Layout.what, Layout.recognizes)
 
 
 def archive(path, count=7, attributes=ATTRIBUTES):
@@ -261,16 +267,17 @@ def test_places_of_other_things_are_refused_and_left_alone(tmp_path):
 
 def test_attributes_are_those_given_and_no_others_are_read(tmp_path):
     filled(tmp_path / "d")
-    assert read_attributes(tmp_path / "d") == {**ATTRIBUTES, "count": 7}
+    attributes = {**ATTRIBUTES, "count": 7}
+    assert read_head(tmp_path / "d") == (attributes, layout(), digest_of(ATTRIBUTES))
     with pytest.raises(DatasetError, match="no such data set"):
-        read_attributes(tmp_path / "none")
+        read_head(tmp_path / "none")
     (tmp_path / "other").mkdir()
     with pytest.raises(DatasetError, match="is no data set"):
-        read_attributes(tmp_path / "other")
+        read_head(tmp_path / "other")
     for content in ("", "{}", "[]", json.dumps({"attributes": {"kind": "sweep", "count": 1}})):
         (tmp_path / "other/zarr.json").write_text(content)
         with pytest.raises(DatasetError, match="damaged, or of no data set"):
-            read_attributes(tmp_path / "other")
+            read_head(tmp_path / "other")
 
 
 def test_digest_is_of_everything_but_the_count():
