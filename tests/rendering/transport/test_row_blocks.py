@@ -42,7 +42,7 @@ def test_reconstruction_without_a_stored_matrix_is_that_with_it(shipped):
     f = rng.random((20, 3))
     y = (A @ f).reshape(16, 16, 3)
     y += 1e-3 * y.mean() * rng.normal(size=y.shape)
-    rendered = RenderedTransport(scene, seed=1, lanes=1500)
+    rendered = RenderedTransport(scene, seed=1, lanes=2600)  # two blocks
     stored = IterativePeriscope.for_scene(scene, A, tolerance=1e-6).reconstruct(y)
     found = IterativePeriscope.for_scene(scene, rendered, tolerance=1e-6).reconstruct(y)
     assert np.linalg.norm(found - stored) < 1e-3 * np.linalg.norm(stored)
