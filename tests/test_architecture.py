@@ -177,7 +177,7 @@ def test_only_the_rendering_and_the_variants_name_need_mitsuba():
         if module.startswith("periscopy_sim")
         and any(name.split(".")[0] in RENDERERS for name in imported_names(module, tree_of(module)))
     }
-    assert "periscopy_sim.rendering.transport.shadow_rays" in importers
+    assert "periscopy_sim.rendering.transport.kernel" in importers
     others = {name for name in importers if not name.startswith("periscopy_sim.rendering.")}
     # These ask for the variant's name alone.
     assert others <= {

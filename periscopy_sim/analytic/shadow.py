@@ -4,29 +4,19 @@ A convex part's shadow from a point source is the convex hull of its projected v
 Coordinates are those of the plane: (across, up, height), in metres, the plane at height 0.
 """
 
-from collections.abc import Callable
-from typing import TypeVar
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
+from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
 Indices = NDArray[np.int64]
 
 # Metres that a shadow reaches beyond its border: parts that share an edge leave no bright seam.
 _SEAM = 1e-12
-
-Function = TypeVar("Function", bound=Callable[..., object])
-
-
-def _compiled(function: Function) -> Function:
-    compiled: Function = numba.njit(cache=True, nogil=True)(function)
-    return compiled
 
 
 def connected_parts(vertices: Array, faces: Indices) -> list[tuple[Array, Indices]]:
@@ -69,7 +59,7 @@ def is_convex(vertices: Array, faces: Indices) -> bool:
     return bool(abs(hull.volume - content) <= 1e-6 * hull.volume + rounding * hull.area)
 
 
-@_compiled
+@compiled
 def lit_points(
     points: Array, foot: Array, height: float, vertices: Array, starts: Indices
 ) -> NDArray[np.bool]:
@@ -82,24 +72,14 @@ def lit_points(
     lit = np.ones(len(points), np.bool_)
     for part in range(len(starts) - 1):
         corners = vertices[starts[part] : starts[part + 1]]
-        shadow = _convex_hull(_project(foot, height, corners))
+        stretch = height / (height - corners[:, 2:])  # along the rays from the source
+        shadow = _convex_hull(foot + stretch * (corners[:, :2] - foot))
         if len(shadow) > 2:
             _darken(points, shadow, lit)
     return lit
 
 
-@_compiled
-def _project(foot: Array, height: float, vertices: Array) -> Array:
-    """Project along the rays from the source onto the plane at height 0."""
-    projected = np.empty((len(vertices), 2))
-    for i in range(len(vertices)):
-        stretch = height / (height - vertices[i, 2])
-        for axis in range(2):
-            projected[i, axis] = foot[axis] + stretch * (vertices[i, axis] - foot[axis])
-    return projected
-
-
-@_compiled
+@compiled
 def _convex_hull(points: Array) -> Array:
     """Corners of the convex hull of (n, 2) points, counterclockwise (Andrew's monotone chain)."""
     order = np.argsort(points[:, 1], kind="mergesort")
@@ -114,7 +94,7 @@ def _convex_hull(points: Array) -> Array:
     return hull[: size - 1]
 
 
-@_compiled
+@compiled
 def _push(chain: Array, size: int, first: int, point: Array) -> int:
     """Append a point to the chain from `first` on; drop those where it would not turn left."""
     while size - first >= 2:
@@ -126,7 +106,7 @@ def _push(chain: Array, size: int, first: int, point: Array) -> int:
     return size + 1
 
 
-@_compiled
+@compiled
 def _darken(points: Array, shadow: Array, lit: NDArray[np.bool]) -> None:
     """Clear `lit` for the points within every half-plane left of the shadow's border."""
     corners = len(shadow)

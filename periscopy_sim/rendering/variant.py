@@ -28,21 +28,11 @@ LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 
 @dataclass(frozen=True)
 class VariantReport:
-    """Whether a variant works on this machine.
-
-    Attributes
-    ----------
-    name
-        Mitsuba's name of the variant.
-    works
-        Whether scenes can be rendered with it here.
-    reason
-        What makes it work, or what is missing and how to get it.
-    """
+    """Whether a variant works on this machine."""
 
     name: str
     works: bool
-    reason: str
+    reason: str  # what makes it work, or what is missing and how to get it
 
 
 def examine_variants() -> list[VariantReport]:

@@ -29,6 +29,15 @@ def falloff(across: Any, up: Any, normal: Any, exponents: tuple[float, float]) -
     return dr.select(normal > 0, value, 0)
 
 
+def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) -> Any:
+    """Evaluate the profile towards a world direction, about a surface point's own axes."""
+    import drjit as dr
+
+    across = dr.dot(direction, dr.normalize(surface.dp_du))
+    up = dr.dot(direction, dr.normalize(surface.dp_dv))
+    return falloff(across, up, dr.dot(direction, surface.n), exponents)
+
+
 def _root_power(square: Any, exponent: float) -> Any:
     """Raise the root of a square to a power: by products where the exponent is a whole number."""
     import drjit as dr
@@ -75,19 +84,12 @@ def _make_lcd_class() -> type:
         def traverse(self, callback: Any) -> None:
             callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
 
-        def profile(self, surface: Any, direction: Any) -> Any:
-            """Profile at a surface point towards a world direction."""
-            across = dr.normalize(surface.dp_du)
-            up = dr.normalize(surface.dp_dv)
-            return falloff(
-                dr.dot(direction, across),
-                dr.dot(direction, up),
-                dr.dot(direction, surface.n),
-                self.exponents,
-            )
+        def _emitted(self, surface: Any, direction: Any, active: Any) -> Any:
+            profile = falloff_about(surface, direction, self.exponents)
+            return self.radiance.eval(surface, active) * profile
 
         def eval(self, si: Any, active: Any = True) -> Any:
-            return self.radiance.eval(si, active) * self.profile(si, si.to_world(si.wi))
+            return self._emitted(si, si.to_world(si.wi), active)
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
             uv, pdf_uv = self.radiance.sample_position(sample, active)
@@ -103,7 +105,7 @@ def _make_lcd_class() -> type:
             active = active & surface.is_valid() & (pdf_uv > 0)
             ds.pdf = self._solid_angle_density(pdf_uv, surface, ds, active)
             active = active & (ds.pdf > 0)
-            radiance = self.radiance.eval(surface, active) * self.profile(surface, -ds.d)
+            radiance = self._emitted(surface, -ds.d, active)
             return ds, dr.select(active, radiance / dr.select(active, ds.pdf, 1), 0)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
@@ -112,8 +114,7 @@ def _make_lcd_class() -> type:
             return self._solid_angle_density(pdf_uv, surface, ds, active)
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            surface = self._surface(ds.uv, active)
-            return self.radiance.eval(surface, active) * self.profile(surface, -ds.d)
+            return self._emitted(self._surface(ds.uv, active), -ds.d, active)
 
         def _surface(self, uv: Any, active: Any) -> Any:
             """Return the shape's surface at UV coordinates; of a mesh that has none, no surface.

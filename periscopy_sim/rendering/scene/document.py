@@ -32,23 +32,15 @@ LONGEST = 1 << 20
 class SceneDocument:
     """What a scene file and those that it includes say.
 
-    Attributes
-    ----------
-    defaults
-        Name to value of each ``<default>``, the first of its name, whatever was given instead.
-    files
-        The scene and every file that exists and that belongs to it, in the order of the text, each
-        once.
-    folders
-        Where the files of plugins are searched, in this order.
-    missing
-        Names of includes, spectra and folders that are nowhere.
+    `defaults` maps the name of each ``<default>`` to its value, the first of that name, whatever
+    was given instead. `files` are the scene and every file that exists and belongs to it, each
+    once, in the order of the text.
     """
 
     defaults: dict[str, str]
     files: tuple[Path, ...]
-    folders: tuple[Path, ...]
-    missing: tuple[str, ...]
+    folders: tuple[Path, ...]  # where the files of plugins are searched, in this order
+    missing: tuple[str, ...]  # names of includes, spectra and folders that are nowhere
 
     def find(self, name: str) -> Path | None:
         """Return the file that a plugin's ``filename`` stands for, None if there is none."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.parsing import one_line
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
-from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes, check_wall
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
+from periscopy_sim.rendering.scene.wall import seen_wall
+from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario
 from periscopy_sim.shipped import find_scene
 
@@ -66,15 +66,7 @@ def load_scenario(
         possible.
     """
     use_variant()
-    path = find_scene(path)
-    try:
-        rows, columns = (operator.index(number) for number in hidden)
-    except (TypeError, ValueError):
-        raise SceneError(
-            f"the hidden size must be two whole numbers, (rows, columns), not {hidden!r}"
-        ) from None
-    if rows < 1 or columns < 1:
-        raise SceneError(f"a hidden image of {rows}x{columns} patches has none; give at least 1x1")
+    path, hidden = find_scene(path), _hidden_size(hidden)
     values = {name: str(value) for name, value in (parameters or {}).items()}
     nodes = SceneNodes(path, values)
     nodes.show(None)
@@ -84,34 +76,21 @@ def load_scenario(
     emission, material = nodes.emission_profile(), nodes.wall_material()
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
-    film_columns, film_rows = (int(n) for n in camera_of(scene).film().crop_size())
-    film_rows, film_columns = photograph or (film_rows, film_columns)
-    if not 1 <= film_rows * film_columns <= MOST_PIXELS:
-        raise SceneError(
-            f"scene '{path}': the camera's film has {film_rows}x{film_columns} pixels; give it "
-            f"from 1 to {MOST_PIXELS}"
-        )
-    if rows * columns > film_rows * film_columns:
-        raise SceneError(
-            f"{rows}x{columns} hidden patches are more than the {film_rows}x{film_columns} "
-            "pixels of the photograph; no photograph could tell them apart"
-        )
-    check_wall(shapes["wall"], material, nodes.path)
-    points, normals, albedo, diffuse, blur = _shoot_camera_rays(
-        scene, shapes["wall"], (film_rows, film_columns), nodes.path, material
+    pixels = _photograph_size(scene, photograph, hidden, path)
+    points, normals, reflectance, gain, blur = seen_wall(
+        scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material
     )
-    patches, mirrored = _patches(shapes["monitor"], hidden, nodes.path)
-    centers, patch_normals, across, up = patches
-    _check_facing(points, normals, centers, patch_normals, nodes.path)
+    centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
+    _check_facing(points, normals, centers, patch_normals, path)
     return Scenario(
-        path=nodes.path,
+        path=path,
         parameters=values,
-        photograph_shape=(film_rows, film_columns),
-        hidden_shape=(rows, columns),
+        photograph_shape=pixels,
+        hidden_shape=hidden,
         wall_points=points,
         wall_normals=normals,
-        wall_reflectance=np.pi * albedo if diffuse else None,
-        channel_gain=albedo / albedo.mean(),
+        wall_reflectance=reflectance,
+        channel_gain=gain,
         patch_centers=centers,
         patch_normals=patch_normals,
         patch_across=across,
@@ -172,86 +151,40 @@ def patch_uv(
     return (1 - u if mirrored else u), v
 
 
-def _shoot_camera_rays(
-    scene: Any, wall: Any, photograph_shape: tuple[int, int], path: Path, material: str
-) -> tuple[Array, Array, Array, bool, float]:
-    """Meet the wall at every pixel's centre; find its colour, whether it is diffuse, the blur."""
-    import drjit as dr
-    import mitsuba as mi
-
-    rows, columns = photograph_shape
-    camera, bsdf, context = camera_of(scene), wall.bsdf(), mi.BSDFContext()
-    straight, slopes = (0, 0, 1), ((0.8, 0, 0.6), (0, 0.8, 0.6))
-    rim = ((0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)) if camera.needs_aperture_sample() else ()
-
-    def met(position: Any, aperture: tuple[float, float]) -> tuple[Any, Any, Any]:
-        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(*aperture))
-        si = scene.ray_intersect(ray)
-        hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
-        return si, ray.d, hit
-
-    def meet(position: Any) -> tuple[Any, ...]:
-        si, direction, hit = met(position, (0.5, 0.5))
-        blur = mi.Float(0)
-        for aperture in rim:
-            off_axis, _, also_hit = met(position, aperture)
-            hit &= also_hit
-            blur = dr.maximum(blur, dr.norm(off_axis.p - si.p))
-        toward_camera = mi.Vector3f(0, 0, dr.sign(si.wi.z))
-        facing = bsdf.eval(context, si, toward_camera)
-        si.wi = mi.Vector3f(*straight)
-        colors = [bsdf.eval(context, si, mi.Vector3f(*to)) for to in (straight, *slopes)]
-        return si.p, si.n, si.sh_frame.n, -direction, hit, blur, facing, *colors
-
-    column, row = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
-    film = np.stack([column.ravel() / columns, row.ravel() / rows], axis=1)
-    where = f"scene '{path}'"
+def _hidden_size(hidden: tuple[int, int]) -> tuple[int, int]:
     try:
-        points, normals, shading, views, hit, blur, facing, color, *tilted = map_points(meet, film)
-    except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
-        raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
-    if not hit.all():
-        first = divmod(int(np.flatnonzero(~hit[:, 0].astype(bool))[0]), columns)
+        rows, columns = (operator.index(number) for number in hidden)
+    except (TypeError, ValueError):
         raise SceneError(
-            f"{where}: {int((hit == 0).sum())} of {hit.size} camera pixels miss the wall, the first"
-            f" at row {first[0]}, column {first[1]}; move the camera, its film or what stands "
-            "between it and the wall"
-        )
-    if not (np.isfinite(facing).all() and np.isfinite(color).all()):
-        raise SceneError(f"{where}: the wall's reflectance is not finite ({material}); fix it")
-    if not facing.any():
+            f"the hidden size must be two whole numbers, (rows, columns), not {hidden!r}"
+        ) from None
+    if rows < 1 or columns < 1:
+        raise SceneError(f"a hidden image of {rows}x{columns} patches has none; give at least 1x1")
+    return rows, columns
+
+
+def _photograph_size(
+    scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
+) -> tuple[int, int]:
+    """Return (rows, columns) as asked, or else of the film; refuse too many, or too few."""
+    columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
+    rows, columns = asked or (rows, columns)
+    if not 1 <= rows * columns <= MOST_PIXELS:
         raise SceneError(
-            f"{where}: the wall ({material}) reflects nothing to the camera; turn its "
-            "front to the camera or make it two-sided"
+            f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
+            f"from 1 to {MOST_PIXELS}"
         )
-    albedo = color.mean(axis=0)
-    if np.ptp(color, axis=0).max() > 1e-4 * albedo.max():
+    if hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
-            f"{where}: the wall is textured ({material}); only a wall of one uniform "
-            "material can be treated"
+            f"{hidden[0]}x{hidden[1]} hidden patches are more than the {rows}x{columns} "
+            "pixels of the photograph; no photograph could tell them apart"
         )
-    # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
-    own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
-    normals = np.where(own, shading, normals)
-    normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
-    slanted = np.array([values.mean(axis=0) for values in tilted])
-    mean = slanted.mean(axis=1, keepdims=True) * albedo.mean()
-    if (np.abs(slanted * albedo.mean() - mean / albedo.mean() * albedo) > 1e-4 * mean).any():
-        raise SceneError(
-            f"{where}: the colour of the wall's reflection ({material}) changes with direction; "
-            "use a wall of one colour"
-        )
-    # Not so of a diffuse wall beneath a normal map.
-    falls_as_cosine = np.abs(slanted / 0.6 - albedo).max() <= 1e-4 * albedo.max()
-    return (
-        points, normals, albedo, bool(_is_diffuse(wall) and falls_as_cosine),
-        float(blur.max()),
-    )  # fmt: skip
+    return rows, columns
 
 
 def _patches(
     monitor: Any, hidden: tuple[int, int], path: Path
-) -> tuple[tuple[Array, Array, Array, Array], bool]:
+) -> tuple[Array, Array, Array, Array, bool]:
     """Centres, normals and edge vectors of the patches, and whether u is mirrored."""
     rows, columns = hidden
 
@@ -281,12 +214,13 @@ def _patches(
             f", column {first[1]}; its UV coordinates must cover the unit square"
         )
     across = (-du if mirrored else du) / columns
-    return (centers, normals, across, dv / rows), mirrored
+    return centers, normals, across, dv / rows, mirrored
 
 
 def _check_facing(
     points: Array, normals: Array, centers: Array, patch_normals: Array, path: Path
 ) -> None:
+    """Check that some patch and some point of the wall face each other."""
     faces = False
     for center, patch_normal in zip(centers, patch_normals, strict=True):
         ahead = (points - center) @ patch_normal > 0
@@ -302,14 +236,6 @@ def _check_facing(
     raise SceneError(
         f"scene '{path}': the monitor is behind the wall; move it to the camera's side"
     )
-
-
-def _is_diffuse(wall: Any) -> bool:
-    import mitsuba as mi
-
-    flags = int(wall.bsdf().flags())
-    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-    return bool(flags & int(mi.BSDFFlags.DiffuseReflection)) and not flags & other
 
 
 def _occluder(shape: Any) -> Occluder:

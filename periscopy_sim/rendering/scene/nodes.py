@@ -61,10 +61,6 @@ class SceneNodes:
         }
         return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
 
-    def shape_names(self) -> list[str]:
-        """Return the ids of the shapes, in the order of the file."""
-        return [props.id() for props in self.of_type("Shape")]
-
     def emission_profile(self) -> EmissionProfile | None:
         """Return the monitor's angular profile if it is known in closed form."""
         emitter = self._monitor_emitter()

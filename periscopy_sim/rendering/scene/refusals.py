@@ -66,17 +66,6 @@ def _check_opaque(nodes: SceneNodes) -> None:
             )
 
 
-def check_wall(wall: Any, material: str, path: Path) -> None:
-    """Refuse a wall that is partly a mirror: shadow rays never find a mirror's direction."""
-    import mitsuba as mi
-
-    if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):
-        raise SceneError(
-            f"scene '{path}': the wall ({material}) reflects as a mirror does, in part or "
-            "entirely; use a rough material, such as diffuse or roughplastic"
-        )
-
-
 def check_monitor(monitor: Any, path: Path) -> None:
     """Refuse a monitor whose surface is not that of its UV square, once.
 

@@ -10,9 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import VariantError
-from periscopy_sim.rendering.transport.shadow_rays import LANES, Strata, rendered_rows
+from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
+
+LANES = 1 << 22
+"""Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
+
+RAYS = 1 << 28
+"""Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +76,17 @@ class RenderedTransport:
                 "rows of the transport matrix are rendered in llvm_ad_rgb or cuda_ad_rgb only; in "
                 "scalar variants store the whole of it: render_transport(..., out=memory_map)"
             )
-        yield from rendered_rows(
-            self.scenario,
-            samples=self.samples,
-            strata=self.strata,
-            pixel_samples=self.pixel_samples,
-            seed=self.seed,
-            lanes=self.lanes,
-        )
+        import drjit as dr
+        import mitsuba as mi
+
+        entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
+        pixels, patches = self.shape
+        rays = self.samples * self.pixel_samples
+        height = max(1, min(self.lanes, RAYS // rays) // patches)
+        for start in range(0, pixels, height):
+            rows = slice(start, min(start + height, pixels))
+            lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
+            # Opaque, so that all blocks share one compiled kernel.
+            pixel = lane // patches + dr.opaque(mi.UInt32, start)
+            values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
+            yield rows, np.array(values).reshape(-1, patches)

@@ -1,38 +1,22 @@
 """The light transport matrix A of any Mitsuba scene.
 
-Column j of A is the photograph of the wall when only patch j shines with unit normal radiance:
-
-    A[i, j] = ∫_patch j f(i; q → camera) E(q → i) V(i, q) cos θ_i cos θ_q / ‖q − i‖² dq
-
-with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and the visibility V.
+Column j of A is the photograph of the wall when only patch j shines with unit normal radiance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any, Literal, get_args
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.emitters.lcd import falloff
-from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv, shape_of
-from periscopy_sim.rendering.scene.pointwise import surface_at
+from periscopy_sim.rendering.transport.kernel import Strata
+from periscopy_sim.rendering.transport.row_blocks import LANES, RenderedTransport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
 
-Strata = Literal["midpoint", "jittered"]
 Progress = Callable[[float], None]
-
-LANES = 1 << 22
-"""Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
-
-RAYS = 1 << 28
-"""Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
-
-SHADOW_EPSILON = 1e-4
-"""Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
 
 
 def render_transport(
@@ -88,29 +72,17 @@ def render_transport(
         If a number of samples is below 1, `strata` is neither, or `out` has another shape.
     """
     use_variant()
-    if samples < 1 or pixel_samples < 1:
-        raise ValueError(f"{samples} samples, {pixel_samples} pixel samples: both must be positive")
-    if strata not in get_args(Strata):
-        raise ValueError(f"strata '{strata}' are not known; use one of {get_args(Strata)}")
-    shape = scenario.transport_shape
-    A = np.empty(shape, np.float32) if out is None else out
-    if A.shape != shape:
-        raise ValueError(f"out has shape {A.shape}, the transport matrix {shape}")
+    rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed, LANES)
+    A = np.empty(rendered.shape, np.float32) if out is None else out
+    if A.shape != rendered.shape:
+        raise ValueError(f"out has shape {A.shape}, the transport matrix {rendered.shape}")
     report = progress or (lambda _: None)
     if not is_vectorized():
         from periscopy_sim.rendering.transport.scalar import render_columns
 
         render_columns(scenario, A, samples=samples, seed=seed, progress=report)
     else:
-        blocks = rendered_rows(
-            scenario,
-            samples=samples,
-            strata=strata,
-            pixel_samples=pixel_samples,
-            seed=seed,
-            lanes=LANES,
-        )
-        for rows, block in blocks:
+        for rows, block in rendered.row_blocks():
             A[rows] = block
             report(rows.stop / len(A))
     if not A.any():
@@ -119,204 +91,3 @@ def render_transport(
             "stands between them, or an emitter that shines in other directions"
         )
     return A
-
-
-def rendered_rows(
-    scenario: Scenario,
-    *,
-    samples: int,
-    strata: Strata,
-    pixel_samples: int,
-    seed: int,
-    lanes: int,
-) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-    """Render the transport matrix block by block, in a vectorized variant.
-
-    Yield the rows, in order, and their entries, (rows, N) float32. `lanes` entries are rendered at
-    once; the other parameters are those of `render_transport`.
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    entries = _make_kernel(scenario, samples, strata, pixel_samples)
-    pixels, patches = scenario.transport_shape
-    height = max(1, min(lanes, RAYS // (samples * pixel_samples)) // patches)
-    for start in range(0, pixels, height):
-        rows = slice(start, min(start + height, pixels))
-        lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
-        # Opaque, so that all blocks share one compiled kernel.
-        pixel = lane // patches + dr.opaque(mi.UInt32, start)
-        values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, seed))
-        yield rows, np.array(values).reshape(-1, patches)
-
-
-def _make_kernel(
-    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
-) -> Callable[[Any, Any, Any], Any]:
-    """Return the function that computes entries A[pixel, patch] as Dr.Jit arrays."""
-    import drjit as dr
-    import mitsuba as mi
-
-    scene = build_scene(scenario)
-    camera = camera_of(scene)
-    wall, monitor = shape_of(scene, "wall"), shape_of(scene, "monitor")
-    bsdf, profile = wall.bsdf(), _profile(scenario, monitor.emitter())
-    rows, columns = scenario.photograph_shape
-    hidden_rows, hidden_columns = scenario.hidden_shape
-    strata_down, strata_across = _factor(samples)
-    pixels_down, pixels_across = _factor(pixel_samples)
-    jittered = strata == "jittered"
-    has_lens = camera.needs_aperture_sample()
-
-    def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
-        """Position in the unit square of sample number `index` of down x across strata."""
-        if jittered and (down > 1 or across > 1 or salt == 0):
-            jitter = _two_units(mi, _scrambled(mi, key, 2 * index + salt))
-        else:
-            jitter = (mi.Float(0.5), mi.Float(0.5))
-        return (
-            (mi.Float(index // across) + jitter[0]) / down,
-            (mi.Float(index % across) + jitter[1]) / across,
-        )
-
-    def seen_at(pixel: Any, y: Any, x: Any, aperture: tuple[Any, Any] = (0.5, 0.5)) -> Any:
-        film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)
-        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(*aperture))
-        return scene.ray_intersect(ray, +mi.RayFlags.All, True)
-
-    # The centres of the pixels serve every patch: found once.
-    centres = seen_at(dr.arange(mi.UInt32, rows * columns), 0.5, 0.5)
-    dr.eval(centres)
-
-    def wall_points(pixel: Any, index: Any, key: Any) -> Callable[[Any], Any]:
-        """Where the camera sees the wall, for each sample of a patch: a lens blurs, a pinhole not.
-
-        The points of a lens are of a sequence that no strata share (R2; M. Roberts, 2018), shifted
-        at random if jittered.
-        """
-        middle = pixel_samples == 1
-        y, x = (0.5, 0.5) if middle else within(index, pixels_down, pixels_across, key, 1)
-        if has_lens:
-            shift = _scrambled(mi, key, mi.UInt32(0xFFFFFFFF)) if jittered else mi.UInt32(1 << 31)
-            down, across = (shift & 0xFFFF) << 16, (shift >> 16) << 16
-
-            def through_lens(k: Any) -> Any:
-                turns = down + k * mi.UInt32(0xC13FA9A9), across + k * mi.UInt32(0x91E10DA6)
-                return seen_at(
-                    pixel, y, x, tuple(mi.Float(turn >> 8) / (1 << 24) for turn in turns)
-                )
-
-            return through_lens
-        si = dr.gather(type(centres), centres, pixel) if middle else seen_at(pixel, y, x)
-        return lambda _: si
-
-    def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
-        """Integrand at one sample of the patch, per unit of the monitor's UV square."""
-        offset = within(index, strata_down, strata_across, key, 0)
-        uv = patch_uv(
-            patch // hidden_columns,
-            patch % hidden_columns,
-            (hidden_rows, hidden_columns),
-            scenario.mirrored,
-            offset,
-        )
-        light = surface_at(monitor, mi.Point2f(*uv))
-        to_light = light.p - si.p
-        squared_distance = dr.squared_norm(to_light)
-        direction = to_light * dr.rcp(dr.sqrt(squared_distance))
-        cos_emission = -dr.dot(light.n, direction)
-        area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
-        # Not dr.mean: it writes the number of lanes into the kernel, and into the last bit.
-        value = dr.sum(bsdf.eval(mi.BSDFContext(), si, si.to_local(direction))) / 3
-        value *= profile(light, -direction) * cos_emission * area / squared_distance
-        # The segment, shortened at both ends. Mitsuba's spawn_ray_to would lift its start off the
-        # wall by some 0.2 mm, which shifts every shadow's edge.
-        start = dr.fma(to_light, SHADOW_EPSILON, si.p)
-        segment = mi.Ray3f(start, to_light, 1 - 2 * SHADOW_EPSILON, 0.0, [])
-        # Traced for every lane: a mask costs more than the few rays that it saves.
-        visible = ~scene.ray_test(segment)
-        return dr.select(visible & light.is_valid() & (cos_emission > 0) & (value > 0), value, 0)
-
-    def entries(pixel: Any, patch: Any, seed: Any) -> Any:
-        key, _ = _hash(mi, pixel, seed)
-        key, _ = _hash(mi, key, patch)
-
-        def at_wall_point(p: Any) -> Any:
-            point_key, _ = _hash(mi, key, p)
-            seen = wall_points(pixel, p, point_key)
-            return _sum(samples, lambda k: transfer(seen(k), patch, k, point_key))
-
-        total = _sum(pixel_samples, at_wall_point)
-        return total / (samples * pixel_samples * hidden_rows * hidden_columns)
-
-    return entries
-
-
-def _sum(count: int, term: Callable[[Any], Any]) -> Any:
-    """Sum term(0) + ... + term(count - 1) in a loop within the kernel."""
-    import drjit as dr
-    import mitsuba as mi
-
-    if count == 1:
-        return term(mi.UInt32(0))  # a loop would keep the loop within it from being optimized
-    total, _ = dr.while_loop(
-        (mi.Float(0), mi.UInt32(0)),
-        lambda _, k: k < count,
-        lambda total, k: (total + term(k), k + 1),
-    )
-    return total
-
-
-def _profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
-    """Return the radiance of a point of the monitor in a direction, relative to the normal's."""
-    import drjit as dr
-    import mitsuba as mi
-
-    def closed_form(light: Any, direction: Any) -> Any:
-        across = dr.dot(direction, dr.normalize(light.dp_du))
-        up = dr.dot(direction, dr.normalize(light.dp_dv))
-        return falloff(across, up, dr.dot(direction, light.n), exponents)
-
-    def evaluated(light: Any, direction: Any) -> Any:
-        # eval_parameterization leaves the tangents unnormalized.
-        across = dr.normalize(light.dp_du)
-        light.sh_frame = mi.Frame3f(across, dr.cross(light.n, across), light.n)
-        light.wi = light.to_local(direction)
-        towards = emitter.eval(light).x
-        light.wi = mi.Vector3f(0, 0, 1)
-        return towards / emitter.eval(light).x
-
-    if scenario.emission is None:
-        return evaluated
-    exponents = scenario.emission.vertical, scenario.emission.horizontal
-    return closed_form
-
-
-def _factor(count: int) -> tuple[int, int]:
-    """Cut a unit square into `count` equal strata, as square as its divisors allow."""
-    down = next(n for n in range(int(np.sqrt(count)), 0, -1) if count % n == 0)
-    return down, count // down
-
-
-def _hash(mi: Any, a: Any, b: Any) -> Any:
-    """Turn two integers into two of random bits."""
-    # Mitsuba's default of 4 rounds leaves neighbours correlated by up to 0.4.
-    return mi.sample_tea_32(a, b, 6)
-
-
-def _scrambled(mi: Any, key: Any, index: Any) -> Any:
-    """Turn the index of a sample into random bits, the key being random already.
-
-    A multiply and xor-shift hash (C. Wellons, "Prospecting for hash functions", 2018) of numbers a
-    golden ratio apart: a tenth of `_hash`'s work, once for each ray.
-    """
-    bits = key + index * mi.UInt32(0x9E3779B9)
-    bits = (bits ^ (bits >> 16)) * mi.UInt32(0x7FEB352D)
-    bits = (bits ^ (bits >> 15)) * mi.UInt32(0x846CA68B)
-    return bits ^ (bits >> 16)
-
-
-def _two_units(mi: Any, bits: Any) -> tuple[Any, Any]:
-    """Turn 32 random bits into two floats in (0, 1)."""
-    halves = bits >> 16, bits & 0xFFFF
-    return tuple((mi.Float(half) + 0.5) * (1 / (1 << 16)) for half in halves)

@@ -185,7 +185,7 @@ def test_missing_included_file_is_refused(room):
 
 def test_shapes_are_named_in_the_order_of_the_file(room):
     nodes = SceneNodes(room.write(room.blocker()))
-    assert nodes.shape_names() == ["wall", "monitor", "ball"]
+    assert [props.id() for props in nodes.of_type("Shape")] == ["wall", "monitor", "ball"]
 
 
 @pytest.mark.parametrize(
@@ -404,7 +404,9 @@ def test_folders_that_a_scene_names_are_its_own_alone(room, tmp_path):
     (tmp_path / "m").mkdir()
     (tmp_path / "m" / "ball.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
     include = '<include filename="ball.xml"/>'
-    assert SceneNodes(room.write('<path value="m"/>', include)).shape_names()[-1] == "ball"
+    assert [*SceneNodes(room.write('<path value="m"/>', include)).of_type("Shape")][
+        -1
+    ].id() == "ball"
     assert [str(folder) for folder in mi.file_resolver()] == before
     assert '"ball.xml" not found' in refusal(room.write(include))
 

@@ -5,6 +5,7 @@ import pytest
 from scipy import integrate
 from scipy.spatial.transform import Rotation
 
+from periscopy_sim.rendering.transport import kernel
 from periscopy_sim.rendering.transport import shadow_rays as transport
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
@@ -270,7 +271,7 @@ def test_random_numbers_of_neighbouring_integers_are_uncorrelated():
     import mitsuba as mi
 
     a = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
-    keys = [transport._hash(mi, a, mi.UInt32(b)) for b in (6, 8)]
+    keys = [kernel._hash(mi, a, mi.UInt32(b)) for b in (6, 8)]
     uncorrelated(*(np.array([(np.array(k) + 0.5) / 2**32 for k in pair]) for pair in keys))
 
 
@@ -278,10 +279,10 @@ def test_jitter_of_neighbouring_samples_and_of_other_keys_is_uncorrelated():
     import mitsuba as mi
 
     def jitter(key, index):
-        return np.array(transport._two_units(mi, transport._scrambled(mi, key, index)))
+        return np.array(kernel._two_units(mi, kernel._scrambled(mi, key, index)))
 
     many = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
-    keys, _ = transport._hash(mi, many, mi.UInt32(3))
+    keys, _ = kernel._hash(mi, many, mi.UInt32(3))
     for first, second in [(0, 1), (0, 2), (5, 7), (34, 35)]:
         uncorrelated(jitter(keys, mi.UInt32(first)), jitter(keys, mi.UInt32(second)))
     key = mi.UInt32(123456789)
