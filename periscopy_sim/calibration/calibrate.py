@@ -17,6 +17,7 @@ from periscopy_sim.calibration.consider_analysis import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.constraints import InFront
+from periscopy_sim.calibration.fisher_information import block_scores
 from periscopy_sim.calibration.global_search import explore, points_visited
 from periscopy_sim.calibration.levenberg_marquardt import descend, settle
 from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
@@ -78,22 +79,12 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Visited:
-    """Points at which a level was looked at, in order.
-
-    Attributes
-    ----------
-    photograph_shape, hidden_shape
-        The level's.
-    values
-        (K, P) parameters.
-    evidence
-        (K,) infinite where they were not physical.
-    """
+    """Points at which a level was looked at, in order."""
 
     photograph_shape: tuple[int, int]
     hidden_shape: tuple[int, int]
-    values: Array
-    evidence: Array
+    values: Array  # (K, P) of the parameters
+    evidence: Array  # (K,) infinite where they were not physical
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +223,9 @@ def calibrate(
     values, after = settle(fine, end, steps)
     visit(values, after.evidence)
     before = fine.explain(start)
+    scores = block_scores(fine, end.explanation, end.curvature.jacobian)
     log.report(1.0)
-    alone = end.curvature.covariance()
+    alone = end.curvature.covariance(scores)
     errors = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(errors))
     columns = start, values, np.sqrt(np.diag(alone)), deviations, steps, spreads

@@ -26,17 +26,7 @@ from periscopy_sim.scenario import Array
 
 @dataclass(frozen=True, eq=False)
 class UncertainParameters:
-    """Parameters of a scene that are not free, and how well they are known.
-
-    Attributes
-    ----------
-    names
-        Of the scene's ``<default>``s.
-    values
-        (U,) at which they are held.
-    standard_errors
-        (U,) of those.
-    """
+    """``<default>``s of a scene that are held at values, (U,), known to standard errors, (U,)."""
 
     names: tuple[str, ...]
     values: Values

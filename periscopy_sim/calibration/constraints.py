@@ -11,15 +11,7 @@ from periscopy_sim.scenario import Array, Scenario
 class InFront:
     """Occluders that stood before the wall at first must stay there.
 
-    Parameters
-    ----------
-    scenario
-        The scene at first.
-
-    Raises
-    ------
-    SceneError
-        If an occluder already reaches through the part of the wall that the camera sees.
+    One that then reaches through the part of the wall that the camera sees is a SceneError.
     """
 
     def __init__(self, scenario: Scenario) -> None:

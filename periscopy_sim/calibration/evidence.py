@@ -45,6 +45,9 @@ ROUNDING = 1e-7
 LEAST = 1e-14
 """Of the photograph's energy: below it is rounding, not misfit."""
 
+LEAST_LEFT = 0.01
+"""Part of an error that must be left in the residuals to be raised to the whole of it."""
+
 PATIENCE = 3
 """Exchanges of all patches on the wrong side that may fail to lessen their number."""
 
@@ -53,25 +56,15 @@ PATIENCE = 3
 class Explanation:
     """A photograph explained by a transport matrix.
 
-    Attributes
-    ----------
-    evidence
-        Σ E_c; a difference of 2 is a likelihood ratio of e.
-    darkness
-        What it would be of a black hidden image: less than that, and the photograph shows one.
-    images
-        (N, 3) the most probable hidden image, f̂ ≥ 0.
-    noise
-        (3,) σ_c, of what is left unexplained.
-    residuals
-        (M, 3) y⊥ − A⊥ f̂.
+    The evidence is Σ E_c: a difference of 2 is a likelihood ratio of e. `darkness` is what it would
+    be of a black hidden image: where the evidence is less, the photograph shows one.
     """
 
     evidence: float
     darkness: float
-    images: Array
-    noise: Array
-    residuals: Array
+    images: Array  # (N, 3) the most probable hidden image, f̂ ≥ 0
+    noise: Array  # (3,) σ_c, of what is left unexplained
+    residuals: Array  # (M, 3) y⊥ − A⊥ f̂
     _projected: Array
     _background: Array
     _weights: Array
@@ -121,6 +114,25 @@ class Explanation:
                 factor, (self._projected.T @ moved[:, c])[positive], check_finite=False
             )
         return np.asarray(moved - self._projected @ response)
+
+    def unabsorbed(self, pixels: NDArray[np.intp]) -> Array:
+        """Return residuals over σ at some pixels, (m, 3), raised by what image and light absorbed.
+
+        Of white errors (I − L)^½ is left in residuals, L = Q Qᵀ + A⊥ H⁻¹ A⊥ᵀ at these pixels, H as
+        in `projected_jacobian`. This undoes it ("CR2": Bell and McCaffrey, Surv. Methodol. 28,
+        2002).
+        """
+        errors = self.residuals[pixels] / self.noise
+        light = self._background[pixels]
+        for c, (positive, factor) in enumerate(self._positive):
+            image = self._projected[np.ix_(pixels, positive)]
+            leverage = light @ light.T + image @ linalg.cho_solve(
+                factor, image.T, check_finite=False
+            )
+            left, directions = np.linalg.eigh(np.eye(len(pixels)) - leverage)
+            raised = (directions.T @ errors[:, c]) / np.sqrt(np.maximum(left, LEAST_LEFT))
+            errors[:, c] = directions @ raised
+        return errors
 
 
 def explain(

@@ -26,24 +26,12 @@ TRIALS = 5
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where a descent ended.
-
-    Attributes
-    ----------
-    values
-        (P,) the best parameters.
-    explanation
-        Of the photograph by them.
-    curvature
-        About them.
-    unphysical
-        Why it went no further, if the border of the physical stopped it.
-    """
+    """Where a descent ended: the best parameters, (P,), and what the photograph tells there."""
 
     values: Values
     explanation: Explanation
     curvature: Curvature
-    unphysical: SceneError | None
+    unphysical: SceneError | None  # why it went no further, if the physical's border stopped it
 
 
 def descend(

@@ -24,15 +24,7 @@ COVERED = 0.5
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely a level looks.
-
-    Attributes
-    ----------
-    photograph, hidden
-        (rows, columns) at most; see `fitted`.
-    samples, pixel_samples
-        Of the transport matrix, see `render_transport`.
-    """
+    """How finely a level looks: longest sides, see `fitted`, and as of `render_transport`."""
 
     photograph: int
     hidden: int
@@ -41,37 +33,12 @@ class Resolution:
 
 
 class ResolutionLevel:
-    """A photograph at one resolution, explained by a scene of some parameters.
+    """A photograph, (rows, columns, 3), at one resolution, explained by a scene of some parameters.
 
-    Attributes
-    ----------
-    photograph_shape, hidden_shape
-        Of this resolution.
-    used
-        (rows, columns) pixels that are used.
-    scale
-        Root mean square of the photograph there.
-
-    Parameters
-    ----------
-    path
-        The scene file.
-    fixed
-        Values of parameters that stay.
-    names
-        Parameters that vary.
-    photograph
-        (rows, columns, 3) at full resolution.
-    mask
-        (rows, columns) pixels to use; None for all.
-    hidden
-        (R, C) that was asked for.
-    resolution
-        How finely to look.
-    seed
-        Of the rays: the same for all parameters, so that noise does not hide differences.
-    check
-        Raises SceneError for a scenario that is not physical.
+    Those in `names` vary, those in `fixed` stay. The seed, of the rays, is the same for all values,
+    so that noise does not hide differences. `check` raises a SceneError for a scenario that is not
+    physical. `used` are the coarse pixels that the mask leaves, `scale` is the photograph's root
+    mean square there.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import linalg, optimize
 
 from periscopy_sim.calibration.evidence import ROUGHNESS, explain, nonnegative
 
@@ -203,3 +203,23 @@ def test_exchanges_that_would_go_round_in_circles_end(seed):
     f = nonnegative(H, h, random.standard_normal(5))
     expected = optimize.nnls(np.linalg.cholesky(H).T, np.linalg.solve(np.linalg.cholesky(H), h))[0]
     np.testing.assert_allclose(f, expected, atol=1e-9)
+
+
+def test_what_image_and_light_absorb_of_errors_is_undone_among_some_pixels(problem):
+    A, Q, y, _ = problem
+    found = explain(A, Q, y, SHAPE)
+    assert (found.images > 0).all()
+    _, _, inverses = dense(A, Q, y)
+    pixels = np.array([3, 4, 10, 11, 17])
+    errors = found.unabsorbed(pixels)
+    for c, left in enumerate(inverses):  # (I + A Σ Aᵀ)⁻¹ beyond range(B) is I − L
+        expected = (
+            linalg.sqrtm(linalg.inv(left[np.ix_(pixels, pixels)])) @ found.residuals[pixels, c]
+        )
+        np.testing.assert_allclose(errors[:, c], expected / found.noise[c], rtol=1e-3)
+
+
+def test_errors_that_are_absorbed_entirely_stay_finite(problem):
+    A, Q, y, _ = problem
+    errors = explain(A, Q, y, SHAPE).unabsorbed(np.arange(PIXELS))
+    assert np.isfinite(errors).all()

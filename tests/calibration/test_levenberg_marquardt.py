@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.fisher_information import curvature
-from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
+from periscopy_sim.calibration.levenberg_marquardt import TRIALS, Descent, descend, settle
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import TRUTH
 
@@ -35,7 +35,7 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
 def test_a_descent_that_ended_early_is_settled(slat_level):
     level = slat_level(noise=0.002, seed=6)
     end = descend(level, TRUTH, STEPS / 4, LONGEST, 40, ignore)
-    error = np.sqrt(np.diag(end.curvature.covariance()))
+    error = 1 / np.sqrt(np.diag(end.curvature.information))
     early = end.values + error
     stopped = ended(level, early)
     values, explanation = settle(level, stopped, LONGEST)
@@ -111,3 +111,42 @@ def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_s
     end = descend(level, np.array([0.08, 0.47]), STEPS / 10, LONGEST, 60, ignore)
     assert "in the wall" in str(end.unphysical)
     assert end.values[1] == pytest.approx(0.45, abs=5e-3)
+
+
+@pytest.mark.parametrize("beyond", [1, 2, TRIALS])
+def test_a_border_that_also_stops_shorter_steps_is_told_of(slat_level, beyond):
+    level, start = slat_level(noise=1e-3, seed=3), np.array([0.1, 0.45])
+    whole, trials = level.explain, []
+
+    def bordered(values, seed=None):
+        found = whole(values, seed)
+        if np.array_equal(values, start):
+            return found
+        trials.append(values)
+        if len(trials) <= beyond:
+            raise SceneError(f"step {len(trials)} ends in the wall")
+        return replace(found, evidence=found.evidence + 1e6)  # nor is it better elsewhere
+
+    level.explain = bordered
+    end = descend(level, start, STEPS / 4, LONGEST, 5, ignore)
+    assert end.values is start
+    assert len(trials) == TRIALS
+    assert str(end.unphysical) == "step 1 ends in the wall"
+
+
+def test_a_border_beyond_the_shorter_steps_alone_is_not_what_stops_a_descent(slat_level):
+    level, start = slat_level(noise=1e-3, seed=3), np.array([0.1, 0.45])
+    whole, trials = level.explain, []
+
+    def bordered(values, seed=None):
+        found = whole(values, seed)
+        if np.array_equal(values, start):
+            return found
+        trials.append(values)
+        if len(trials) > 1:
+            raise SceneError("in the wall")
+        return replace(found, evidence=found.evidence + 1e6)
+
+    level.explain = bordered
+    end = descend(level, start, STEPS / 4, LONGEST, 5, ignore)
+    assert len(trials) == TRIALS and end.unphysical is None
