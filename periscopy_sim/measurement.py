@@ -76,15 +76,10 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What a sensor read.
+    """What a sensor read, (rows, columns, 3), linear, in units of the photograph exposed.
 
-    Attributes
-    ----------
-    values
-        (rows, columns, 3) float64, linear, in units of the photograph exposed: black level and gain
-        are undone.
-    saturated
-        (3,) number of values in each channel that met the full well or the top code in any frame.
+    Black level and gain are undone. `saturated`, (3,), counts the values in each channel that met
+    the full well or the top code in any frame.
     """
 
     values: Array

@@ -38,21 +38,11 @@ class EmissionProfile:
 
 @dataclass(frozen=True, eq=False)
 class Occluder:
-    """A shape that may block light.
-
-    Attributes
-    ----------
-    name
-        Its id in the scene file.
-    vertices
-        (V, 3) positions in metres; None for a shape that is not a triangle mesh.
-    faces
-        (F, 3) vertex indices; None likewise.
-    """
+    """A shape that may block light: its id in the scene file, and its triangles if it is a mesh."""
 
     name: str
-    vertices: Array | None
-    faces: NDArray[np.int64] | None
+    vertices: Array | None  # (V, 3) positions in metres
+    faces: NDArray[np.int64] | None  # (F, 3) vertex indices
 
 
 @dataclass(frozen=True, eq=False)

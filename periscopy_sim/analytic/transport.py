@@ -9,15 +9,14 @@ part of an occluder casts from q_k: in the convex hull of its projected vertices
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.threads import ahead
 from periscopy_sim.scenario import Array, EmissionProfile, Scenario, WallFrame, wall_frame
 
 Progress = Callable[[float], None]
@@ -67,15 +66,12 @@ def analytic_transport(
     stopped = Event()
     column = _make_columns(scenario, samples, stopped)
     A = np.empty(scenario.transport_shape, np.float32)
-    patches = A.shape[1]
-    pool = ThreadPoolExecutor(os.cpu_count())
     try:
-        for j, values in enumerate(pool.map(column, range(patches))):
+        for j, values in enumerate(ahead(column, range(A.shape[1]))):
             A[:, j] = values
-            report((j + 1) / patches)
+            report((j + 1) / A.shape[1])
     finally:
         stopped.set()  # after an interrupt, no thread goes on with its column
-        pool.shutdown(cancel_futures=True)
     return A
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import declared_defaults
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Array
 
 STEP, SPREAD = 0.05, 0.4
@@ -28,7 +28,7 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> V
 
     A SceneError says that none is free, one is not declared, named twice, or no finite number.
     """
-    declared = declared_defaults(path)
+    declared = read_document(path).defaults
     numbers = {name: value for name, value in declared.items() if _number(value) is not None}
     known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
     if not free:

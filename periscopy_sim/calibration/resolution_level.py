@@ -10,10 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import Explanation, explain
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.storage.pictures import area_average
 
 Values = NDArray[np.float64]
 Visit = Callable[[Values, float], None]
@@ -53,8 +57,6 @@ class ResolutionLevel:
         seed: int,
         check: Callable[[Scenario], None],
     ) -> None:
-        from periscopy_sim.storage.pictures import area_average
-
         self.path, self.names, self.resolution, self.seed = path, names, resolution, seed
         self._fixed, self._check = dict(fixed), check
         rows, columns = photograph.shape[:2]
@@ -76,8 +78,6 @@ class ResolutionLevel:
 
     def scenario(self, values: Values) -> Scenario:
         """Load the scene at some values; a SceneError says that they are not physical."""
-        from periscopy_sim.rendering.scene.load import load_scenario
-
         given = {name: f"{value:.17g}" for name, value in zip(self.names, values, strict=True)}
         scenario = load_scenario(
             self.path, self.hidden_shape, self._fixed | given, photograph=self.photograph_shape
@@ -90,8 +90,6 @@ class ResolutionLevel:
 
         A SceneError says that they are not physical, or that no light reaches the wall.
         """
-        from periscopy_sim.rendering.transport.shadow_rays import render_transport
-
         A = render_transport(
             self.scenario(values),
             samples=self.resolution.samples,
@@ -106,8 +104,6 @@ class ResolutionLevel:
         That of the first values is taken for all: the camera's small moves hardly change it. A
         PhotographError says that there are too few pixels to tell it from the signal.
         """
-        from periscopy_sim.analytic.point_light import point_light_backgrounds
-
         if self._background is None:
             B = point_light_backgrounds(self.scenario(values))[self.used.ravel()]
             basis = background_basis(B)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
@@ -92,8 +93,6 @@ def diagnose(
         If the shapes do not fit, the mask leaves fewer pixels than patches, or A has not full
         column rank beside B.
     """
-    from scipy import linalg
-
     scene = observation_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
     A, B = np.asarray(scene.used(A), np.float64), scene.used(B)
     P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
@@ -116,8 +115,6 @@ def diagnose(
 
 def condition_number(A: NDArray[np.floating[Any]]) -> float:
     """Ratio of the largest to the smallest singular value of an (M, N) matrix."""
-    from scipy import linalg
-
     # The triangular factor has the same singular values at N/M of the cost.
     R = linalg.qr(np.asarray(A, np.float64), mode="r", check_finite=False)[0]
     σ = linalg.svdvals(R[: A.shape[1]])
@@ -137,8 +134,6 @@ def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Arra
 
 def spectral_norm(P: Preconditioner) -> float:
     """Largest singular value of P, from its Cholesky factor: ‖P‖ = 1 / σ_min(A⊥)."""
-    from scipy import linalg
-
     return 1 / float(linalg.svdvals(P.cholesky)[-1])
 
 

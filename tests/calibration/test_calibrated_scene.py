@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import declared_defaults, read_document
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
@@ -55,8 +55,9 @@ def test_a_default_of_an_included_file_is_declared_before_it(tmp_path):
     copied.write_text(with_defaults(outer, {"dx": r"7\g<9>"}, tmp_path))
     assert copied.read_text().index('name="dx"') < copied.read_text().index("include")
     assert 'filename="scene.xml"' in copied.read_text()
-    assert declared_defaults(outer)["dx"] == "0"
-    assert declared_defaults(copied)["dx"] == r"7\g<9>"  # as Mitsuba has it, the first one counts
+    assert read_document(outer).defaults["dx"] == "0"
+    # As Mitsuba has it, the first one counts.
+    assert read_document(copied).defaults["dx"] == r"7\g<9>"
 
 
 OUTER = """<scene version="3.0.0">

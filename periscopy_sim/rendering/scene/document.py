@@ -66,11 +66,6 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
     )
 
 
-def declared_defaults(path: Path) -> dict[str, str]:
-    """Return the ``<default>``s of a scene file and of the files it includes, name to value."""
-    return read_document(path).defaults
-
-
 class _Reader:
     """A walk through a scene's documents in the order of their text, as Mitsuba parses them."""
 

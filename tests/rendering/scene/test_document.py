@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import declared_defaults, read_document
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.parsing import parse
 
 ROOM = '<scene version="3.0.0">{}</scene>'
@@ -13,7 +13,7 @@ ROOM = '<scene version="3.0.0">{}</scene>'
 
 def refusal(path):
     with pytest.raises(SceneError) as caught:
-        declared_defaults(path)
+        read_document(path)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -29,7 +29,7 @@ def test_files_that_double_with_every_include_are_refused(tmp_path):
         written(tmp_path / f"{k}.xml", text)
     written(tmp_path / "60.xml", ROOM.format('<default name="a" value="1"/>'))
     assert "includes more than 100 files" in refusal(tmp_path / "0.xml")
-    assert declared_defaults(tmp_path / "56.xml") == {"a": "1"}
+    assert read_document(tmp_path / "56.xml").defaults == {"a": "1"}
 
 
 @pytest.mark.parametrize("name", ["filename", "config"])
@@ -46,7 +46,7 @@ def test_nodes_nested_beyond_any_stack_are_refused(tmp_path):
 
     assert "nests more than 100 nodes" in refusal(written(tmp_path / "a.xml", nested(200_000)))
     assert "nests more than 100 nodes" in refusal(written(tmp_path / "a.xml", nested(100)))
-    assert declared_defaults(written(tmp_path / "a.xml", nested(99))) == {}
+    assert read_document(written(tmp_path / "a.xml", nested(99))).defaults == {}
 
 
 def test_entities_that_multiply_are_refused(tmp_path):
@@ -73,7 +73,7 @@ def test_what_is_no_xml_is_refused(tmp_path, text):
 @pytest.mark.parametrize("name", ["x" * 5000, "/dev/zero", ".", "", "none.xml"])
 def test_include_of_no_file_is_left_to_mitsuba(tmp_path, name):
     text = ROOM.format(f'<default name="a" value="1"/><include filename="{name}"/>')
-    assert declared_defaults(written(tmp_path / "a.xml", text)) == {"a": "1"}
+    assert read_document(written(tmp_path / "a.xml", text)).defaults == {"a": "1"}
 
 
 def test_values_that_double_with_every_default_are_refused(tmp_path):
@@ -88,7 +88,7 @@ def test_values_that_double_with_every_default_are_refused(tmp_path):
 def test_many_defaults_are_read_in_a_moment(tmp_path):
     many = "".join(f'<default name="d{k}" value="$d{k - 1}"/>' for k in range(1, 20_000))
     path = written(tmp_path / "a.xml", ROOM.format('<default name="d0" value="7"/>' + many))
-    assert set(declared_defaults(path).values()) == {"7"}
+    assert set(read_document(path).defaults.values()) == {"7"}
 
 
 @pytest.mark.parametrize("value", ["$b", r"\$a", "$"])
@@ -112,7 +112,7 @@ def test_names_are_filled_in_longest_first_but_for_an_escaped_dollar(tmp_path):
         written(tmp_path / name, "")
         assert read_document(path, parameters).files == (path, tmp_path / name)
     # What is declared is told, whatever is given.
-    assert declared_defaults(path) == {"a": "1", "ab": r"2\1", "c": r"2\11-1"}
+    assert read_document(path).defaults == {"a": "1", "ab": r"2\1", "c": r"2\11-1"}
 
 
 # -- which files, held against Mitsuba -------------------------------------------------------------

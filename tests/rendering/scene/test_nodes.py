@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import declared_defaults
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import camera_of, load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
 from periscopy_sim.scenario import EmissionProfile
@@ -154,7 +154,7 @@ def test_defaults_are_listed_with_those_of_included_files(tmp_path):
     )
     for name, text in {"deep": deep, "near": near, "top": top}.items():
         (tmp_path / f"{name}.xml").write_text(text)
-    assert declared_defaults(tmp_path / "top.xml") == {"a": "1", "b": "2", "c": "3"}
+    assert read_document(tmp_path / "top.xml").defaults == {"a": "1", "b": "2", "c": "3"}
 
 
 def test_default_of_an_included_file_can_be_set(room, tmp_path):
