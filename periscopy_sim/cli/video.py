@@ -156,7 +156,7 @@ def video(
                 solved = video_metrics.timed_solutions(recovery, photographs, batch)
                 for k, (solution, seconds) in enumerate(solved):
                     write(solution.image)
-                    told = recovery.told(solution)
+                    told = solution.told()
                     if doubt := still.doubt(solution):
                         doubts[sequence.names[k]] = doubt
                     records.append(video_metrics.record_of(k, sequence.names[k], seconds, told))
@@ -193,7 +193,7 @@ def video(
             **origin,
             "method": method,
             **settings,
-            **recovery.fitted(),
+            **still.fitted(),
             "coupling": coupling,
             "batch": batch,
             "rate": rate,

@@ -1,4 +1,4 @@
-"""Validation of what solvers are given: light, images for compiled loops, where to stop."""
+"""Validation of what solvers are given: light, images for compiled loops, weights, tolerances."""
 
 from typing import Any
 
@@ -40,3 +40,9 @@ def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
         raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
     if max_iterations < 1:
         raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+
+
+def check_weight(name: str, weight: float) -> None:
+    """Refuse a weight that is negative, infinite or NaN."""
+    if not 0 <= weight < np.inf:
+        raise ValueError(f"{name} is {weight}: give a finite number, not negative")

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.observation import Mask, observation_of
+
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 Precision = TypeVar("Precision", bound=np.floating[Any])
-Found = TypeVar("Found", bound=np.floating[Any], covariant=True)
 
 
 class Method(Protocol):
@@ -20,7 +22,6 @@ class Method(Protocol):
 
     def reconstruct(self, photograph: Image) -> Image:
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
-        ...
 
 
 class Seen(Protocol):
@@ -29,35 +30,38 @@ class Seen(Protocol):
     @property
     def photograph_shape(self) -> tuple[int, int]:
         """(rows, columns) of the photograph."""
-        ...
 
     @property
     def hidden_shape(self) -> tuple[int, int]:
         """(R, C) of the hidden image."""
-        ...
 
     @property
     def channel_gain(self) -> Array:
         """(3,) colour of the wall."""
-        ...
 
 
-def settings_of(scene: Seen) -> dict[str, Any]:
-    """Return what methods need of a scene, by the names of their parameters."""
-    return {
-        "hidden_shape": scene.hidden_shape,
-        "photograph_shape": scene.photograph_shape,
-        "channel_gain": scene.channel_gain,
-    }
+@dataclass(frozen=True, eq=False)
+class Solution(Generic[Precision]):
+    """A hidden image and how it came about.
 
+    Attributes
+    ----------
+    image
+        (R, C, 3) the result, in units of the photograph's over those of A.
+    noise
+        (3,) standard deviation of the photograph's noise in each channel, as estimated from what
+        the method cannot explain of it.
+    weight
+        λ, the total-variation weight used: (3,) for each channel, or one for all.
+    """
 
-class Solved(Protocol[Found]):
-    """A hidden image and how it came about."""
+    image: NDArray[Precision]
+    noise: Array
+    weight: Array | float
 
-    @property
-    def image(self) -> NDArray[Found]:
-        """(R, C, 3) the hidden image."""
-        ...
+    def told(self) -> dict[str, Any]:
+        """Return the numbers that a summary or a table keeps, by name."""
+        return {"noise": self.noise, "lambda": self.weight}
 
 
 class StillMethod(ABC, Generic[Precision]):
@@ -65,7 +69,47 @@ class StillMethod(ABC, Generic[Precision]):
 
     What a method knows beside the image, it says in `told`, `remark`, `doubt`, `stages`
     and `standard_errors`; each takes what `solve` returned.
+
+    Parameters
+    ----------
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds; None for none. Not used by methods that know no backgrounds.
+    hidden_shape
+        (R, C) with R C = N.
+    channel_gain
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    rank_tolerance
+        Of methods that know backgrounds: relative tolerance on B's singular values, see
+        `background_basis`.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
+    mask
+        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
+        rows of A and B are left out, and what the photograph holds there, be it NaN.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite
+        where it is used, the wall reflects nothing in a channel, or a number is out of range.
     """
+
+    precision: type[np.floating[Any]] = np.float64
+    """Of the images."""
+
+    def __init__(
+        self,
+        A: Any,
+        hidden_shape: tuple[int, int],
+        channel_gain: Image | None,
+        photograph_shape: tuple[int, int] | None,
+        mask: Mask | None,
+    ) -> None:
+        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
+        self.hidden_shape = hidden_shape
+        self.photograph_shape = photograph_shape
 
     @classmethod
     def for_scene(cls, scene: Seen, A: Any, B: Any = None, **settings: Any) -> Self:
@@ -82,11 +126,18 @@ class StillMethod(ABC, Generic[Precision]):
             The class's other parameters.
         """
         construct: Any = cls
-        fitted: Self = construct(A, B, **settings_of(scene), **settings)
+        fitted: Self = construct(
+            A,
+            B,
+            hidden_shape=scene.hidden_shape,
+            photograph_shape=scene.photograph_shape,
+            channel_gain=scene.channel_gain,
+            **settings,
+        )
         return fitted
 
     @abstractmethod
-    def solve(self, photograph: Image) -> Solved[Precision]:
+    def solve(self, photograph: Image) -> Solution[Precision]:
         """Recover the hidden image and tell how it came about; see `reconstruct`."""
 
     def reconstruct(self, photograph: Image) -> NDArray[Precision]:
@@ -115,9 +166,13 @@ class StillMethod(ABC, Generic[Precision]):
         """
         return self.solve(photograph).image
 
-    def told(self, found: Any) -> dict[str, Any]:  # noqa: ARG002
-        """Return the numbers that a summary keeps of a solution, by name."""
+    def fitted(self) -> dict[str, Any]:
+        """Return what fitting to the scene settled, for a summary."""
         return {}
+
+    def told(self, found: Any) -> dict[str, Any]:
+        """Return the numbers that a summary keeps of a solution, by name."""
+        return {**self.fitted(), **found.told()}
 
     def remark(self, found: Any) -> str:  # noqa: ARG002
         """Return a sentence for the user about a solution, or nothing."""

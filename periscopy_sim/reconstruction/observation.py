@@ -20,69 +20,58 @@ Mask = NDArray[np.bool_]
 class Observation:
     """The sizes of photograph and hidden image, the wall's colour, and where the wall is used.
 
-    Make one by `observation_of`.
-
-    Attributes
-    ----------
-    pixels
-        M, of the photograph.
-    hidden_shape
-        (R, C) of the hidden image.
-    channel_gain
-        (3,) colour of the wall.
-    mask
-        (rows, columns) or (M,), True in the M' pixels that are used; None for all. The others are
-        left out of every vector, whatever they hold.
+    Make one by `observation_of`. What the mask leaves out is left out of every vector, whatever it
+    holds.
     """
 
-    pixels: int
-    hidden_shape: tuple[int, int]
-    channel_gain: Array
-    mask: Mask | None = None
+    pixels: int  # M, of the photograph
+    hidden_shape: tuple[int, int]  # (R, C)
+    channel_gain: Array  # (3,) colour of the wall
+    mask: Mask | None = None  # (rows, columns) or (M,), True in the M' pixels used; None for all
+    photograph_shape: tuple[int, int] | None = None  # (rows, columns), where it is known
 
-    def used(self, matrix: Image, name: str = "B") -> Image:
-        """Return the rows of a matrix, (M, K), of the M' pixels used; itself without a mask."""
-        if self.mask is None:
-            return matrix
+    def used(self, matrix: Image | None) -> Image:
+        """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""
+        matrix = np.zeros((self.pixels, 0)) if matrix is None else matrix
         if len(matrix) != self.pixels:
-            raise ValueError(
-                f"{name} has {len(matrix)} rows; they must match the {self.pixels} of A"
-            )
-        return matrix[self.mask.ravel()]
+            raise ValueError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
+        return matrix if self.mask is None else matrix[self.mask.ravel()]
 
-    def vectorized(
-        self, photograph: Image, photograph_shape: tuple[int, int] | None = None
-    ) -> Array:
+    def used_transport(self, A: Image) -> Array:
+        """Return the rows of A that are used, (M', N) float64; a ValueError if not finite."""
+        used = np.ascontiguousarray(self.used(A), np.float64)
+        if not np.isfinite(used).all():
+            raise ValueError("A must be finite")
+        return used
+
+    def vectorized(self, photograph: Image) -> Array:
         """Return the y of y = A f of a photograph, as a grey wall would show it, (M', 3) float64.
 
-        Arguments and errors are those of `planar`, for one photograph.
+        See `planar`, of one photograph.
         """
-        plane = self.planar(np.asarray(photograph)[None], photograph_shape)[0]
-        return np.ascontiguousarray(plane.T)
+        return np.ascontiguousarray(self.planar(np.asarray(photograph)[None])[0].T)
 
-    def planar(self, photographs: Image, photograph_shape: tuple[int, int] | None = None) -> Array:
+    def planar(self, photographs: Image) -> Array:
         """Return photographs' planes, (K, 3, M') float64, each channel divided by its gain.
 
-        Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they have another
-        size than M, `photograph_shape` or the mask, or are not finite where they are used.
+        Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they are of
+        another size, see `check_size`, or not finite where they are used.
         """
         photographs = _real(photographs)
-        self.check_size(photographs.shape, photograph_shape)
+        self.check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.pixels, 3)
         if self.mask is not None:
             values = values[:, self.mask.ravel()]
         planes = np.moveaxis(values, -1, 1)
         return _checked(np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64))
 
-    def check_size(
-        self, shape: tuple[int, ...], photograph_shape: tuple[int, int] | None = None
-    ) -> None:
+    def check_size(self, shape: tuple[int, ...]) -> None:
         """Refuse photographs of another shape than `planar` takes, or than the mask's."""
-        size = shape[1:-1]
-        if photograph_shape is not None and len(size) == 2 and size != tuple(photograph_shape):
+        size, camera = shape[1:-1], self.photograph_shape
+        if camera is not None and len(size) == 2 and size != tuple(camera):
             raise ValueError(
                 f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
-                f"{photograph_shape[0]}x{photograph_shape[1]}"
+                f"{camera[0]}x{camera[1]}"
             )
         if shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
             raise ValueError(
@@ -99,14 +88,13 @@ class Observation:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
         return f.reshape(*self.hidden_shape, 3)
 
-    def rows_and_columns(
-        self, photograph_shape: tuple[int, int] | None = None
-    ) -> tuple[int, int] | None:
-        """Return the size of photographs, as given or as the mask has it; None if neither has."""
-        if photograph_shape is None and self.mask is not None and self.mask.ndim == 2:
+    @property
+    def rows_and_columns(self) -> tuple[int, int] | None:
+        """The size of photographs, as given or as the mask has it; None if neither has."""
+        if self.photograph_shape is None and self.mask is not None and self.mask.ndim == 2:
             rows, columns = self.mask.shape
             return rows, columns
-        return photograph_shape
+        return self.photograph_shape
 
 
 def _real(photograph: Image) -> Image:
@@ -135,13 +123,13 @@ def check_range(largest: float) -> None:
 
 
 def observation_of(
-    A: Image,
+    A: Any,
     hidden_shape: tuple[int, int],
     channel_gain: Image | None = None,
     mask: Mask | None = None,
     photograph_shape: tuple[int, int] | None = None,
 ) -> Observation:
-    """Return the observation of a scene, its parts checked; the arguments are those of the methods.
+    """Return the observation of a scene, its parts checked; arguments as those of `StillMethod`.
 
     A ValueError says that the shapes of A, (M, N), the hidden image, (R, C), and the mask, (rows,
     columns) or (M,), do not fit, that the mask leaves fewer pixels than patches, or that the wall
@@ -156,7 +144,7 @@ def observation_of(
     if gain.shape != (3,) or not (gain > 0).all():
         raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
     used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
-    return Observation(len(A), hidden_shape, gain, used)
+    return Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
 
 
 def checked_mask(

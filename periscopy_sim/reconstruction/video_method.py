@@ -9,9 +9,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.method import Image, Precision, Solved
+from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.reconstruction.method import Image, Precision, Solution, StillMethod
 
-Found = TypeVar("Found", bound=Solved[Any])
+Found = TypeVar("Found", bound=Solution[Any])
 
 
 class FrameByFrame(ABC, Generic[Found, Precision]):
@@ -19,34 +20,46 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
 
     Parameters
     ----------
-    hidden_shape
-        (R, C) of the frames.
-    precision
-        Their type.
+    still
+        The method for stills, whose weights and tolerance serve every frame.
+    coupling
+        How a frame is tied to the previous one.
+    l1_weight
+        λ₂ over λ.
+    couplings
+        Those that the method knows.
 
     Attributes
     ----------
     previous
         (R, C, 3) the latest frame; None before the first and after `restart`.
+
+    Raises
+    ------
+    ValueError
+        If the coupling is not known, or a weight is negative or not finite.
     """
 
-    def __init__(self, hidden_shape: tuple[int, int], precision: type[Precision]) -> None:
-        self.hidden_shape = hidden_shape
-        self.precision = precision
+    def __init__(
+        self,
+        still: StillMethod[Precision],
+        coupling: str,
+        l1_weight: float,
+        couplings: tuple[str, ...],
+    ) -> None:
+        if coupling not in couplings:
+            known = ", ".join(f"'{each}'" for each in couplings)
+            raise ValueError(f"coupling '{coupling}' is not known; use one of {known}")
+        check_weight("l1_weight", l1_weight)
+        self.hidden_shape = still.hidden_shape
+        self.precision = still.precision
+        self.coupling = coupling
+        self.l1_weight = l1_weight
         self.restart()
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         self.previous: NDArray[Precision] | None = None
-
-    def fitted(self) -> dict[str, Any]:
-        """Return what fitting to the scene settled, for a summary."""
-        return {}
-
-    def told(self, found: Any) -> dict[str, Any]:
-        """Return the numbers that a table keeps of a frame's solution, by name."""
-        numbers: dict[str, Any] = found.told()
-        return numbers
 
     @abstractmethod
     def begun(self, photographs: Image) -> Iterator[Callable[[], Found]]:

@@ -89,7 +89,7 @@ def test_every_coupling_recovers_frames_and_tells_of_them(name):
         assert all(getattr(video, option) == 3.0 for option in given)
         found = video.solve_next(Y)
         assert found.image.shape == (2, 3, 3)
-        assert {"noise", "lambda"} <= video.told(found).keys()
+        assert {"noise", "lambda"} <= found.told().keys()
 
 
 def test_method_for_stills_alone_makes_no_video():

@@ -12,16 +12,16 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.numerics.validation import check_stopping, check_weight
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
-from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.preconditioned.still import noise_level
 from periscopy_sim.reconstruction.total_variation.least_squares import (
@@ -30,7 +30,7 @@ from periscopy_sim.reconstruction.total_variation.least_squares import (
 )
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+Stop = Literal["converged", "published"]
 
 PUBLISHED_ENTRY = 5e3
 """Mean entry of A in the units of the published code of [15], for the chair experiment."""
@@ -43,28 +43,15 @@ MAX_ITERATIONS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class DifferencingResult:
-    """A hidden image by differencing and how its iterations ended.
+class DifferencingResult(Solution[np.float64]):
+    """A hidden image by differencing; the noise is that of the differenced photograph."""
 
-    Attributes
-    ----------
-    image
-        (R, C, 3) the result, in units of the photograph's over those of A.
-    noise
-        (3,) standard deviation of the differenced photograph's noise, as estimated from it.
-    weight
-        (3,) the total-variation weight λ used for each channel.
-    iterations
-        (3,) iterations taken.
-    gap
-        (3,) the relative duality gap that was left, see `least_squares.LeastSquaresMinimum`.
-    """
+    iterations: NDArray[np.int64]  # (3,)
+    gap: Array  # (3,) relative duality gap that was left, see `LeastSquaresMinimum`
 
-    image: Array
-    noise: Array
-    weight: Array
-    iterations: NDArray[np.int64]
-    gap: Array
+    def told(self) -> dict[str, Any]:
+        """Return the noise, the weights, the iterations and the gaps."""
+        return {**super().told(), "iterations": self.iterations, "gap": self.gap}
 
 
 class Differencing(StillMethod[np.float64]):
@@ -78,19 +65,14 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own. An iteration costs one
     product with the N x N Gram matrix, or three to four with the published steps.
 
+    Other parameters and errors are those of `StillMethod`. B is not used.
+
     Parameters
     ----------
-    A
-        (M, N) light transport matrix.
-    B
-        Not used: the method knows no backgrounds.
-    photograph_shape, hidden_shape
-        (rows, columns) with products M and N.
-    channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+    photograph_shape
+        (rows, columns) of photographs; the method must know it.
     mask
-        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. A
-        difference counts only if both its pixels are used, see `neighbour_differences`.
+        A difference counts only if both its pixels are used, see `neighbour_differences`.
     wrap
         D as in the published code; or only differences within the photograph's columns, which
         rejects far more of the background, see `neighbour_differences`.
@@ -107,8 +89,7 @@ class Differencing(StillMethod[np.float64]):
     Raises
     ------
     ValueError
-        If the shapes do not fit, the mask leaves fewer pixels or differences than patches, D A has
-        not full column rank, the wall reflects nothing in a channel, or a number is out of range.
+        If the mask leaves fewer differences than patches, or D A has not full column rank.
     """
 
     def __init__(
@@ -122,22 +103,25 @@ class Differencing(StillMethod[np.float64]):
         mask: Mask | None = None,
         wrap: bool = True,
         tv_weight: float = 1.0,
-        stop: Literal["converged", "published"] = "converged",
+        stop: Stop = "converged",
         tolerance: float = 1e-7,
     ) -> None:
-        if stop not in ("converged", "published"):
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        if stop not in get_args(Stop):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
-        if not 0 <= tv_weight < np.inf:
-            raise ValueError(f"tv_weight is {tv_weight}: give a finite number, not negative")
+        check_weight("tv_weight", tv_weight)
         check_stopping(tolerance)
-        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
         A = self._observation.used(A)
-        self.photograph_shape = photograph_shape
-        self.hidden_shape = hidden_shape
         self.wrap = wrap
         self.tv_weight = tv_weight
         self.stop = stop
         self.tolerance = tolerance
+        self._differenced = partial(
+            neighbour_differences,
+            photograph_shape=photograph_shape,
+            wrap=wrap,
+            mask=self._observation.mask,
+        )
         # Without backgrounds this is the pseudoinverse of D A: least squares and what they leave.
         DA = self._differenced(np.asarray(A, np.float64))
         if mask is not None and len(DA) < A.shape[1]:
@@ -152,7 +136,7 @@ class Differencing(StillMethod[np.float64]):
 
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        y = self._observation.vectorized(photograph, self.photograph_shape)
+        y = self._observation.vectorized(photograph)
         Dy = self._differenced(y)
         h = self._inverse.A.T @ Dy
         least_squares = self._inverse.solve(h)
@@ -181,15 +165,6 @@ class Differencing(StillMethod[np.float64]):
             gap=gap,
         )
 
-    def told(self, found: DifferencingResult) -> dict[str, Any]:
-        """Return the noise, the weights, the iterations and the gaps; see `StillMethod`."""
-        return {
-            "noise": found.noise,
-            "lambda": found.weight,
-            "iterations": found.iterations,
-            "gap": found.gap,
-        }
-
     def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], LeastSquaresMinimum]:
         if self.stop == "converged":
             return partial(
@@ -197,9 +172,3 @@ class Differencing(StillMethod[np.float64]):
             )
         white = float(np.abs(self._least_squares.best_mean(h)).mean()) / PUBLISHED_MEAN
         return partial(descend_as_published, unit=self._unit, white=white)
-
-    def _differenced(self, A: Array) -> Array:
-        differences = neighbour_differences(
-            A, self.photograph_shape, wrap=self.wrap, mask=self._observation.mask
-        )
-        return np.asarray(differences, np.float64)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.method import Precision
+
 
 def neighbour_differences(
-    A: NDArray[np.floating[Any]],
+    A: NDArray[Precision],
     photograph_shape: tuple[int, int],
     *,
     wrap: bool = True,
     mask: NDArray[np.bool_] | None = None,
-) -> NDArray[np.floating[Any]]:
+) -> NDArray[Precision]:
     """Apply the D of Eq. 3 to the rows of A, (M, N), or to one photograph, (M,); row-major.
 
     The published code of [15] vectorizes the photograph by columns, so that neighbours lie one
@@ -40,7 +40,7 @@ def neighbour_differences(
     by_columns = A.reshape(rows, columns, *A.shape[1:]).swapaxes(0, 1)
     if not wrap:
         return np.diff(by_columns, axis=1).reshape(-1, *A.shape[1:])
-    wrapped: NDArray[np.floating[Any]] = by_columns.reshape(A.shape).copy()
+    wrapped = by_columns.reshape(A.shape).copy()
     wrapped[:-1] = wrapped[1:] - wrapped[:-1]
     return wrapped
 

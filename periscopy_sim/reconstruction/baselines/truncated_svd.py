@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.method import Image, StillMethod
+from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):
@@ -27,33 +26,21 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
 
+    Other parameters and errors are those of `StillMethod`. B is not used.
+
     Parameters
     ----------
-    A
-        (M, N) light transport matrix.
-    B
-        Not used: the method knows no backgrounds.
-    hidden_shape
-        (R, C) with R C = N.
-    channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
-    mask
-        (rows, columns) or (M,), True where the wall is to be used; None for everywhere.
     fraction
         Part of the N singular values kept, the largest; at least one is.
     tv_weight
         λ in standard errors of the estimate, as above; 0 denoises nothing.
     repair_threshold
         κ as a part of the 99th percentile of the denoised magnitudes; infinity repairs nothing.
-    photograph_shape
-        (rows, columns) that photographs must have; None checks the number of pixels alone.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit, the mask leaves fewer pixels than patches, A is not finite, a
-        singular value that was to be kept is zero to rounding, the wall reflects nothing in a
-        channel, or the fraction is out of range.
+        If a singular value that was to be kept is zero to rounding.
     """
 
     def __init__(
@@ -69,17 +56,12 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         repair_threshold: float = 0.1,
         photograph_shape: tuple[int, int] | None = None,
     ) -> None:
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
         if not 0 < fraction <= 1:
             raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
-        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
-        A = self._observation.used(A)
-        if not np.isfinite(A).all():
-            raise ValueError("A must be finite")
-        self.photograph_shape = photograph_shape
-        self.hidden_shape = hidden_shape
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        self._A: Array = np.asarray(A, np.float64)
+        self._A = self._observation.used_transport(A)
         N = A.shape[1]
         self.rank = max(round(fraction * N), 1)
         energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
@@ -91,17 +73,13 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.V: Array = V
         self.singular_values: Array = np.sqrt(energy)
 
-    def told(self, found: Reconstruction) -> dict[str, Any]:
-        """Return the noise and the weights that followed from it; see `StillMethod`."""
-        return found.told()
-
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
         """Return the stages of Algorithm 1; see `StillMethod`."""
         return found.stages("inverted by singular vectors")
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        y = self._observation.vectorized(photograph, self.photograph_shape)
+        y = self._observation.vectorized(photograph)
         σ = self.singular_values[:, np.newaxis]
         coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
         residual = np.sum(y**2, axis=0) - np.sum(coefficients**2, axis=0)

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.numerics.validation import check_stopping, check_weight
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import (
@@ -38,12 +38,11 @@ from periscopy_sim.reconstruction.large_scale.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥ found once for a scene, see `matrix_free`; of few patches an eighth."""
@@ -53,18 +52,11 @@ ROUNDING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class IterativeReconstruction:
-    """A hidden image and how the iterations ended.
+class IterativeReconstruction(Solution[np.float64]):
+    """A hidden image and how the iterations ended; see `Solution`.
 
     Attributes
     ----------
-    image
-        (R, C, 3) the result, in units of the photograph's over those of A.
-    noise
-        (3,) σ, standard deviation of the photograph's noise, as estimated from what the image
-        leaves of it.
-    weight
-        (3,) the total-variation weight λ used for each channel.
     iterations
         Those taken, a pass over A each.
     change
@@ -74,12 +66,13 @@ class IterativeReconstruction:
         Whether that is what was asked for.
     """
 
-    image: Array
-    noise: Array
-    weight: Array
     iterations: int
     change: float
     converged: bool
+
+    def told(self) -> dict[str, Any]:
+        """Return the noise, the weights, the iterations and the last change."""
+        return {**super().told(), "iterations": self.iterations, "change": self.change}
 
 
 class IterativePeriscope(StillMethod[np.float64]):
@@ -93,18 +86,13 @@ class IterativePeriscope(StillMethod[np.float64]):
 
     With `regularization` 0 conjugate gradients give P y.
 
+    Other parameters and errors are those of `StillMethod`.
+
     Parameters
     ----------
     A
-        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`.
-    B
-        (M, L) prototype backgrounds; None for none.
-    hidden_shape
-        (R, C) with R C = N.
-    channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
-    rank_tolerance
-        Relative tolerance on B's singular values, see `background_basis`.
+        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. With a mask, an array
+        is copied; memory maps and `RowBlocks` are read whole, block by block.
     regularization
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
@@ -112,18 +100,6 @@ class IterativePeriscope(StillMethod[np.float64]):
         norm. It was then within a tenth of that of the minimum, see `least_squares`.
     max_iterations
         Stop after so many, with a warning.
-    photograph_shape
-        (rows, columns) that photographs must have; None checks the number of pixels alone.
-    mask
-        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
-        rows of A and B are left out, and what the photograph holds there, be it NaN.
-        Of an array that is a copy; memory maps and `RowBlocks` are read whole, block by block.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite,
-        the wall reflects nothing in a channel, or a number is out of range.
     """
 
     def __init__(
@@ -140,30 +116,20 @@ class IterativePeriscope(StillMethod[np.float64]):
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
     ) -> None:
-        if not 0 <= regularization < np.inf:
-            raise ValueError(
-                f"regularization is {regularization}: give a finite number, not negative"
-            )
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        check_weight("regularization", regularization)
         check_stopping(tolerance, max_iterations)
-        # Only the shape is looked at, so that A need not be an array.
-        shaped = np.broadcast_to(np.float32(0), A.shape)
-        self._observation = observation_of(
-            shaped, hidden_shape, channel_gain, mask, photograph_shape
-        )
         if self._observation.mask is not None:
             A = used_rows(A, self._observation.mask.ravel())
-            B = None if B is None else self._observation.used(B)
-        self.photograph_shape = photograph_shape
-        self.hidden_shape = hidden_shape
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = None if B is None else background_basis(B, rank_tolerance)
+        Q = background_basis(self._observation.used(B), rank_tolerance)
         self.transport = TransportOperator(A, Q)
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        planes = self._observation.planar(np.asarray(photograph)[None], self.photograph_shape)
+        planes = self._observation.planar(np.asarray(photograph)[None])
         y = self.transport.reject_background(planes[0].T)
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
         result = IterativeReconstruction(
@@ -183,15 +149,6 @@ class IterativePeriscope(StillMethod[np.float64]):
                 stacklevel=2,
             )
         return result
-
-    def told(self, found: IterativeReconstruction) -> dict[str, Any]:
-        """Return the noise, the weights, the iterations and the last change; see `StillMethod`."""
-        return {
-            "noise": found.noise,
-            "lambda": found.weight,
-            "iterations": found.iterations,
-            "change": found.change,
-        }
 
     @cached_property
     def eigenvectors(self) -> Eigenvectors:

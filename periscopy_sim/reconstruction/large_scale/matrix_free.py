@@ -61,21 +61,11 @@ def least_squares(
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """The quadratic ‖W A⊥ f‖², to be minimized with total variation.
+    """The quadratic ‖W A⊥ f‖², to be minimized with total variation."""
 
-    Attributes
-    ----------
-    transport
-        A⊥.
-    eigenvectors
-        The k strongest of A⊥ᵀA⊥.
-    image_shape
-        (R, C) of a column of f.
-    """
-
-    transport: TransportOperator
-    eigenvectors: Eigenvectors
-    image_shape: tuple[int, int]
+    transport: TransportOperator  # A⊥
+    eigenvectors: Eigenvectors  # the k strongest of A⊥ᵀA⊥
+    image_shape: tuple[int, int]  # (R, C) of a column of f
 
     @property
     def lipschitz(self) -> float:

@@ -44,11 +44,9 @@ class RowBlocks(Protocol):
     @property
     def shape(self) -> tuple[int, int]:
         """(M, N)."""
-        ...
 
     def row_blocks(self) -> Iterator[tuple[slice, Image]]:
         """Yield every block once, in order, with the rows that it holds."""
-        ...
 
 
 Matrix: TypeAlias = Image | RowBlocks
@@ -56,18 +54,10 @@ Matrix: TypeAlias = Image | RowBlocks
 
 @dataclass(frozen=True, eq=False)
 class UsedRows:
-    """Some of the rows of a matrix, picked out of each block as it is read.
+    """Some of the rows of a matrix, picked out of each block as it is read."""
 
-    Attributes
-    ----------
-    A
-        (M, N) memory map or `RowBlocks`.
-    mask
-        (M,), True for the M' rows that are used.
-    """
-
-    A: Matrix
-    mask: NDArray[np.bool_]
+    A: Matrix  # (M, N) memory map or `RowBlocks`
+    mask: NDArray[np.bool_]  # (M,), True for the M' rows that are used
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -105,18 +95,10 @@ def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
 
 @dataclass(frozen=True, eq=False)
 class Eigenvectors:
-    """Eigenvectors of A⊥ᵀA⊥: hidden images of norm 1, and the energy with which each is seen.
+    """Eigenvectors of A⊥ᵀA⊥: hidden images of norm 1, and the energy with which each is seen."""
 
-    Attributes
-    ----------
-    energy
-        (k,) eigenvalues, the largest first: the squares of A⊥'s singular values.
-    V
-        (N, k) the eigenvectors.
-    """
-
-    energy: Array
-    V: Array
+    energy: Array  # (k,) eigenvalues, the largest first: the squares of A⊥'s singular values
+    V: Array  # (N, k)
 
 
 class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
@@ -131,12 +113,8 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
 
     Attributes
     ----------
-    Q
-        (M, r).
-    QtA
-        (r, N) QᵀA.
-    squared_norm
-        ‖A⊥‖_F².
+    QtA, squared_norm
+        (r, N) QᵀA, and ‖A⊥‖_F².
 
     Raises
     ------

@@ -26,27 +26,13 @@ LEAST_EXPLAINED = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that the objective needs of a photograph.
+    """All that the objective needs of a photograph."""
 
-    Attributes
-    ----------
-    coefficients
-        (3, N) WᵀA⊥ᵀ y, y over its level and A⊥ over the root mean energy of a patch.
-    noise
-        (3,) standard deviation of y, likewise.
-    level
-        Root mean square of the photograph, range(B) projected out.
-    share
-        This over the root mean square of the photograph itself.
-    noise_to_signal
-        Energy of the noise in y over that of the signal.
-    """
-
-    coefficients: Array
-    noise: Array
-    level: float
-    share: float
-    noise_to_signal: float
+    coefficients: Array  # (3, N) WᵀA⊥ᵀ y, y over its level and A⊥ over a patch's root mean energy
+    noise: Array  # (3,) standard deviation of y, likewise
+    level: float  # root mean square of the photograph, range(B) projected out
+    share: float  # this over the root mean square of the photograph itself
+    noise_to_signal: float  # energy of the noise in y over that of the signal
 
 
 def root_mean_squares(planes: Array) -> Array:

@@ -34,74 +34,37 @@ FARTHEST = 1e12
 
 @dataclass(frozen=True)
 class Schedule:
-    """How the splitting is run.
+    """How the splitting is run, until both relative residuals (Boyd et al., Sec. 3.3) are small."""
 
-    Attributes
-    ----------
-    penalty
-        λ/ρ over the image's scale.
-    tolerance, max_iterations
-        Stop when both relative residuals (Boyd et al., Sec. 3.3) are at most this, or after so
-        many iterations.
-    checked
-        Iterations between two looks at the residuals.
-    weak
-        Patterns of curvature below this part of ρ, see `SpectralBasis.solver`, ...
-    renewed
-        ... are summed anew after so many iterations.
-    """
-
-    penalty: float
-    tolerance: float
+    penalty: float  # λ/ρ over the image's scale
+    tolerance: float  # of the residuals
     max_iterations: int
-    checked: int
-    weak: float = 0.0
-    renewed: int = 1
+    checked: int  # iterations between two looks at the residuals
+    weak: float = 0.0  # patterns of less curvature than this part of ρ, see `SpectralBasis.solver`,
+    renewed: int = 1  # are summed anew after so many iterations
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
     """Where the iterations ended.
 
-    Attributes
-    ----------
-    image
-        (3, R, C) in single precision.
-    split
-        What was split off: over the image's scale, its multipliers over λ. None of a photograph
-        that shows nothing.
-    iterations
-        Those taken.
-    residual
-        The larger of the relative primal and dual residuals.
+    What was split off is over the image's scale, its multipliers over λ.
     """
 
-    image: Image
-    split: Splitting | None
+    image: Image  # (3, R, C) in single precision
+    split: Splitting | None  # None of a photograph that shows nothing
     iterations: int
-    residual: float
+    residual: float  # the larger of the relative primal and dual one
 
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """The objective of one scene, for any photograph.
+    """The objective of one scene, for any photograph."""
 
-    Attributes
-    ----------
-    basis
-        Of A⊥ᵀA⊥, its mean diagonal 1.
-    hidden_shape
-        (R, C) of the image.
-    regularization
-        λ over √N σ/2.
-    positive
-        Whether f ≥ 0.
-    """
-
-    basis: SpectralBasis
-    hidden_shape: tuple[int, int]
-    regularization: float
-    positive: bool
+    basis: SpectralBasis  # of A⊥ᵀA⊥, its mean diagonal 1
+    hidden_shape: tuple[int, int]  # (R, C)
+    regularization: float  # λ over √N σ/2
+    positive: bool  # whether f ≥ 0
 
     def minimize(
         self,

@@ -98,7 +98,7 @@ class PortableNoiseAware:
 
     def _rejected(self, xp: Any, photographs: Array) -> Array:
         """Return y⊥ as (K, 3, M') planes."""
-        self._observation.check_size(tuple(photographs.shape), self.method.photograph_shape)
+        self._observation.check_size(tuple(photographs.shape))
         y = xp.reshape(photographs, (photographs.shape[0], -1, 3))
         if self._used is not None:
             y = xp.take(y, self._used, axis=1)

@@ -29,28 +29,18 @@ BISECTIONS = 24
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """What is split off, changed in place by `advance`.
+    """What is split off, changed in place by `advance`."""
 
-    Attributes
-    ----------
-    u, p
-        (2, 3, R, C) the gradient, down and across, and its multiplier over ρ.
-    v, q
-        (3, R, C) the image and its multiplier over ρ.
-    """
-
-    u: Image
-    p: Image
-    v: Image
-    q: Image
+    u: Image  # (2, 3, R, C) the gradient, down and across, and
+    p: Image  # its multiplier over ρ
+    v: Image  # (3, R, C) the image, and
+    q: Image  # its multiplier over ρ
 
     @classmethod
     def zeros(cls, shape: tuple[int, int]) -> Splitting:
         """Return the start from a black image of (R, C) patches, in single precision."""
-        fields = (np.zeros((2, 3, *shape), np.float32) for _ in range(2))
-        images = (np.zeros((3, *shape), np.float32) for _ in range(2))
-        (u, p), (v, q) = fields, images
-        return cls(u, p, v, q)
+        shapes = [(2, 3, *shape)] * 2 + [(3, *shape)] * 2
+        return cls(*(np.zeros(each, np.float32) for each in shapes))
 
     def scaled(self, image: float, multiplier: float) -> Splitting:
         """Return it with the image's parts and the multipliers over ρ each times a number."""

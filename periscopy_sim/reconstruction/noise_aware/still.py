@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
-from periscopy_sim.reconstruction.method import StillMethod
+from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
     doubt_of,
@@ -43,10 +43,9 @@ from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasi
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.uncertainty import ASSUMPTIONS, standard_errors
 from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
-from periscopy_sim.reconstruction.observation import observation_of
+from periscopy_sim.reconstruction.observation import Mask
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 PENALTY = 0.2
 """λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
@@ -62,18 +61,11 @@ FIRST = 20
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseAwareReconstruction:
-    """A hidden image and how it came about.
+class NoiseAwareReconstruction(Solution[np.float64]):
+    """A hidden image and how it came about; see `Solution`. One λ serves all channels.
 
     Attributes
     ----------
-    image
-        (R, C, 3), in units of the photograph's over those of A.
-    noise
-        (3,) standard deviation of the photograph's noise, as estimated from what no hidden image
-        and no ambient light explains of it.
-    weight
-        λ.
     iterations
         Those taken.
     residual
@@ -87,8 +79,6 @@ class NoiseAwareReconstruction:
         Of the photograph, the gain corrected for.
     """
 
-    image: Array
-    noise: Array
     weight: float
     iterations: int
     residual: float
@@ -103,7 +93,7 @@ class NoiseAwareReconstruction:
 
     def told(self) -> dict[str, Any]:
         """Return the noise, the weight and the iterations."""
-        return {"noise": self.noise, "lambda": self.weight, "iterations": self.iterations}
+        return {**super().told(), "iterations": self.iterations}
 
     @property
     def converged(self) -> bool:
@@ -128,28 +118,16 @@ class NoiseAware(StillMethod[np.float64]):
     λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
     photograph's noise and units; more where there is more noise than signal, see the module.
 
+    Other parameters and errors are those of `StillMethod`.
+
     Parameters
     ----------
-    A
-        (M, N) light transport matrix.
-    B
-        (M, L) prototype backgrounds; None for none.
-    hidden_shape
-        (R, C) with R C = N.
-    channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
-    rank_tolerance
-        Relative tolerance on B's singular values, see `background_basis`.
     regularization
         λ over ‖A⊥‖_F / σ, a number without unit, which fits any grid of patches.
     positive
         Whether f ≥ 0.
     tolerance, max_iterations
         Stop when both relative residuals are at most this, or after so many iterations.
-    photograph_shape
-        (rows, columns) that photographs must have; None checks the number of pixels alone.
-    mask
-        Which pixels to use, see `observation_of`; None for all.
     wall_gain
         Whether stills are searched for a smooth gain over the wall, see `wall_gain`; None where
         the rows and columns of photographs are known, from their shape or the mask's.
@@ -157,8 +135,7 @@ class NoiseAware(StillMethod[np.float64]):
     Raises
     ------
     ValueError
-        If the shapes do not fit, A or B is not finite, B explains all of A, a number is out of
-        range, or a gain is asked for and the rows and columns are not known.
+        If B explains all of A, or a gain is asked for and the rows and columns are not known.
     """
 
     def __init__(
@@ -174,25 +151,19 @@ class NoiseAware(StillMethod[np.float64]):
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
-        mask: NDArray[np.bool_] | None = None,
+        mask: Mask | None = None,
         wall_gain: bool | None = None,
     ) -> None:
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
         if not 0 < regularization < np.inf:
             raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
-        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
-        self.photograph_shape = photograph_shape
-        self.hidden_shape = hidden_shape
         self.regularization = regularization
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        used = np.ascontiguousarray(self._observation.used(A, "A"), np.float64)
-        if not np.isfinite(used).all():
-            raise ValueError("A must be finite")
-        Q = np.zeros((len(used), 0))
-        if B is not None:
-            Q = background_basis(self._observation.used(B), rank_tolerance)
+        used = self._observation.used_transport(A)
+        Q = background_basis(self._observation.used(B), rank_tolerance)
         self._background = np.ascontiguousarray(Q.T)
         self._transport = np.ascontiguousarray(used.T, np.float32)
         C = Q.T @ used
@@ -224,7 +195,7 @@ class NoiseAware(StillMethod[np.float64]):
     def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
         """Return the noise, the weight, the iterations and the gain; see `StillMethod`."""
         return {
-            **found.told(),
+            **super().told(found),
             "standard_errors_assume": ASSUMPTIONS,
             "wall_gain_found": found.has_gain,
             "wall_gain_range": [float(found.gain.min()), float(found.gain.max())],
@@ -266,7 +237,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     def _rejected(self, photographs: Image) -> tuple[Array, Array]:
         """Return photographs, range(B) projected out, (K, 3, M'), and the share left, (K,)."""
-        planes = self._observation.planar(photographs, self.photograph_shape)
+        planes = self._observation.planar(photographs)
         whole = root_mean_squares(planes)
         y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
@@ -376,7 +347,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
         """Return what finds gains, if wanted."""
-        shape = self._observation.rows_and_columns(self.photograph_shape)
+        shape = self._observation.rows_and_columns
         self._wall_shape = shape or (self._observation.pixels,)
         if shape is None and wanted:
             raise ValueError(

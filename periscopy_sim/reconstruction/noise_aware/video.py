@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
-Image = NDArray[np.floating[Any]]
 Coupling = Literal["l1", "none"]
 
 BATCH = 64
@@ -51,37 +50,14 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
     No frame is searched for a gain over the wall, which would be another for each.
 
-    Parameters
-    ----------
-    method
-        The method for stills, whose λ and tolerance serve every frame.
-    coupling
-        How a frame is tied to the previous one.
-    l1_weight
-        λ₂ over λ.
-
-    Attributes
-    ----------
-    previous
-        (R, C, 3) the latest frame; None before the first and after `restart`.
-
-    Raises
-    ------
-    ValueError
-        If the coupling is not known or the weight is negative or not finite.
+    Parameters, attributes and errors are those of `FrameByFrame`; `method` is the one for stills.
     """
 
     def __init__(
         self, method: NoiseAware, *, coupling: Coupling = "l1", l1_weight: float = 0.8
     ) -> None:
-        if coupling not in get_args(Coupling):
-            raise ValueError(f"coupling '{coupling}' is not known; use 'l1' or 'none'")
-        if not 0 <= l1_weight < np.inf:
-            raise ValueError(f"l1_weight is {l1_weight}: give a finite number, not negative")
+        super().__init__(method, coupling, l1_weight, get_args(Coupling))
         self.method = method
-        self.coupling = coupling
-        self.l1_weight = l1_weight
-        super().__init__(method.hidden_shape, np.float64)
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""

@@ -72,27 +72,13 @@ INDEPENDENT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class GainEstimate:
-    """The gain, and how likely it is.
+    """The gain, and how likely it is."""
 
-    Attributes
-    ----------
-    coefficients
-        (K,) ĉ.
-    probability
-        That as large a ratio comes about without a gain, at most.
-    field
-        (rows, columns) g.
-    accepted
-        Whether that is below `ERROR_RATE`, and the gain within `BOUNDS`.
-    added
-        (3, M') the light that the gain adds to that of the model, range(B) projected out.
-    """
-
-    coefficients: Array
-    probability: float
-    field: Array
-    accepted: bool
-    added: Array
+    coefficients: Array  # (K,) ĉ
+    probability: float  # that as large a ratio comes about without a gain, at most
+    field: Array  # (rows, columns) g
+    accepted: bool  # whether that is below `ERROR_RATE`, and the gain within `BOUNDS`
+    added: Array  # (3, M') light that the gain adds to the model's, range(B) projected out
 
 
 class WallGain:

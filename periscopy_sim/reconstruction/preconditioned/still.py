@@ -13,8 +13,8 @@ from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
-from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
@@ -23,7 +23,6 @@ from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 BATCH = 64
 """Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
@@ -34,53 +33,34 @@ BYTES_FOR_P = 24
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What P makes of photographs, before it is denoised.
+    """What P makes of photographs, before it is denoised."""
 
-    Attributes
-    ----------
-    preconditioned
-        (K, R, C, 3) P y, float32 where P is explicit.
-    noise
-        (K, 3) standard deviation of each photograph's noise, as estimated from it.
-    weight
-        (K, 3) the total-variation weight λ for each channel.
-    """
-
-    preconditioned: Image
-    noise: Array
-    weight: Array
+    preconditioned: Image  # (K, R, C, 3) P y, float32 where P is explicit
+    noise: Array  # (K, 3), as in `Solution`
+    weight: Array  # (K, 3)
 
 
 @dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """A hidden image and the stages that led to it (Fig. 2).
+class Reconstruction(Solution[np.floating[Any]]):
+    """A hidden image, `image`, and the stages that led to it (Fig. 2); see `Solution`.
 
     Attributes
     ----------
     preconditioned
         (R, C, 3) the estimate P y.
     denoised
-        (R, C, 3) after the proximal operator of total variation.
-    image
-        (R, C, 3) after repair: the result, in units of the photograph's over those of A.
-    noise
-        (3,) standard deviation of the photograph's noise in each channel, as estimated from it.
-    weight
-        (3,) the total-variation weight λ used for each channel.
+        (R, C, 3) after the proximal operator of total variation; `image` is this after repair.
     threshold
         The repair threshold κ used.
     """
 
     preconditioned: Image
     denoised: Image
-    image: Image
-    noise: Array
-    weight: Array
     threshold: float
 
     def told(self) -> dict[str, Any]:
         """Return the noise and the weights that followed from it."""
-        return {"noise": self.noise, "lambda": self.weight, "kappa": self.threshold}
+        return {**super().told(), "kappa": self.threshold}
 
     def stages(self, estimate: str) -> list[tuple[str, Image]]:
         """Return titles and images of the stages, the first under a given title."""
@@ -97,18 +77,13 @@ class Periscope(StillMethod[np.floating[Any]]):
       from the part of it that [A, B] cannot explain, times the root mean square of √(P Pᵀ)_jj.
     - κ is `repair_threshold` times the 99th percentile of the denoised magnitudes.
 
+    Other parameters and errors are those of `StillMethod`.
+
     Parameters
     ----------
     A
-        (M, N) light transport matrix; kept, and not copied where it is float64 already.
-    B
-        (M, L) prototype backgrounds; None for none.
-    hidden_shape
-        (R, C) with R C = N.
-    channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
-    rank_tolerance
-        Relative tolerance on B's singular values, see `background_basis`.
+        (M, N) light transport matrix; kept, and not copied where it is float64 already. With a
+        mask, the `preconditioner` takes vectors of the pixels used.
     tv_weight
         λ in standard errors of P y, as above; 0 denoises nothing.
     repair_threshold
@@ -118,28 +93,20 @@ class Periscope(StillMethod[np.floating[Any]]):
         fits in half of this machine's memory. The background is projected out in float64 either
         way. Of the chair's 29 x 36 patches the images differ by 2e-5 of their root mean square
         where the SNR is 60 dB, and by 3e-3 at 100 dB, where the rounding adds to the noise.
-    photograph_shape
-        (rows, columns) that photographs must have; None checks the number of pixels alone.
-    mask
-        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
-        rows of A and B are left out, and what the photograph holds there, be it NaN. The
-        `preconditioner` then takes vectors of the pixels used.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit, the mask leaves fewer pixels than patches, A has not full
-        column rank beside B, the wall reflects nothing in a channel, or a weight is negative or
-        NaN.
+        If A has not full column rank beside B.
     """
 
     def __init__(
         self,
-        A: NDArray[np.floating[Any]],
-        B: NDArray[np.floating[Any]] | None = None,
+        A: Image,
+        B: Image | None = None,
         *,
         hidden_shape: tuple[int, int],
-        channel_gain: NDArray[np.floating[Any]] | None = None,
+        channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
@@ -147,6 +114,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
     ) -> None:
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
         if not (tv_weight >= 0 and repair_threshold >= 0):
             raise ValueError(
                 f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
@@ -155,15 +123,11 @@ class Periscope(StillMethod[np.floating[Any]]):
         if explicit is None:
             explicit = fits_in_memory(BYTES_FOR_P * A.size)
         self.explicit = explicit
-        self.precision: type[np.floating[Any]] = np.float32 if explicit else np.float64
-        self.photograph_shape = photograph_shape
-        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
-        A = self._observation.used(A)
-        B = None if B is None else self._observation.used(B)
-        self.hidden_shape = hidden_shape
+        self.precision = np.float32 if explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        self.preconditioner = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
+        used = (self._observation.used(matrix) for matrix in (A, B))
+        self.preconditioner = form_preconditioner(*used, rank_tolerance=rank_tolerance)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
         self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
@@ -172,21 +136,11 @@ class Periscope(StillMethod[np.floating[Any]]):
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        estimate = self.estimate(np.asarray(photograph)[None])
-        return denoise_and_repair(
-            estimate.preconditioned[0],
-            estimate.noise[0],
-            weight=estimate.weight[0],
-            repair_threshold=self.repair_threshold,
-        )
+        return self._finished(self.estimate(np.asarray(photograph)[None]), 0)
 
     def fitted(self) -> dict[str, Any]:
         """Return the rank of B that was kept, and whether P is explicit."""
         return {"background_rank": self.preconditioner.Q.shape[1], "explicit": self.explicit}
-
-    def told(self, found: Reconstruction) -> dict[str, Any]:
-        """Return what fitting settled, the noise and the weights; see `StillMethod`."""
-        return {**self.fitted(), **found.told()}
 
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
         """Return the stages of Algorithm 1; see `StillMethod`."""
@@ -213,15 +167,10 @@ class Periscope(StillMethod[np.floating[Any]]):
         images: list[Image] = []
         for estimate in self.estimates(photographs):
 
-            def finish(k: int, estimate: Estimate = estimate) -> Image:
-                return denoise_and_repair(
-                    estimate.preconditioned[k],
-                    estimate.noise[k],
-                    weight=estimate.weight[k],
-                    repair_threshold=self.repair_threshold,
-                ).image
+            def image(k: int, estimate: Estimate = estimate) -> Image:
+                return self._finished(estimate, k).image
 
-            images += in_parallel(finish, range(len(estimate.noise)))
+            images += in_parallel(image, range(len(estimate.noise)))
         stack: Image = np.array(images, self.precision)
         return stack.reshape(-1, *self.hidden_shape, 3)
 
@@ -233,7 +182,7 @@ class Periscope(StillMethod[np.floating[Any]]):
 
     def estimate(self, photographs: Image) -> Estimate:
         """Precondition photographs and tell the noise of each; see `reconstruct_batch`."""
-        y = self._observation.planar(photographs, self.photograph_shape)
+        y = self._observation.planar(photographs)
         rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
         P = self.preconditioner
         subtract_combinations(rejected, times_rows(rejected, self._background), self._background)
@@ -250,6 +199,14 @@ class Periscope(StillMethod[np.floating[Any]]):
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
             noise,
             self.tv_weight * self._unit_error * noise,
+        )
+
+    def _finished(self, estimate: Estimate, k: int) -> Reconstruction:
+        return denoise_and_repair(
+            estimate.preconditioned[k],
+            estimate.noise[k],
+            weight=estimate.weight[k],
+            repair_threshold=self.repair_threshold,
         )
 
 
@@ -283,7 +240,7 @@ def denoise_and_repair(
     """
     denoised = prox_total_variation(estimate, weight)
     image, threshold = repaired(denoised, repair_threshold)
-    return Reconstruction(estimate, denoised, image, noise, weight, threshold)
+    return Reconstruction(image, noise, weight, estimate, denoised, threshold)
 
 
 def repaired(

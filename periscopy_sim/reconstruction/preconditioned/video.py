@@ -7,8 +7,9 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.preconditioned.still import (
     Estimate,
     Periscope,
@@ -18,7 +19,6 @@ from periscopy_sim.reconstruction.preconditioned.still import (
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
-Image = NDArray[np.floating[Any]]
 Coupling = Literal["total-variation", "l1", "none"]
 
 
@@ -38,27 +38,19 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     Repair follows, its window widened to the previous frame (not with ``"none"``). Each frame's
     dual problem starts from the solution of the one before, which saves a third of the iterations.
 
+    Other parameters, attributes and errors are those of `FrameByFrame`.
+
     Parameters
     ----------
     periscope
         The method for stills, whose P, λ and κ serve every frame.
-    coupling
-        How a frame is tied to the previous one.
     temporal_weight
         Weight of the difference in time within three-dimensional total variation; the paper's is 1.
-    l1_weight
-        λ₂ over λ.
-
-    Attributes
-    ----------
-    previous
-        (R, C, 3) the latest frame; None before the first and after `restart`.
 
     Raises
     ------
     ValueError
-        If the coupling is not known, a weight is negative, or the periscope's `tv_weight` is
-        infinite and the frames are coupled.
+        If the periscope's `tv_weight` is infinite and the frames are coupled.
     """
 
     def __init__(
@@ -69,30 +61,17 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         temporal_weight: float = 1.0,
         l1_weight: float = 0.4,
     ) -> None:
-        if coupling not in get_args(Coupling):
-            raise ValueError(
-                f"coupling '{coupling}' is not known; use 'total-variation', 'l1' or 'none'"
-            )
-        if not (0 <= temporal_weight < np.inf and 0 <= l1_weight < np.inf):
-            raise ValueError(
-                f"weights {temporal_weight} and {l1_weight}: give finite numbers, not negative"
-            )
+        super().__init__(periscope, coupling, l1_weight, get_args(Coupling))
+        check_weight("temporal_weight", temporal_weight)
         if np.isinf(periscope.tv_weight) and coupling != "none":
             raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
         self.periscope = periscope
-        self.coupling = coupling
         self.temporal_weight = temporal_weight
-        self.l1_weight = l1_weight
-        super().__init__(periscope.hidden_shape, periscope.precision)
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         super().restart()
         self._dual: Image | None = None
-
-    def fitted(self) -> dict[str, Any]:
-        """Return what fitting the method for stills settled."""
-        return self.periscope.fitted()
 
     def begun(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.begun`."""
@@ -121,4 +100,4 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         denoised = result.image[1] if result.image.ndim == 4 else result.image
         image, threshold = repaired(denoised, self.periscope.repair_threshold, previous)
         self.previous = image.copy()  # the caller may change what is returned
-        return Reconstruction(g, denoised, image, estimate.noise[k], weight, threshold)
+        return Reconstruction(image, estimate.noise[k], weight, g, denoised, threshold)

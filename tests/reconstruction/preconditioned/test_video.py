@@ -144,7 +144,7 @@ def test_unknown_coupling_and_negative_weights_are_refused(periscope):
         Video(periscope, coupling="optical-flow")
     wrong = {"temporal_weight": [-1, np.inf], "l1_weight": [-1, np.nan, np.inf]}
     for weights in ({name: value} for name, values in wrong.items() for value in values):
-        with pytest.raises(ValueError, match="finite numbers, not negative"):
+        with pytest.raises(ValueError, match="finite number, not negative"):
             Video(periscope, **weights)
 
 
