@@ -23,111 +23,52 @@ Matrix = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Option:
-    """A number that a method can be given.
+    """A number that a method can be given, between two bounds."""
 
-    Attributes
-    ----------
-    name
-        Its name for users, on the command line and in summaries.
-    default
-        What the method takes if it is not given.
-    least, most
-        Its bounds.
-    help
-        What it does, and what is special about 0 or the like.
-    unit
-        What it counts in with this method, for the help; empty where that goes without saying.
-    parameter
-        The parameter of the class that takes it; empty if it has the option's name.
-    coupling
-        The coupling of a video's frames that it belongs to; empty if it is of none.
-    """
-
-    name: str
+    name: str  # for users, on the command line and in summaries
     default: float
     least: float
     most: float
-    help: str
-    unit: str = ""
-    parameter: str = ""
-    coupling: str = ""
+    help: str  # what it does, and what is special about 0 or the like
+    unit: str = ""  # what it counts in with this method, where that needs saying
+    parameter: str = ""  # of the class; empty if it has the option's name
+    coupling: str = ""  # of a video's frames, that it belongs to; empty if it is of none
 
 
 @dataclass(frozen=True)
 class VideoEntry:
     """How a method recovers videos.
 
-    Attributes
-    ----------
-    of
-        ``module:class`` within `periscopy_sim.reconstruction`, a `FrameByFrame` that takes the
-        method for stills and the keyword ``coupling``.
-    couplings
-        How a frame can be tied to the one before it.
-    options
-        What else the class takes.
+    Its class is a `FrameByFrame` that takes the method for stills and the keyword ``coupling``.
     """
 
-    of: str
-    couplings: tuple[str, ...]
-    options: tuple[Option, ...] = ()
+    of: str  # ``module:class`` within `periscopy_sim.reconstruction`
+    couplings: tuple[str, ...]  # how a frame can be tied to the one before it
+    options: tuple[Option, ...] = ()  # what else the class takes
 
 
 @dataclass(frozen=True)
 class MethodEntry:
     """A method of the package; called, it is fitted to a scene.
 
-    Attributes
-    ----------
-    name
-        Its name for users.
-    help
-        What it is, in a few words.
-    of
-        ``module:class`` within `periscopy_sim.reconstruction`, a `StillMethod`; imported when used.
-    options
-        What users can set.
-    certainty
-        What it can tell of its certainty, in a few words; empty for nothing.
-    fixed
-        Parameters of the class that make this method of it.
-    backgrounds
-        Whether it is told the prototype backgrounds.
-    video
-        How it recovers videos; None if it does not.
+    Its class is a `StillMethod`, imported when used.
     """
 
-    name: str
-    help: str
-    of: str
-    options: tuple[Option, ...] = ()
-    certainty: str = ""
-    fixed: Mapping[str, Any] = field(default_factory=dict)
-    backgrounds: bool = True
-    video: VideoEntry | None = None
+    name: str  # for users
+    help: str  # what it is, in a few words
+    of: str  # ``module:class`` within `periscopy_sim.reconstruction`
+    options: tuple[Option, ...] = ()  # what users can set
+    certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
+    fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
+    backgrounds: bool = True  # whether it is told the prototype backgrounds
+    video: VideoEntry | None = None  # None if it recovers no videos
 
     def __call__(
         self, scene: Seen, A: Matrix, B: Matrix, mask: Mask | None = None, **options: float
     ) -> StillMethod[Any]:
-        """Fit the method to a scene.
+        """Fit the method to a scene; the options' values by their names, the rest as in the class.
 
-        Parameters
-        ----------
-        scene
-            A `Scenario`, or anything with its sizes and the colour of its wall.
-        A
-            (M, N) light transport matrix.
-        B
-            (M, L) prototype backgrounds.
-        mask
-            (rows, columns), True where the wall is used; None for everywhere.
-        **options
-            Values of `options`, by their names.
-
-        Raises
-        ------
-        ValueError
-            As the class does.
+        A scene is a `Scenario`, or anything with its sizes and the colour of its wall.
         """
         fitted: StillMethod[Any] = _class(self.of).for_scene(
             scene,
@@ -144,16 +85,12 @@ class MethodEntry:
     ) -> FrameByFrame[Any, Any]:
         """Return what recovers videos by a method for stills that was fitted by this entry.
 
-        Raises
-        ------
-        ValueError
-            If the method recovers none, or as the class does.
+        A ValueError says that the method recovers none, or what the class refuses.
         """
         if self.video is None:
             raise ValueError(f"method '{self.name}' recovers no videos")
-        parameters = _parameters(self.video.options, options)
         frames: FrameByFrame[Any, Any] = _class(self.video.of)(
-            still, coupling=coupling, **parameters
+            still, coupling=coupling, **_parameters(self.video.options, options)
         )
         return frames
 

@@ -33,9 +33,7 @@ UNREFINED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Preconditioner:
-    """P in factored form: A, the background basis Q and a Cholesky factor of A⊥ᵀ A⊥.
-
-    Make one by `form_preconditioner`.
+    """P in factored form; make one by `form_preconditioner`.
 
     Attributes
     ----------
@@ -52,18 +50,7 @@ class Preconditioner:
     cholesky: Array
 
     def reject_background(self, y: NDArray[np.floating[Any]]) -> Array:
-        """Project range(B) out of photographs: y − Q Qᵀ y.
-
-        Parameters
-        ----------
-        y
-            (M,) or (M, K) vectorized photographs.
-
-        Returns
-        -------
-        ndarray
-            Same shape, float64.
-        """
+        """Project range(B) out of photographs, (M,) or (M, K): y − Q Qᵀ y, float64."""
         rejected: Array = y - self.Q @ (self.Q.T @ y)
         return rejected
 
@@ -73,18 +60,7 @@ class Preconditioner:
         return solution
 
     def apply(self, y: NDArray[np.floating[Any]]) -> Array:
-        """Multiply photographs by P without forming it.
-
-        Parameters
-        ----------
-        y
-            (M,) or (M, K) vectorized photographs.
-
-        Returns
-        -------
-        ndarray
-            P y, (N,) or (N, K) float64.
-        """
+        """Multiply photographs, (M,) or (M, K), by P without forming it: P y, (N,) or (N, K)."""
         # One step of iterative refinement: the Gram matrix squares A's condition number.
         y = self.reject_background(y)
         f = self.solve(self.A.T @ y)
@@ -138,7 +114,6 @@ def form_preconditioner(
     Returns
     -------
     Preconditioner
-        P, factored.
 
     Raises
     ------
@@ -161,14 +136,13 @@ def form_preconditioner(
     norms = np.sqrt(np.diag(gram))
     C = Q.T @ transport
     gram -= C.T @ C
-    cholesky: Array | None
     try:
         cholesky = np.asarray(np.linalg.cholesky(gram, upper=True), np.float64)
     except np.linalg.LinAlgError:
-        cholesky = None
+        cholesky = np.zeros_like(gram)
     # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
     # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
-    if cholesky is None or (np.diag(cholesky) <= 1e-6 * norms).any():
+    if (np.diag(cholesky) <= 1e-6 * norms).any():
         dark = int((norms <= 1e-7 * norms.max()).sum())
         raise ValueError(
             f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "
