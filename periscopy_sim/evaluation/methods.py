@@ -29,9 +29,8 @@ from periscopy_sim.scenario import Scenario
 Matrix = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 Factory = Callable[..., Method]
-"""Fits a method to a scene: takes the scenario, A of shape (M, N) and B of shape (M, L); those that
-take the keyword `mask` too are told where the wall is used, (rows, columns), or None.
-"""
+"""Fits a method to a scene: takes the scenario, A, (M, N), and B, (M, L); those that take the
+keyword `mask` too are told where the wall is used, (rows, columns), or None."""
 MethodError = (Exception, SystemExit)
 """What a method may raise without ending more than itself; `sys.exit` in it is such an error."""
 
@@ -60,7 +59,7 @@ def find_method(name: str) -> Factory:
     Returns
     -------
     callable
-        Fits the method to a scene: takes the scenario, A of shape (M, N), B of shape (M, L).
+        See `Factory`.
 
     Raises
     ------
@@ -100,15 +99,9 @@ def fit_method(
     """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
 
     A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used. The options are
-    those of the method's entry in `METHODS`. A user's own callable that takes no mask is warned of.
-
-    Raises
-    ------
-    PeriscopyError
-        As `find_method`; if a user's own callable raises anything, or returns what cannot
-        reconstruct.
-    ValueError
-        If one of `METHODS` cannot be fitted to A and B.
+    those of the method's entry in `METHODS`. A user's own callable that takes no mask is warned of;
+    a PeriscopyError says that it raises anything, or returns what cannot reconstruct, a ValueError
+    that one of `METHODS` cannot be fitted to A and B.
     """
     from threadpoolctl import threadpool_limits
 
@@ -158,13 +151,9 @@ def without_addresses(message: str) -> str:
 def own_errors(name: str, what: str) -> Iterator[None]:
     """Report whatever a user's own method raises as the user's mistake, and where it arose.
 
-    Errors of `METHODS` pass as they are, and so does a lack of memory. `what` says what the error
-    means, such as "cannot be fitted".
-
-    Raises
-    ------
-    PeriscopyError
-        Naming the method, the error, and the last line of the method's file that led to it.
+    Errors of `METHODS` pass as they are, and so does a lack of memory. Of others a PeriscopyError
+    names the method, the error, what it means (such as "cannot be fitted"), and the last line of
+    the method's file that led to it.
     """
     try:
         yield
@@ -188,15 +177,12 @@ def own_errors(name: str, what: str) -> Iterator[None]:
 def image_by(
     method: Method, photograph: NDArray[np.float64], hidden_shape: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Reconstruct, and hold the method to what it promises: (R, C, 3), real and finite.
-
-    The photograph is (rows, columns, 3). A ValueError tells how the promise is broken.
-    """
+    """Reconstruct from a photograph, (rows, columns, 3), and hold the method to its promise."""
     return promised(method.reconstruct(photograph), hidden_shape)
 
 
 def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Hold what a method returned to what it promises; see `image_by`."""
+    """Hold what a method returned to what it promises, (R, C, 3), real and finite; a ValueError."""
     values = np.asarray(image)
     if values.shape != (*hidden_shape, 3):
         raise ValueError(f"returned shape {values.shape} instead of {(*hidden_shape, 3)}")

@@ -60,6 +60,9 @@ class PortableNoiseAware:
     def reconstruct_batch(self, photographs: Array) -> Array:
         """Recover the hidden images of many photographs at once.
 
+        Errors and warnings are those of `NoiseAware.reconstruct`; nor may a photograph be too
+        bright or dark for single precision.
+
         Parameters
         ----------
         photographs
@@ -69,17 +72,6 @@ class PortableNoiseAware:
         -------
         array
             (K, R, C, 3) float32, on the same device, in units of the photograph's over those of A.
-
-        Raises
-        ------
-        ValueError
-            If a photograph has not M pixels of 3 channels, is not finite where it is used, or too
-            bright or dark for single precision.
-
-        Warns
-        -----
-        RuntimeWarning
-            The iterations did not reach the tolerance for some photographs.
         """
         xp = array_namespace(photographs, self._rows)
         y = self._rejected(xp, photographs)

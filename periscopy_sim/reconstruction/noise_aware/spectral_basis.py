@@ -26,25 +26,13 @@ Image = NDArray[np.floating[Any]]
 class SpectralBasis:
     """The generalized eigenvectors of one scene, its patterns.
 
-    Parameters
-    ----------
-    gram
-        (N, N) A⊥ᵀA⊥.
-    shape
-        (R, C) of the images, R C = N.
-
-    Attributes
-    ----------
-    curvatures
-        (N,) λ, ascending.
-    rows
-        (N, N) in single precision, W_k in row k.
+    They follow from A⊥ᵀA⊥, (N, N), for images of (R, C) patches.
     """
 
     def __init__(self, gram: Array, shape: tuple[int, int]) -> None:
         curvatures, W = linalg.eigh(gram, laplacian(shape))
-        self.curvatures: Array = np.maximum(curvatures, 0)
-        self.rows = np.ascontiguousarray(W.T, np.float32)
+        self.curvatures: Array = np.maximum(curvatures, 0)  # (N,) λ, ascending
+        self.rows = np.ascontiguousarray(W.T, np.float32)  # (N, N), W_k in row k
         self.inverse_laplacian = InverseLaplacian(shape)
 
     def combined(self, coefficients: Array) -> Image:

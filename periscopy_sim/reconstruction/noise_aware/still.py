@@ -216,22 +216,9 @@ class NoiseAware(StillMethod[np.float64]):
         return doubt_of(found.evidence.share, *self._unexplained(found), len(self._curvatures))
 
     def evidence(self, photographs: Image) -> list[Evidence]:
-        """Return what the objective needs of photographs, Aᵀ applied to all in one product.
+        """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
 
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
-
-        Returns
-        -------
-        list
-            An `Evidence` of each.
-
-        Raises
-        ------
-        ValueError
-            As `reconstruct`.
+        They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
         """
         return self._evidence(*self._rejected(photographs))
 
@@ -266,25 +253,11 @@ class NoiseAware(StillMethod[np.float64]):
         previous: Image | None = None,
         l1_weight: float = 0.0,
     ) -> tuple[NoiseAwareReconstruction, Splitting | None]:
-        """Return the hidden image of a photograph's evidence.
+        """Return the hidden image of a photograph's evidence, and what was split off.
 
-        Parameters
-        ----------
-        evidence
-            Of the photograph.
-        schedule
-            How the minimum is found; None for the way of `solve`.
-        start
-            What was split off from an image nearby; None for a start from black.
-        previous
-            (R, C, 3) the frame before, in a video; None for a still.
-        l1_weight
-            λ₂ over λ, λ₂ the weight of the distance to that frame.
-
-        Returns
-        -------
-        tuple
-            The image with how it came about, and what was split off.
+        The minimum is found by the schedule, or as in `solve`, from what was split off from an
+        image nearby, `start`, or from black. In a video λ₂ = `l1_weight` λ is the weight of the
+        distance to the frame before, `previous`, (R, C, 3).
         """
         if schedule is None:
             schedule = self._schedule(self.max_iterations)
@@ -308,18 +281,8 @@ class NoiseAware(StillMethod[np.float64]):
     def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
         """Return the standard error of each patch of a recovered image, see `uncertainty`.
 
-        They assume that A and B are right, that a gain over the wall is known, and that what the
-        wall hides of the image varies like what it shows.
-
-        Parameters
-        ----------
-        found
-            From `solve`.
-
-        Returns
-        -------
-        ndarray
-            (R, C, 3) standard errors, in units of the image.
+        They are (R, C, 3), in units of the image, and assume that A and B are right, that a gain
+        over the wall is known, and that what the wall hides of the image varies like what it shows.
         """
         misfit = self._unexplained(found)[1]
         return standard_errors(

@@ -84,21 +84,10 @@ class GainEstimate:
 class WallGain:
     """Estimate the gain over one scene's wall; see the module.
 
-    Parameters
-    ----------
-    transport
-        (N, M') Aᵀ in single precision, of the M' pixels used.
-    background
-        (r, M') Qᵀ, an orthonormal basis of range(B).
-    patterns
-        (N', N) W_k in single precision, a row each, ...
-    curvatures
-        (N',) ... and λ_k > 0, such that the A⊥ W_k/√λ_k are an orthonormal basis of the range of
-        A⊥ = A − Q QᵀA.
-    photograph_shape
-        (rows, columns), rows * columns = M.
-    mask
-        (rows, columns) or (M,), True in the pixels used; None for all.
+    It takes Aᵀ, (N, M'), in single precision, of the M' pixels used; Qᵀ, (r, M'), an orthonormal
+    basis of range(B); patterns W_k, (N', N), in single precision, a row each, and curvatures
+    λ_k > 0, (N',), such that the A⊥ W_k/√λ_k are an orthonormal basis of the range of
+    A⊥ = A − Q QᵀA; and the photograph's shape and mask, as an `Observation` has them.
     """
 
     def __init__(
