@@ -86,8 +86,6 @@ def reconstruct(
             told = _told(fitted, solved, scenario.hidden_shape)
         inputs.warn_without_record(matrix)
         _write_told(folder, told, image, seen, text)
-        if told.remark:
-            say(told.remark)
         for doubt in told.doubts:
             warn(f"{photo}: {doubt}")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
@@ -112,6 +110,8 @@ def reconstruct(
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )
+    if told.remark:
+        say(told.remark)
     if known is not None:
         say(
             f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "

@@ -10,6 +10,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 
 Array = NDArray[np.float64]
@@ -170,17 +171,27 @@ class StillMethod(ABC, Generic[Precision]):
         """Return what fitting to the scene settled, for a summary."""
         return {}
 
+    def explained(self, found: Any) -> Explained | None:  # noqa: ARG002
+        """Return how well the scene and a solution explain the photograph; None if not known."""
+        return None
+
     def told(self, found: Any) -> dict[str, Any]:
         """Return the numbers that a summary keeps of a solution, by name."""
-        return {**self.fitted(), **found.told()}
+        numbers = {**self.fitted(), **found.told()}
+        explained = self.explained(found)
+        return numbers if explained is None else numbers | {"unexplained": explained.unexplained}
 
-    def remark(self, found: Any) -> str:  # noqa: ARG002
+    def remark(self, found: Any) -> str:
         """Return a sentence for the user about a solution, or nothing."""
-        return ""
+        explained = self.explained(found)
+        if explained is None:
+            return ""
+        return f"unexplained: {100 * explained.unexplained:.2f} % of the photograph"
 
-    def doubt(self, found: Any) -> str:  # noqa: ARG002
+    def doubt(self, found: Any) -> str:
         """Return why a solution may show nothing of the hidden scene; empty where it may not."""
-        return ""
+        explained = self.explained(found)
+        return "" if explained is None else explained.doubt
 
     def stages(self, found: Any) -> Sequence[tuple[str, Image]]:  # noqa: ARG002
         """Return titles and images, (R, C, 3), of what led to a solution; none by default."""

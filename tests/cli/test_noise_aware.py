@@ -103,3 +103,17 @@ def test_gain_over_the_wall_is_told(succeeds, tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["wall_gain_found"] is True
     np.testing.assert_allclose(summary["wall_gain_range"], [0.7, 1.3], atol=0.1)
+
+
+def test_scene_that_is_off_leaves_more_unexplained(succeeds, tmp_path):
+    scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
+    hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))
+    signal = (ps.render_transport(scenario, samples=4) @ hidden).reshape(24, 24, 3)
+    np.save(tmp_path / "y.npy", ps.add_noise(signal, snr=60, seed=0))
+    unexplained = {}
+    for place in ("0", "0.03"):
+        told = succeeds("reconstruct", "y.npy", *TINY, "-D", f"occluder_dx={place}", "--out", place)
+        summary = json.loads((tmp_path / place / "summary.json").read_text())
+        unexplained[place] = summary["unexplained"]
+        assert f"unexplained: {100 * unexplained[place]:.2f} % of the photograph" in told
+    assert unexplained["0"] < 1.5e-3 and unexplained["0.03"] > 3 * unexplained["0"]

@@ -1,4 +1,4 @@
-"""Evidence of a hidden image in a photograph: its noise, its signal, and whether it shows any."""
+"""Evidence of a hidden image in a photograph: its noise and its signal."""
 
 from __future__ import annotations
 
@@ -13,15 +13,6 @@ Array = NDArray[np.float64]
 
 LARGEST_RATIO = 30
 """Between the noises of two channels: one that has less is not believed."""
-
-LEAST_SHARE = 1e-6
-"""Of a photograph, range(B) projected out: where less is left, it is no more than rounding."""
-
-SIGNIFICANT = 3
-"""Standard errors of noise: what A⊥ can explain of a photograph is more, or it is noise."""
-
-LEAST_EXPLAINED = 0.2
-"""Of what A⊥ can explain of a photograph: where the image explains less, it is mostly noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +55,3 @@ def noise_to_signal(noise: Any, pixels: int, rank: int, patterns: int) -> Any:
     # A signal below its own standard error is none.
     least = xp.sqrt(2 * patterns * xp.sum(noise**4, axis=-1))
     return energy / xp.maximum(3 * pixels - energy, least)
-
-
-def doubt_of(share: float, whole: float, left: float, patterns: int) -> str:
-    """Return why a photograph may show nothing of a hidden image; empty where nothing says so.
-
-    `share` is that of `Evidence`; `whole` and `left` are the energy of the photograph that the
-    patterns seen can explain, and what the image leaves of it, over the noise's variance, summed
-    over channels.
-    """
-    if share < LEAST_SHARE:
-        return "the photograph shows no hidden image: ambient light alone explains all of it"
-    is_noise = whole - 3 * patterns < SIGNIFICANT * np.sqrt(6 * patterns)
-    if is_noise or whole - left < LEAST_EXPLAINED * whole:
-        return (
-            "the photograph hardly shows a hidden image: what the scene explains of it is no more "
-            "than noise"
-        )
-    return ""

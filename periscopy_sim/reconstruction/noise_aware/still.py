@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
+from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
-    doubt_of,
     noise_of,
     noise_to_signal,
     root_mean_squares,
@@ -202,18 +202,23 @@ class NoiseAware(StillMethod[np.float64]):
         }
 
     def remark(self, found: NoiseAwareReconstruction) -> str:
-        """Return what a gain over the wall that was found may mean; see `StillMethod`."""
+        """Return what is unexplained, and what a gain over the wall that was found may mean."""
+        unexplained = super().remark(found)
         if not found.has_gain:
-            return ""
+            return unexplained
         return (
-            f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
-            "explains part of the photograph: vignetting, or a scene that is off (see periscopy "
-            "calibrate)"
+            f"{unexplained}; a smooth gain over the wall, {found.gain.min():.2f} to "
+            f"{found.gain.max():.2f}, explains part of the photograph: vignetting, or a scene that "
+            "is off (see periscopy calibrate)"
         )
 
-    def doubt(self, found: NoiseAwareReconstruction) -> str:
-        """Return why a photograph may show nothing of a hidden image; see `StillMethod`."""
-        return doubt_of(found.evidence.share, *self._unexplained(found), len(self._curvatures))
+    def explained(self, found: NoiseAwareReconstruction) -> Explained:
+        """Return how well scene, image and gain explain the photograph; see `StillMethod`."""
+        whole, left = (np.sum(part**2, axis=1) for part in self._explicable(found))
+        evidence, freedom = found.evidence, self._transport.shape[1] - len(self._background)
+        return Explained(
+            evidence.share, evidence.noise, whole, left, len(self._curvatures), freedom
+        )
 
     def evidence(self, photographs: Image) -> list[Evidence]:
         """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
@@ -284,7 +289,7 @@ class NoiseAware(StillMethod[np.float64]):
         They are (R, C, 3), in units of the image, and assume that A and B are right, that a gain
         over the wall is known, and that what the wall hides of the image varies like what it shows.
         """
-        misfit = self._unexplained(found)[1]
+        misfit = float(np.sum(self._explicable(found)[1] ** 2))
         return standard_errors(
             self._gram, found.noise, found.image, found.weight, misfit, len(self._curvatures)
         )
@@ -299,7 +304,8 @@ class NoiseAware(StillMethod[np.float64]):
         gain = wall_gain.estimate(planes[0], evidence.noise, image)
         if gain.accepted:
             (even,) = self._evidence(planes - gain.added, np.array([evidence.share]))
-            evidence = replace(even, level=evidence.level * even.level)
+            level, share = evidence.level * even.level, evidence.share * even.level
+            evidence = replace(even, level=level, share=share)
         rest = self._schedule(self.max_iterations - first.iterations)
         found, _ = self.recover(evidence, rest, split)
         field = gain.field if gain.accepted else found.gain
@@ -327,12 +333,12 @@ class NoiseAware(StillMethod[np.float64]):
             self._observation.mask,
         )
 
-    def _unexplained(self, found: NoiseAwareReconstruction) -> tuple[float, float]:
-        """Return the energy that A⊥ can explain of y, and what of it the image leaves, over σ²."""
+    def _explicable(self, found: NoiseAwareReconstruction) -> tuple[Array, Array]:
+        """Return what A⊥ can explain of y, (3, N'), and what of it the image leaves, over σ."""
         evidence = found.evidence
         images = found.image.reshape(-1, 3).T / (evidence.level * self._unit)
         shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
         scales = np.sqrt(self._curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self._seen] / scales
         left = whole - shown[:, self._seen] / scales
-        return float(np.sum(whole**2)), float(np.sum(left**2))
+        return whole, left

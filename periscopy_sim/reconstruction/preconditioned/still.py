@@ -13,6 +13,7 @@ from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
+from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
@@ -27,6 +28,9 @@ Array = NDArray[np.float64]
 BATCH = 64
 """Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
 
+ROUNDING = 1e-7
+"""Of single precision, over the photograph: noise cannot be told from it."""
+
 BYTES_FOR_P = 24
 """For each entry of A, while P is formed: A and P in single precision, each in double beside."""
 
@@ -38,6 +42,7 @@ class Estimate:
     preconditioned: Image  # (K, R, C, 3) P y, float32 where P is explicit
     noise: Array  # (K, 3), as in `Solution`
     weight: Array  # (K, 3)
+    share: Array  # (K,) root mean square of y, range(B) projected out, over that of y
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +57,14 @@ class Reconstruction(Solution[np.floating[Any]]):
         (R, C, 3) after the proximal operator of total variation; `image` is this after repair.
     threshold
         The repair threshold κ used.
+    share
+        Root mean square of the photograph, range(B) projected out, over its own.
     """
 
     preconditioned: Image
     denoised: Image
     threshold: float
+    share: float = 1.0
 
     def told(self) -> dict[str, Any]:
         """Return the noise and the weights that followed from it."""
@@ -142,6 +150,22 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Return the rank of B that was kept, and whether P is explicit."""
         return {"background_rank": self.preconditioner.Q.shape[1], "explicit": self.explicit}
 
+    def explained(self, found: Reconstruction) -> Explained:
+        """Return how well scene and image explain the photograph; see `StillMethod`."""
+        P, patterns = self.preconditioner, len(self.preconditioner.cholesky)
+        pixels, freedom = len(P.A), len(P.A) - P.Q.shape[1]
+        # By Pythagoras, as in `noise_level`: A⊥ makes of images what its Cholesky factor does.
+        images = (found.preconditioned, found.preconditioned - found.image)
+        whole, left = (
+            _energies(times_rows(image.reshape(-1, 3).T.astype(np.float64), P.cholesky, upper=True))
+            for image in images
+        )
+        level = np.sqrt(np.sum(found.noise**2 * (freedom - patterns) + whole) / (3 * pixels))
+        noise = np.maximum(found.noise, ROUNDING * level) + 1e-30
+        return Explained(
+            found.share, noise / (level or 1), whole / noise**2, left / noise**2, patterns, freedom
+        )
+
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
         """Return the stages of Algorithm 1; see `StillMethod`."""
         return found.stages("preconditioned, P y")
@@ -185,7 +209,9 @@ class Periscope(StillMethod[np.floating[Any]]):
         y = self._observation.planar(photographs)
         rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
         P = self.preconditioner
+        whole = _energies(rejected)
         subtract_combinations(rejected, times_rows(rejected, self._background), self._background)
+        left, whole = (part.reshape(-1, 3).sum(axis=1) for part in (_energies(rejected), whole))
         if self._matrix is None:
             f = P.apply(rejected.T).T
         else:
@@ -199,6 +225,7 @@ class Periscope(StillMethod[np.floating[Any]]):
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
             noise,
             self.tv_weight * self._unit_error * noise,
+            np.sqrt(left / np.where(whole > 0, whole, 1)),
         )
 
     def _finished(self, estimate: Estimate, k: int) -> Reconstruction:
@@ -207,6 +234,7 @@ class Periscope(StillMethod[np.floating[Any]]):
             estimate.noise[k],
             weight=estimate.weight[k],
             repair_threshold=self.repair_threshold,
+            share=float(estimate.share[k]),
         )
 
 
@@ -231,16 +259,16 @@ def _energies(rows: Array) -> Array:
 
 
 def denoise_and_repair(
-    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float
+    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float, share: float = 1.0
 ) -> Reconstruction:
     """Lead P y, (R, C, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
 
-    The noise, (3,), is for the record; λ is (3,); κ is a part, `repair_threshold`, of the 99th
-    percentile of the denoised magnitudes.
+    The noise, (3,), and the share are for the record; λ is (3,); κ is a part, `repair_threshold`,
+    of the 99th percentile of the denoised magnitudes.
     """
     denoised = prox_total_variation(estimate, weight)
     image, threshold = repaired(denoised, repair_threshold)
-    return Reconstruction(image, noise, weight, estimate, denoised, threshold)
+    return Reconstruction(image, noise, weight, estimate, denoised, threshold, share)
 
 
 def repaired(

@@ -100,4 +100,5 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         denoised = result.image[1] if result.image.ndim == 4 else result.image
         image, threshold = repaired(denoised, self.periscope.repair_threshold, previous)
         self.previous = image.copy()  # the caller may change what is returned
-        return Reconstruction(image, estimate.noise[k], weight, g, denoised, threshold)
+        noise, share = estimate.noise[k], float(estimate.share[k])
+        return Reconstruction(image, noise, weight, g, denoised, threshold, share)

@@ -1,11 +1,10 @@
-"""Noise, signal and doubt of a photograph, in closed form."""
+"""Noise and signal of a photograph, in closed form."""
 
 import numpy as np
 import pytest
 
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     LARGEST_RATIO,
-    doubt_of,
     noise_of,
     noise_to_signal,
     root_mean_squares,
@@ -59,25 +58,6 @@ def test_signal_is_at_least_its_own_standard_error():
     # 100 pixels of noise alone: the energy of 20 patterns in 3 channels has variance 2 · 60 σ⁴.
     assert noise_to_signal(np.ones(3), 100, 0, 20) == pytest.approx(300 / np.sqrt(120))
     assert noise_to_signal(2 * np.ones(3), 100, 0, 20) == pytest.approx(300 / np.sqrt(120))
-
-
-@pytest.mark.parametrize(
-    ("share", "whole", "left", "doubt"),
-    [
-        (1.0, 1000.0, 100.0, ""),
-        (2e-6, 1000.0, 100.0, ""),
-        (5e-7, 1000.0, 100.0, "ambient light alone"),
-        (0.0, 0.0, 0.0, "ambient light alone"),
-        # 50 patterns in 3 channels: noise explains 150 ± 17.3.
-        (1.0, 205.0, 10.0, ""),
-        (1.0, 199.0, 10.0, "no more than noise"),
-        (1.0, 1000.0, 790.0, ""),
-        (1.0, 1000.0, 810.0, "no more than noise"),
-    ],
-)
-def test_doubt_is_of_what_noise_or_ambient_light_explains(share, whole, left, doubt):
-    found = doubt_of(share, whole, left, patterns=50)
-    assert doubt in found and bool(doubt) == bool(found)
 
 
 def test_root_mean_squares_are_of_all_channels_of_a_photograph():
