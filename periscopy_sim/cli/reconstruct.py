@@ -86,8 +86,6 @@ def reconstruct(
             told = _told(fitted, solved, scenario.hidden_shape)
         inputs.warn_without_record(matrix)
         _write_told(folder, told, image, seen, text)
-        for doubt in told.doubts:
-            warn(f"{photo}: {doubt}")
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         defects.suggest_mask(folder, text)
         shown = panels.enlarged(panels.displayable(image))
@@ -110,6 +108,8 @@ def reconstruct(
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )
+    for doubt in told.doubts:
+        warn(f"{photo}: {doubt}")
     if told.remark:
         say(told.remark)
     if known is not None:
