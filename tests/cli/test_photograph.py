@@ -193,7 +193,7 @@ def test_8_bit_ambient_light_gives_a_warning(shoot, periscopy, tmp_path):
         (("--ambient", "ambient.npy", "--sbr", "inf"), "'--sbr'"),
         (("--ambient", "ambient.npy", "--sbr", "1e-320"), "'--sbr'"),
         (("--ambient", "ambient.npy", "--sbr", "much"), "'--sbr'"),
-        (("--ambient", "dark.npy", "--sbr", "1"), "positive mean"),
+        (("--ambient", "dark.npy", "--sbr", "1"), "dark.npy: no value is positive"),
         (("--ambient", "small.npy", "--sbr", "1"), "12 x 12 pixels (rows x columns), but the"),
         (("--ambient", "none.exr", "--sbr", "1"), "none.exr: no such file"),
         (("--snr", "inf"), "'--snr'"),
