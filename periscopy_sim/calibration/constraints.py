@@ -11,7 +11,8 @@ from periscopy_sim.scenario import Array, Scenario
 class InFront:
     """Occluders that stood before the wall at first must stay there.
 
-    One that then reaches through the part of the wall that the camera sees is a SceneError.
+    In the scene at first, one that reaches through the part of the wall that the camera sees is a
+    SceneError.
     """
 
     def __init__(self, scenario: Scenario) -> None:

@@ -28,11 +28,11 @@ COVERED = 0.5
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely a level looks: longest sides, see `fitted`, and as of `render_transport`."""
+    """How finely a level looks."""
 
-    photograph: int
-    hidden: int
-    samples: int
+    photograph: int  # longest side, in pixels, see `fitted`
+    hidden: int  # longest side, in patches
+    samples: int  # of the transport matrix, see `render_transport`
     pixel_samples: int
 
 

@@ -20,9 +20,9 @@ class Evidence:
     """All that the objective needs of a photograph."""
 
     coefficients: Array  # (3, N) WᵀA⊥ᵀ y, y over its level and A⊥ over a patch's root mean energy
-    noise: Array  # (3,) standard deviation of y, likewise
+    noise: Array  # (3,) standard deviation of the noise in y, likewise
     level: float  # root mean square of the photograph, range(B) projected out
-    share: float  # this over the root mean square of the photograph itself
+    share: float  # the level over the root mean square of the photograph itself
     noise_to_signal: float  # energy of the noise in y over that of the signal
 
 

@@ -40,8 +40,8 @@ class Schedule:
     tolerance: float  # of the residuals
     max_iterations: int
     checked: int  # iterations between two looks at the residuals
-    weak: float = 0.0  # patterns of less curvature than this part of ρ, see `SpectralBasis.solver`,
-    renewed: int = 1  # are summed anew after so many iterations
+    weak: float = 0.0  # part of ρ below which a curvature is weak, see `SpectralBasis.solver`
+    renewed: int = 1  # iterations after which patterns of weak curvature are summed anew
 
 
 @dataclass(frozen=True, eq=False)

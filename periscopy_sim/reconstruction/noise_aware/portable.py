@@ -60,8 +60,8 @@ class PortableNoiseAware:
     def reconstruct_batch(self, photographs: Array) -> Array:
         """Recover the hidden images of many photographs at once.
 
-        Errors and warnings are those of `NoiseAware.reconstruct`; nor may a photograph be too
-        bright or dark for single precision.
+        Errors and warnings are those of `NoiseAware.reconstruct`; a photograph too bright or dark
+        for single precision is a ValueError too.
 
         Parameters
         ----------

@@ -31,10 +31,10 @@ BISECTIONS = 24
 class Splitting:
     """What is split off, changed in place by `advance`."""
 
-    u: Image  # (2, 3, R, C) the gradient, down and across, and
-    p: Image  # its multiplier over ρ
-    v: Image  # (3, R, C) the image, and
-    q: Image  # its multiplier over ρ
+    u: Image  # (2, 3, R, C) the gradient, down and across
+    p: Image  # (2, 3, R, C) its multiplier over ρ
+    v: Image  # (3, R, C) the image
+    q: Image  # (3, R, C) its multiplier over ρ
 
     @classmethod
     def zeros(cls, shape: tuple[int, int]) -> Splitting:

@@ -77,7 +77,7 @@ class GainEstimate:
     coefficients: Array  # (K,) ĉ
     probability: float  # that as large a ratio comes about without a gain, at most
     field: Array  # (rows, columns) g
-    accepted: bool  # whether that is below `ERROR_RATE`, and the gain within `BOUNDS`
+    accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
     added: Array  # (3, M') light that the gain adds to the model's, range(B) projected out
 
 

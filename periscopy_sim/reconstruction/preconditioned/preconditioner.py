@@ -60,7 +60,7 @@ class Preconditioner:
         return solution
 
     def apply(self, y: NDArray[np.floating[Any]]) -> Array:
-        """Multiply photographs, (M,) or (M, K), by P without forming it: P y, (N,) or (N, K)."""
+        """Return P y, (N,) or (N, K) float64, of photographs, (M,) or (M, K), without forming P."""
         # One step of iterative refinement: the Gram matrix squares A's condition number.
         y = self.reject_background(y)
         f = self.solve(self.A.T @ y)

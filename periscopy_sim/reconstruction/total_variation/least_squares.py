@@ -257,7 +257,8 @@ class LeastSquaresMinimum:
     f: Array
     iterations: int
     gap: float
-    """The duality gap as a fraction of ‖K f‖² of the unregularized f; ‖K(f − f̂)‖² is no more."""
+    """The duality gap as a fraction of ‖K f‖² of the unregularized f; ‖K(f − f̂)‖² is at most this
+    fraction of it."""
 
 
 @compiled_reordered

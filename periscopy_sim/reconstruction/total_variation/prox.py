@@ -220,7 +220,7 @@ def solve_total_variation(
             in_parallel(denoise_part, ranges(len(weights)))
 
     denoise(dual)
-    if (iterations < 0).any():
+    if (iterations < 0).any():  # single precision does not resolve the gap asked for
         wide = dual.astype(np.float64)
         denoise(wide)
         dual[:] = wide
