@@ -54,7 +54,7 @@ MatrixOption = Annotated[
 Samples = Annotated[
     int, option("NUMBER", "Samples of a patch for each wall point.", min=1, max=65536)
 ]
-# Mitsuba takes seeds of 32 bits; twice this still fits, for renderings in two passes.
+# Mitsuba takes seeds of 32 bits; commands count on from this one.
 Seed = Annotated[int, option("NUMBER", "Seed of every random draw.", min=0, max=2**31 - 1)]
 
 

@@ -13,9 +13,9 @@ from periscopy_sim.numerics.validation import LIGHT_RANGE
 
 _TOO_DARK = "check its sign, and the dark frame that was subtracted from it"
 _NOT_REAL = {
-    **{"b": "truth values", "c": "complex numbers", "S": "text", "U": "text"},
-    **{"O": "Python objects, which are never loaded", "V": "records", "M": "dates", "m": "times"},
-}
+    "b": "truth values", "c": "complex numbers", "S": "text", "U": "text", "V": "records",
+    "M": "dates", "m": "times", "O": "Python objects, which are never loaded",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def check_photograph(
 def doubts_of(
     photograph: NDArray[np.float64], name: str, mask: NDArray[np.bool_] | None
 ) -> list[str]:
-    """Return a line for what is allowed of a photograph that was checked, but hardly light."""
+    """Return lines of doubt about a photograph that passed its checks, but is hardly light."""
     is_dark = np.mean(used_pixels(photograph, mask) < 0) > 0.5
     return [f"{name}: most values are negative; {_TOO_DARK}"] if is_dark else []
 

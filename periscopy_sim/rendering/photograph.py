@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -168,11 +169,11 @@ def path_trace(
 
     camera = camera_of(scene) if sensor is None else sensor
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    square = math.ceil(math.sqrt(samples)) ** 2  # as the multi-jittered sampler wants it
+    side = math.ceil(math.sqrt(samples))  # the multi-jittered sampler wants a square number
     seed, report = seed % 2**32, progress or (lambda _: None)
     if is_vectorized():
-        return _wavefronts(scene, camera, integrator, square, seed, report)
-    picture = mi.render(scene, sensor=camera, integrator=integrator, spp=square, seed=seed)
+        return _wavefronts(scene, camera, integrator, side, seed, report)
+    picture = mi.render(scene, sensor=camera, integrator=integrator, spp=side**2, seed=seed)
     report(1.0)
     return np.array(picture, np.float64)
 
@@ -181,7 +182,7 @@ def _wavefronts(
     scene: Any,
     camera: Any,
     integrator: Any,
-    samples: int,
+    side: int,
     seed: int,
     report: Callable[[float], None],
 ) -> Array:
@@ -193,8 +194,7 @@ def _wavefronts(
     import mitsuba as mi
 
     columns, rows = (int(n) for n in camera.film().crop_size())
-    most = max(1, WAVEFRONT // (rows * columns))
-    at_once = max(n for n in range(1, min(most, samples) + 1) if samples % n == 0)
+    samples, at_once = _cut(side, max(1, WAVEFRONT // (rows * columns)))
     sampler = camera.sampler().clone()
     sampler.set_sample_count(samples)
     sampler.set_samples_per_wavefront(at_once)
@@ -218,3 +218,14 @@ def _wavefronts(
         sampler.advance()
         report(done / samples)
     return (total.T / samples).reshape(rows, columns, 3)
+
+
+def _cut(side: int, most: int) -> tuple[int, int]:
+    """Return side² and its largest divisor up to `most`, or those of the next side that serves.
+
+    Squares of primes, for one, would be cut into many times the wavefronts that are needed: those
+    of more than four times as many are passed over.
+    """
+    squares = (n**2 for n in itertools.count(side))
+    cuts = ((n, max(k for k in range(1, min(most, n) + 1) if n % k == 0)) for n in squares)
+    return next((n, k) for n, k in cuts if 4 * k >= min(most, n))

@@ -26,15 +26,14 @@ from periscopy_sim.storage.formats.decoding import UNPACKED_COUNT, check_count, 
 _HEADER = 128  # bytes
 _MATRIX, _COMPRESSED = 14, 15  # types of data elements; those of numbers:
 _DTYPES = {
-    **{1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"},
-    **{12: "i8", 13: "u8"},
-}
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
 _OPAQUE = 17  # classes of matrices; from double to uint64 they hold numbers:
 _NUMBER_CLASSES = range(6, 16)
 _OTHER_CLASSES = {
-    **{1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse"},
-    **{16: "function handle", _OPAQUE: "opaque object"},
-}
+    1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 16: "function handle",
+    _OPAQUE: "opaque object",
+}  # fmt: skip
 _LOGICAL_FLAG, _COMPLEX_FLAG = 0x200, 0x800
 _UNPACKED = 4 * UNPACKED_COUNT  # bytes that compressed variables may hold in a file of any size,
 _LARGEST_RATIO = 16  # and for each byte of a larger one

@@ -404,9 +404,8 @@ def test_folders_that_a_scene_names_are_its_own_alone(room, tmp_path):
     (tmp_path / "m").mkdir()
     (tmp_path / "m" / "ball.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
     include = '<include filename="ball.xml"/>'
-    assert [*SceneNodes(room.write('<path value="m"/>', include)).of_type("Shape")][
-        -1
-    ].id() == "ball"
+    *_, last = SceneNodes(room.write('<path value="m"/>', include)).of_type("Shape")
+    assert last.id() == "ball"
     assert [str(folder) for folder in mi.file_resolver()] == before
     assert '"ball.xml" not found' in refusal(room.write(include))
 
