@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from periscopy_sim.cli import arguments, inputs
@@ -13,7 +14,7 @@ from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import alone_in
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -86,9 +87,8 @@ def sweep(
     if photograph is not None:
         signal = inputs.read_photograph(photograph, scenario, used).values
         inputs.look_for_defects(signal, used, str(photograph))
-    seen = None if flips else used  # flipped, a background shows what the mask leaves out of it
     backgrounds = {
-        name: inputs.read_photograph(path, scenario, seen).values if path else None
+        name: _background(path, scenario, used, flips) if path else None
         for name, path in lights.items()
     }
     settings = {
@@ -162,6 +162,21 @@ def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
     record = inputs.provenance_of(scenario, None)
     left_out = ("command", "scene", "seed")
     return {name: value for name, value in record.items() if name not in left_out}
+
+
+def _background(path: Path, scenario: Scenario, used: inputs.Mask | None, flips: bool) -> Array:
+    """Read ambient light, (rows, columns, 3); all that its flips show must be finite, too."""
+    from periscopy_sim.evaluation import sweep as sweeps
+    from periscopy_sim.photographs.checking import used_pixels
+
+    light = inputs.read_photograph(path, scenario, used).values
+    turned = sweeps.flips({"": light}).values() if flips else ()
+    if not all(np.isfinite(used_pixels(each, used)).all() for each in turned):
+        raise PhotographError(
+            f"{path}: holds NaN or infinite values where the mask leaves the wall out, and flips "
+            "show them where it is used; replace them, or give --no-flips"
+        )
+    return light
 
 
 def _rendered(

@@ -251,8 +251,14 @@ def test_background_is_flipped_whole(succeeds, refused, sweep_input, sweep_comma
     # What the mask leaves out is seen where the background is flipped, and only there.
     write_exr(sweep_input / "dark.exr", np.where(mask[..., None], light, np.nan), {})
     command = sweep_command(**options, ambient="dark.exr", out="other")
-    assert "dark.exr: 252 values are NaN or infinite" in refused(*command)
+    line = refused(*command)
+    assert "dark.exr: holds NaN or infinite values where the mask leaves the wall out" in line
+    assert line.endswith("replace them, or give --no-flips")
     succeeds(*command, "--no-flips")
+    # A mask that is its own mirror image leaves the same out of all flips.
+    mask[-4:] = False
+    np.save(sweep_input / "even.npy", mask)
+    succeeds(*command, "--mask", "even.npy", "--out", "mirrored")
 
 
 def test_own_method_is_told_the_mask(succeeds, sweep_input, sweep_command):

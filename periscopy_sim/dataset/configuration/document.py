@@ -247,8 +247,11 @@ def _located(node: Any, mistake: Any) -> tuple[tuple[int | str, ...], int]:
     """Return what pydantic complains of, as the document names it, and its line."""
     unknown = mistake.get("ctx", {}).get("entry")
     location = (*mistake["loc"], unknown) if unknown else mistake["loc"]
-    line, found = 1, []
+    line, found, kind = 1, [], None
     for part in location:
+        if part == kind:  # which pydantic names, too: no entry, though there may be one named so
+            kind = None
+            continue
         inside: list[tuple[yaml.Node, yaml.Node]] = []
         if isinstance(node, yaml.MappingNode):
             inside = [pair for pair in node.value if pair[0].value == part]
@@ -258,6 +261,8 @@ def _located(node: Any, mistake: Any) -> tuple[tuple[int | str, ...], int]:
             key, node = inside[0]
             line = key.start_mark.line + 1
             found.append(part)
+            entries = node.value if isinstance(node, yaml.MappingNode) else []
+            kind = next((value.value for name, value in entries if name.value == "kind"), None)
     if mistake["type"] in ("missing", "unknown") and location[-1] not in found[-1:]:
         found.append(location[-1])
     return tuple(found), line

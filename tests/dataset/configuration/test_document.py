@@ -136,6 +136,14 @@ def test_misspelt_entries_are_told_before_missing_ones(tmp_path, old, new, messa
             "scenes: [{scene: chair, parameters: {a: [1]}}]",
             r"scenes.0.parameters.a: .*\[numbers\]$",
         ),
+        (
+            "hidden_images: [{kind: folder, folder: a, flip: 5}]",
+            r"line 7, hidden_images.0.flip: Input should be a valid boolean",
+        ),
+        (
+            "hidden_images: [{kind: folder, folder: 5}]",
+            r"line 7, hidden_images.0.folder: Input should be a valid string",
+        ),
         ("hidden_images: [{kind: folder}]", r"line 7, hidden_images.0.folder: is missing$"),
         ("hidden_images: [{kind: shape}]", r"0: kind 'shape' is not known; there are 'shapes',"),
     ],
