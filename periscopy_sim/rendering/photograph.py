@@ -179,14 +179,9 @@ def path_trace(
 
 
 def _wavefronts(
-    scene: Any,
-    camera: Any,
-    integrator: Any,
-    side: int,
-    seed: int,
-    report: Callable[[float], None],
+    scene: Any, camera: Any, integrator: Any, side: int, seed: int, report: Callable[[float], None]
 ) -> Array:
-    """Render as `mi.render` does, but the stratified samples of a pixel in several wavefronts.
+    """Render as `mi.render` does, but the side² strata of a pixel in several wavefronts.
 
     Independent renderings of fewer samples would have larger strata, and larger errors.
     """
