@@ -38,11 +38,15 @@ class EmissionProfile:
 
 @dataclass(frozen=True, eq=False)
 class Occluder:
-    """A shape that may block light: its id in the scene file, and its triangles if it is a mesh."""
+    """A shape that may block light; `name` is its id in the scene file.
+
+    Of a triangle mesh `vertices` are (V, 3) positions in metres and `faces` (F, 3) vertex indices;
+    of any other shape both are None.
+    """
 
     name: str
-    vertices: Array | None  # (V, 3) positions in metres
-    faces: NDArray[np.int64] | None  # (F, 3) vertex indices
+    vertices: Array | None
+    faces: NDArray[np.int64] | None
 
 
 @dataclass(frozen=True, eq=False)

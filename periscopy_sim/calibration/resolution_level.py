@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import Explanation, explain
 from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.photographs.checking import blackened
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -65,7 +66,7 @@ class ResolutionLevel:
         mask = np.ones((rows, columns), bool) if mask is None else mask
         coverage = area_average(mask[..., None], self.photograph_shape)
         self.used = coverage[..., 0] > COVERED
-        light = area_average(np.where(mask[..., None], photograph, 0), self.photograph_shape)
+        light = area_average(blackened(photograph, mask), self.photograph_shape)
         self._y = light[self.used] / coverage[self.used]
         self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
         self._background: Array | None = None

@@ -33,12 +33,15 @@ SHARES_PER_THREAD = 4
 
 @dataclass(frozen=True)
 class Made:
-    """What a run did."""
+    """What a run did: of `count` samples in the data set it `made` some, of so many `geometries`.
 
-    count: int  # samples in the data set
-    made: int  # samples made by this run
-    geometries: int  # that these are of
-    empty_splits: tuple[str, ...] = ()  # asked for, but without a geometry
+    `empty_splits` were asked for, but have no geometry.
+    """
+
+    count: int
+    made: int
+    geometries: int
+    empty_splits: tuple[str, ...] = ()
 
 
 def make_dataset(
@@ -72,6 +75,7 @@ def make_dataset(
     Returns
     -------
     Made
+        Numbers of samples and of their geometries, and splits that stay empty.
 
     Raises
     ------
