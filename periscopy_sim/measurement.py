@@ -21,7 +21,8 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     signal, background
         (rows, columns, 3) photographs, in any unit.
     sbr
-        mean(signal) / mean(background) of the composite, over all pixels and channels.
+        mean(signal) / mean(background) of the composite, over all pixels and channels; the signal
+        is the monitor's light alone.
 
     Returns
     -------
@@ -53,7 +54,7 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     photograph
         (rows, columns, 3), in any unit.
     snr
-        Signal-to-noise ratio in dB.
+        Signal-to-noise ratio in dB. Its signal is the whole photograph, ambient light included.
     seed
         Seed of the noise.
 

@@ -73,7 +73,7 @@ class Scenario:
     wall_reflectance
         (3,) albedo of a diffuse wall; None for another material.
     channel_gain
-        (3,) the wall's colour, of mean 1: channel c of a photograph is channel_gain[c] * A @ f[c].
+        (3,) the wall's colour, mean 1: a photograph's channel c is channel_gain[c] * A @ f[:, c].
     patch_centers
         (N, 3) centres in metres.
     patch_normals

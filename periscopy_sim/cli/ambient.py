@@ -30,7 +30,9 @@ def ambient(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...", help="Shipped conditions or scene files; all shipped if none."
+            metavar="[NAME]...",
+            help="Shipped conditions or scene files; if none, all the shipped: "
+            f"{len(REALISTIC)} realistic, {len(ADVERSARIAL)} adversarial.",
         ),
     ] = None,
     target: Annotated[
@@ -42,7 +44,10 @@ def ambient(
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
-    """Path trace the wall of a scene under ambient light, as NAME.exr for each condition."""
+    """Photograph the wall of a scene under ambient light.
+
+    Each condition is path traced and written as NAME.exr.
+    """
     from periscopy_sim.storage.formats.exr import read_exr
 
     chosen = names or [*REALISTIC, *ADVERSARIAL]

@@ -39,7 +39,10 @@ def analyze(
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
-    """Condition numbers, angles, residual background and Cramer-Rao bounds of a scene."""
+    """Say how well a scene determines its hidden image.
+
+    By condition numbers, angles, residual background and Cramer-Rao bounds.
+    """
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels

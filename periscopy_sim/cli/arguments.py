@@ -16,7 +16,7 @@ from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 EXTRAS = ("xarray", "zarr", "distributed", "cloudpickle", "google_crc32c")
-"""Modules that the core install lacks; the extra ``sweep`` brings them."""
+"""Modules that the core install lacks; the extras ``sweep`` and ``dataset`` bring them."""
 
 
 def option(form: str, words: str, *names: str, **more: Any) -> Any:
@@ -72,7 +72,10 @@ def _decibels(snr: float | None) -> float | None:
     return snr
 
 
-_NOISE = "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB."
+_NOISE = (
+    "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB; the signal is the root mean "
+    "square of the whole photograph, ambient light included."
+)
 _snr = option("DB", _NOISE, callback=_decibels)
 Snr = Annotated[float, _snr]
 OptionalSnr = Annotated[float | None, _snr]
@@ -109,8 +112,8 @@ def require_extras() -> None:
 def missing(module: str) -> str:
     """Return one line that says which extra brings a module."""
     return (
-        f"this needs {module}, which is not installed; install it by: pip install "
-        "'periscopy-sim[sweep]'"
+        f"this needs {module}, which is not installed; in the folder of periscopy_sim's sources, "
+        "install it by: pip install '.[sweep]'"
     )
 
 

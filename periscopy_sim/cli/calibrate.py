@@ -38,7 +38,14 @@ def calibrate(
             "The scene's <default>s to find, such as occluder_dx,occluder_dy,occluder_dz.",
         ),
     ],
-    out: arguments.OutFile,
+    out: Annotated[
+        Path,
+        option(
+            "FILE",
+            "Scene to write, NAME.xml; beside it NAME.json and NAME.png. Each appears complete or "
+            "not at all.",
+        ),
+    ],
     uncertain: Annotated[
         list[str] | None,
         option(
@@ -52,10 +59,10 @@ def calibrate(
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
-    """Move parameters of a scene until it explains a photograph; write the scene anew.
+    """Find the parameters of a scene that explain a photograph.
 
-    They start from their defaults, or from -D. Beside the scene appear a JSON file (values,
-    uncertainties, the way there) and a picture.
+    They start from their defaults, or from -D. The scene is written anew, and beside it a JSON file
+    (values, uncertainties, the way there) and a picture.
     """
     from periscopy_sim.calibration.calibrate import calibrate as search
     from periscopy_sim.figures.calibration import draw_calibration

@@ -34,7 +34,8 @@ class _MakesByDefault(TyperGroup):
 
 app = typer.Typer(
     cls=_MakesByDefault,
-    help="Render many photographs with their hidden images into one archive; check and export it.",
+    help="Make, check and export a data set of photographs.\n\n"
+    "One archive holds them with their hidden images.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -124,7 +125,7 @@ def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
-    """Print a data set's sizes, what is done of it, and what its samples are."""
+    """Print how large a data set is, and what it holds."""
     import json
 
     from periscopy_sim.dataset.archive.reading import describe
@@ -139,7 +140,10 @@ def info(
 
 @app.command("verify")
 def verify(data: Archive) -> None:
-    """Check every file against its checksum and decode every chunk; exit 2 if one is damaged."""
+    """Look for damaged files; exit 2 if there is one.
+
+    Every checksum is compared, and every chunk decoded.
+    """
     from periscopy_sim.dataset.archive.reading import verify_dataset
 
     with counted_progress("verifying", "blocks") as report:

@@ -34,7 +34,10 @@ def demo(
         float, option("NUMBER", "Part of the path tracer's samples.", min=0, max=1, hidden=True)
     ] = 1.0,
 ) -> None:
-    """Photograph a wall by a hidden monitor under ambient light, and recover what it shows."""
+    """Photograph a shipped scene, and recover what it hides.
+
+    A hidden monitor and ambient light shine on the wall that is photographed.
+    """
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import metrics
     from periscopy_sim.figures import panels

@@ -6,17 +6,29 @@ import os
 import platform
 import sys
 from importlib import metadata
+from importlib.util import find_spec
 
+from periscopy_sim.cli.arguments import EXTRAS
 from periscopy_sim.cli.output import say
+
+EXTRAS_OF = {"sweep": EXTRAS, "dataset": EXTRAS, "torch": (*EXTRAS, "torch")}
+"""The modules that each extra brings."""
 
 
 def doctor() -> None:
-    """Show versions, which Mitsuba variants work here, and why the others do not."""
+    """Show versions, missing extras, and which variants work.
+
+    Of each Mitsuba variant that does not work here, it says why.
+    """
     from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
 
     say(f"python       {platform.python_version()} ({sys.executable})")
     for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):
         say(f"{package:12} {metadata.version(package)}")
+    for extra, modules in EXTRAS_OF.items():
+        lacking = ", ".join(module for module in modules if find_spec(module) is None)
+        state = f"not installed (lacks {lacking}): pip install '.[{extra}]'"
+        say(f"{f'[{extra}]':12} {state if lacking else 'installed'}")
     say(f"cores        {os.cpu_count()}")
     for report in examine_variants():
         say(f"{report.name:12} {'works' if report.works else 'does not work'}: {report.reason}")

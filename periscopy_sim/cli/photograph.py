@@ -36,7 +36,12 @@ def photograph(
     ] = None,
     sbr: Annotated[
         float | None,
-        option("RATIO", "Signal-to-background ratio; scales the sum to mean 1.", min=1e-6, max=1e6),
+        option(
+            "RATIO",
+            "Signal-to-background ratio, monitor's light over ambient; scales the sum to mean 1.",
+            min=1e-6,
+            max=1e6,
+        ),
     ] = None,
     snr: arguments.OptionalSnr = None,
     electrons: Annotated[
@@ -66,7 +71,10 @@ def photograph(
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
-    """Path trace what the camera sees while the monitor shows IMAGE, as an EXR file."""
+    """Path trace what the camera sees, as an EXR file.
+
+    The monitor shows IMAGE. Without --snr or --electrons no noise is added.
+    """
     from periscopy_sim import measurement
     from periscopy_sim.storage.formats.exr import write_exr
 

@@ -15,6 +15,7 @@ from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
 from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import alone_in
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -45,8 +46,9 @@ def sweep(
         str,
         option(
             "LIST",
-            "Ambient light, by comma: all (the realistic shipped conditions), adversarial, "
-            "names of shipped conditions, EXR files, folders of EXR files.",
+            f"Ambient light, by comma: all (the {len(REALISTIC)} realistic shipped conditions), "
+            f"adversarial (the {len(ADVERSARIAL)} others), names of shipped conditions, EXR files, "
+            "folders of EXR files.",
         ),
     ] = "all",
     flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
@@ -63,7 +65,10 @@ def sweep(
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
-    """Reconstruct under every background and SBR by every method; go on where it stopped."""
+    """Compare methods over ambient light and SBRs.
+
+    A sweep that was stopped goes on by the same command.
+    """
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers

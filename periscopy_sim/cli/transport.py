@@ -18,7 +18,10 @@ def transport(
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
-    """Render the light transport matrix A as an (M, N) float32 NPY file, and a JSON beside it."""
+    """Render the light transport matrix A of a scene.
+
+    It is written as an (M, N) float32 NPY file, and a JSON file beside it.
+    """
     arguments.require_suffix(out, ".npy", "the matrix")
     record_file = out.with_suffix(".json")
     with staged_file(out) as staged, staged_file(record_file) as staged_record:

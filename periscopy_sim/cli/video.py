@@ -92,7 +92,7 @@ def video(
     define: arguments.Define = None,
     **options: float | None,
 ) -> None:
-    """Recover a hidden video from a sequence of photographs of the wall."""
+    """Recover a hidden video from photographs of the wall."""
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.analytic.point_light import point_light_backgrounds

@@ -1,1 +1,1 @@
-"""Everything that is drawn: panels, maps, animations, contact sheets, pages."""
+"""Everything that is drawn: panels, maps, animations, contact sheets."""

@@ -29,8 +29,8 @@ class Option:
     default: float
     least: float
     most: float
-    help: str  # what it does, and what is special about 0 or the like
-    unit: str = ""  # what it counts in with this method, where that needs saying
+    help: str  # what it does
+    unit: str = ""  # what it counts in with this method, and what 0 does, where that needs saying
     parameter: str = ""  # of the class; empty if it has the option's name
     coupling: str = ""  # of a video's frames, that it belongs to; empty if it is of none
 
@@ -108,9 +108,9 @@ def _parameters(options: tuple[Option, ...], given: Mapping[str, float]) -> dict
 
 # -- the methods ---------------------------------------------------------------------------------
 
-_TV_WEIGHT = Option("tv_weight", 1.0, 0, 1e9, "Weight of total variation; 0: none.")
-_IN_ERRORS = replace(_TV_WEIGHT, unit="in standard errors of the estimate")
-_IN_NOISE = replace(_TV_WEIGHT, unit="in standard deviations of the noise")
+_TV_WEIGHT = Option("tv_weight", 1.0, 0, 1e9, "Weight of total variation.")
+_IN_ERRORS = replace(_TV_WEIGHT, unit="in standard errors of the estimate; 0: none")
+_IN_NOISE = replace(_TV_WEIGHT, unit="in standard deviations of the noise; 0: none")
 _REPAIR = Option(
     "repair_threshold",
     0.1,
@@ -127,7 +127,8 @@ _L1_WEIGHT = Option(
     0.4,
     0,
     1e9,
-    "Weight of the l1 difference to the frame before, over that of total variation.",
+    "Of --coupling l1: weight of the l1 difference to the frame before, over that of total "
+    "variation.",
     coupling="l1",
 )
 _TEMPORAL_WEIGHT = Option(
@@ -135,7 +136,7 @@ _TEMPORAL_WEIGHT = Option(
     1.0,
     0,
     1e9,
-    "Weight of differences in time within total variation.",
+    "Of --coupling total-variation: weight of differences in time within it.",
     coupling="total-variation",
 )
 
@@ -152,7 +153,7 @@ _ENTRIES = (
                 _TV_WEIGHT,
                 default=0.02,
                 least=1e-9,
-                unit="in ‖A⊥‖_F / σ, positive",
+                unit="in ‖A⊥‖_F / σ, above 0",
                 parameter="regularization",
             ),
             _RANK,
@@ -180,7 +181,12 @@ _ENTRIES = (
         "the paper's problem without P, for fine grids",
         "large_scale.iterative:IterativePeriscope",
         options=(
-            replace(_TV_WEIGHT, default=0.015, unit="in σ ‖A⊥‖_F", parameter="regularization"),
+            replace(
+                _TV_WEIGHT,
+                default=0.015,
+                unit="in σ ‖A⊥‖_F; 0: none",
+                parameter="regularization",
+            ),
             _RANK,
         ),
     ),

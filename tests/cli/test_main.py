@@ -74,6 +74,12 @@ def test_help_lists_every_command(succeeds):
     assert set(typer.main.get_command(cli.app).commands) == set(OPTIONS)
 
 
+@pytest.mark.parametrize("group", [(), ("dataset",)])
+def test_no_line_of_the_list_of_commands_is_cut_off(group, monkeypatch, succeeds):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert "..." not in succeeds(*group, "--help").partition("Commands:")[2]
+
+
 def test_no_argument_at_all_shows_the_help(succeeds):
     assert succeeds() == succeeds("--help")
 
@@ -207,7 +213,7 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
     monkeypatch.setattr(inputs, "render_transport", lambda *_: pytest.fail("rendered"))
     sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
     message = refused(*sweep, "--out", str(tmp_path / "sweep"))
-    assert "pip install 'periscopy-sim[sweep]'" in message
+    assert "pip install '.[sweep]'" in message
     assert not (tmp_path / "sweep").exists()
 
 

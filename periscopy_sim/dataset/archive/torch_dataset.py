@@ -48,7 +48,8 @@ class TorchDataset:
     ) -> None:
         if find_spec("torch") is None:
             raise PeriscopyError(
-                "PyTorch is not installed; install it by: pip install 'periscopy-sim[torch]'"
+                "PyTorch is not installed; in the folder of periscopy_sim's sources, install it "
+                "by: pip install '.[torch]'"
             )
         variables = (variables,) if isinstance(variables, str) else tuple(variables)
         data = open_dataset(path)
