@@ -138,7 +138,9 @@ def _rezipped(content: bytes, damage: Callable[[bytes], bytes]) -> bytes:
         zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as new,
     ):
         for name in old.namelist():
-            new.writestr(name, damage(old.read(name)))
+            # An entry without a time: the same damage gives the same bytes.
+            entry = zipfile.ZipInfo(name)
+            new.writestr(entry, damage(old.read(name)), zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
 

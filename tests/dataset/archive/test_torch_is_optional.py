@@ -6,5 +6,5 @@ import periscopy_sim as ps
 def test_name_is_public_without_pytorch_and_making_one_says_how_to_install_it(monkeypatch):
     monkeypatch.setattr("periscopy_sim.dataset.archive.torch_dataset.find_spec", lambda _: None)
     assert "TorchDataset" in ps.__all__ and hasattr(ps, "TorchDataset")
-    with pytest.raises(ps.PeriscopyError, match=r"pip install 'periscopy-sim\[torch\]'"):
+    with pytest.raises(ps.PeriscopyError, match=r"pip install '\.\[torch\]'"):
         ps.TorchDataset("data.zarr")
