@@ -17,7 +17,7 @@ from periscopy_sim.rendering.scene.nodes import monitor_texture
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
 
-WAVEFRONT = 1 << 22
+WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
 
 
