@@ -113,40 +113,34 @@ def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_s
     assert end.values[1] == pytest.approx(0.45, abs=5e-3)
 
 
-@pytest.mark.parametrize("beyond", [1, 2, TRIALS])
-def test_a_border_that_also_stops_shorter_steps_is_told_of(slat_level, beyond):
-    level, start = slat_level(noise=1e-3, seed=3), np.array([0.1, 0.45])
-    whole, trials = level.explain, []
+def search_that_nothing_betters(level, is_beyond):
+    """Descend where no step is better, the n-th refused if `is_beyond(n)`; also count the steps."""
+    start, whole, trials = np.array([0.1, 0.45]), level.explain, []
 
     def bordered(values, seed=None):
         found = whole(values, seed)
         if np.array_equal(values, start):
             return found
         trials.append(values)
-        if len(trials) <= beyond:
+        if is_beyond(len(trials)):
             raise SceneError(f"step {len(trials)} ends in the wall")
-        return replace(found, evidence=found.evidence + 1e6)  # nor is it better elsewhere
-
-    level.explain = bordered
-    end = descend(level, start, STEPS / 4, LONGEST, 5, ignore)
-    assert end.values is start
-    assert len(trials) == TRIALS
-    assert str(end.unphysical) == "step 1 ends in the wall"
-
-
-def test_a_border_beyond_the_shorter_steps_alone_is_not_what_stops_a_descent(slat_level):
-    level, start = slat_level(noise=1e-3, seed=3), np.array([0.1, 0.45])
-    whole, trials = level.explain, []
-
-    def bordered(values, seed=None):
-        found = whole(values, seed)
-        if np.array_equal(values, start):
-            return found
-        trials.append(values)
-        if len(trials) > 1:
-            raise SceneError("in the wall")
         return replace(found, evidence=found.evidence + 1e6)
 
     level.explain = bordered
     end = descend(level, start, STEPS / 4, LONGEST, 5, ignore)
-    assert len(trials) == TRIALS and end.unphysical is None
+    assert end.values is start
+    return end, len(trials)
+
+
+@pytest.mark.parametrize("beyond", [1, 2, TRIALS])
+def test_a_border_that_also_stops_shorter_steps_is_told_of(slat_level, beyond):
+    level = slat_level(noise=1e-3, seed=3)
+    end, trials = search_that_nothing_betters(level, lambda n: n <= beyond)
+    assert trials == TRIALS
+    assert str(end.unphysical) == "step 1 ends in the wall"
+
+
+def test_a_border_beyond_the_shorter_steps_alone_is_not_what_stops_a_descent(slat_level):
+    level = slat_level(noise=1e-3, seed=3)
+    end, trials = search_that_nothing_betters(level, lambda n: n > 1)
+    assert trials == TRIALS and end.unphysical is None
