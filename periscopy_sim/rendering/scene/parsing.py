@@ -10,10 +10,11 @@ from typing import Any
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import SceneDocument, read_document
+from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply
 from periscopy_sim.rendering.scene.meshes import check_mesh
 
-OTHER_MESHES = ("stl", "off", "glb", "gltf", "dae", "fbx", "3ds")
-"""Mesh formats that Mitsuba does not read."""
+OTHER_MESHES = ("gltf", "dae", "fbx", "3ds", "3mf", "step", "stp")
+"""Mesh formats that are not read: most of them scatter a mesh over several files."""
 
 RESERVED = ("config", "filename")
 """Names of arguments of Mitsuba's parser, which takes the parameters' values beside them."""
@@ -62,25 +63,30 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     for node in state.nodes:
         if isinstance(node.props.get("filename"), str):
             # Absolute, since Mitsuba would search other folders, too.
-            node.props["filename"] = str(_file_of(node.props, document, path).resolve())
+            plugin, file = _file_of(node.props, document, path)
+            node.props["filename"] = str(file.resolve())
+            node.props.set_plugin_name(plugin)
     return config, state
 
 
-def _file_of(props: Any, document: SceneDocument, path: Path) -> Path:
-    """Return the file that a plugin reads."""
+def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path]:
+    """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
     name, plugin = props["filename"], props.plugin_name()
     where = f"scene '{path}': {plugin} '{props.id()}'"
     if plugin in OTHER_MESHES:
         raise SceneError(
-            f"{where}: Mitsuba reads no {plugin.upper()} files; convert '{name}' to PLY (pip "
-            "install trimesh; trimesh.load(...).export('mesh.ply')) and make its type 'ply'"
+            f"{where}: {plugin.upper()} files are not read; save '{name}' as "
+            f"{', '.join(map(str.upper, FORMATS))} and name that"
         )
     file = document.find(name)
     if file is None:
         raise SceneError(f"{where} names a missing file '{path.parent / name}'")
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
+    kind = file.suffix[1:].lower()
     try:
+        if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
+            return "ply", as_ply(file, kind if kind in FORMATS else plugin)
         check_mesh(file, plugin)
     except ValueError as error:
         raise SceneError(f"{where}: the file '{file}' {error}; export it again") from None
@@ -89,7 +95,7 @@ def _file_of(props: Any, document: SceneDocument, path: Path) -> Path:
         raise SceneError(
             f"{where}: the file '{file}' cannot be read ({reason}); export it again"
         ) from None
-    return file
+    return plugin, file
 
 
 @contextmanager

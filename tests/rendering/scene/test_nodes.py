@@ -494,10 +494,10 @@ def test_crop_without_pixels_is_refused(room, crop):
         SceneNodes(room.write(camera=camera)).average_pixels()
 
 
-def test_mesh_format_that_mitsuba_does_not_read_is_refused_with_what_to_do(room, tmp_path):
-    (tmp_path / "sofa.stl").write_bytes(b"solid")
-    message = refusal(room.write(mesh("sofa.stl").replace("ply", "stl")))
-    assert "stl 'sofa': Mitsuba reads no STL files; convert 'sofa.stl' to PLY" in message
+def test_mesh_format_that_is_not_read_is_refused_with_what_to_do(room, tmp_path):
+    (tmp_path / "sofa.gltf").write_bytes(b"{}")
+    message = refusal(room.write(mesh("sofa.gltf").replace("ply", "gltf")))
+    assert "gltf 'sofa': GLTF files are not read; save 'sofa.gltf' as STL, GLB, OFF" in message
 
 
 def test_name_that_is_no_text_is_left_to_mitsuba(room):

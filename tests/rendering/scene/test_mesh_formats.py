@@ -1,0 +1,285 @@
+"""Meshes that Mitsuba does not read, written here by hand, byte by byte."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.mesh_formats import read_mesh, write_ply
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.storage.outputs.provenance import scene_sha256
+
+VERTICES = np.array([(0.4, 0.5, 0.2), (0.5, 0.5, 0.2), (0.4, 0.6, 0.3), (0.45, 0.5, 0.4)], "f4")
+FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)])
+CORNERS = VERTICES[FACES].astype(float)
+FORMS = ["stl", "stl in text", "off", "glb"]
+
+
+def stl(corners=VERTICES[FACES], announced=None):
+    head = b"made by hand".ljust(80) + struct.pack("<I", announced or len(corners))
+    return head + b"".join(struct.pack("<12fH", 0, 0, 0, *np.ravel(c), 0) for c in corners)
+
+
+def stl_in_text(corners=VERTICES[FACES]):
+    lines = ["solid tent"]
+    for corner in corners:
+        lines += ["  facet normal 0 0 0", "    outer loop"]
+        lines += [f"      vertex {x!r} {y!r} {z!r}" for x, y, z in corner.tolist()]
+        lines += ["    endloop", "  endfacet"]
+    return "\n".join([*lines, "endsolid tent", ""]).encode()
+
+
+def off(vertices=VERTICES, faces=FACES):
+    rows = [" ".join(map(repr, vertex)) for vertex in np.asarray(vertices).tolist()]
+    rows += [" ".join(map(str, (len(face), *face))) for face in np.asarray(faces).tolist()]
+    head = ["OFF", "# by hand", f"{len(vertices)} {len(faces)} 0"]
+    return "\n".join([*head, *rows, ""]).encode()
+
+
+def glb(vertices=VERTICES, faces=FACES, nodes=({"mesh": 0},), uv=None):
+    """One mesh, shown by each of the nodes; indices of 32 bits."""
+    arrays = [np.asarray(vertices, "<f4"), np.asarray(faces, "<u4").ravel()]
+    attributes = {"POSITION": 0}
+    if uv is not None:
+        arrays.append(np.asarray(uv, "<f4"))
+        attributes["TEXCOORD_0"] = 2  # which trimesh keeps beside a material
+    starts = np.cumsum([0, *(array.nbytes for array in arrays)]).tolist()
+    kinds = [(5126, "VEC3"), (5125, "SCALAR"), (5126, "VEC2")]
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": list(nodes),
+        "materials": [{}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 1, "material": 0}]}],
+        "accessors": [
+            {"bufferView": k, "componentType": kinds[k][0], "type": kinds[k][1], "count": len(a)}
+            for k, a in enumerate(arrays)
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": array.nbytes}
+            for start, array in zip(starts[:-1], arrays, strict=True)
+        ],
+        "buffers": [{"byteLength": starts[-1]}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    body = b"".join(array.tobytes() for array in arrays)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += struct.pack("<I4s", len(body), b"BIN\0") + body
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+CONTENTS = {"stl": stl(), "stl in text": stl_in_text(), "off": off(), "glb": glb()}
+
+
+@pytest.fixture
+def mesh_file(tmp_path):
+    def write(form, content):
+        path = tmp_path / f"tent.{form.split()[0]}"
+        path.write_bytes(content)
+        return path
+
+    return write
+
+
+def refusal(path):
+    with pytest.raises(ValueError) as caught:
+        read_mesh(path)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_triangles_are_those_of_the_file(mesh_file, form):
+    mesh = read_mesh(mesh_file(form, CONTENTS[form]))
+    np.testing.assert_allclose(mesh.vertices[mesh.faces], CORNERS, rtol=1e-6)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_ending_in_capitals_is_the_same_format(tmp_path, form):
+    path = tmp_path / f"TENT.{form.split()[0].upper()}"
+    path.write_bytes(CONTENTS[form])
+    assert len(read_mesh(path).faces) == 4
+
+
+def test_obj_and_ply_are_read_as_well(mesh_file, tmp_path):
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in VERTICES.tolist())
+    text += "".join(f"f {a} {b} {c}\n" for a, b, c in (FACES + 1).tolist())
+    first = read_mesh(mesh_file("obj", text.encode()))
+    write_ply(tmp_path / "again.ply", first)
+    for mesh in (first, read_mesh(tmp_path / "again.ply")):
+        np.testing.assert_allclose(mesh.vertices[mesh.faces], CORNERS, rtol=1e-6)
+
+
+def test_polygon_becomes_triangles(mesh_file):
+    square = off([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2, 3)])
+    mesh = read_mesh(mesh_file("off", square))
+    corners = mesh.vertices[mesh.faces]
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    np.testing.assert_allclose(areas, [1, 1])
+
+
+def test_parts_of_a_glb_file_stand_where_its_nodes_say(mesh_file):
+    """A quarter turn about y takes x to -z; a mirrored node keeps its outside outside."""
+    turned = {"mesh": 0, "rotation": [0, 0.5**0.5, 0, 0.5**0.5], "translation": [1, 2, 3]}
+    mirrored = {"mesh": 0, "scale": [-1, 1, 1]}
+    mesh = read_mesh(mesh_file("glb", glb(nodes=({"mesh": 0}, turned, mirrored))))
+    corners = mesh.vertices[mesh.faces].reshape(3, 4, 3, 3)
+    corners = corners[np.argsort(corners.mean(axis=(1, 2))[:, 0])][[1, 2, 0]]
+    x, y, z = np.moveaxis(CORNERS, 2, 0)
+    np.testing.assert_allclose(corners[0], CORNERS, rtol=1e-6)
+    np.testing.assert_allclose(corners[1], np.stack([1 + z, 2 + y, 3 - x], axis=2), rtol=1e-5)
+
+    def volumes(corners):
+        return np.linalg.det(corners).sum() / 6
+
+    about = corners - corners.mean(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose([volumes(part) for part in about], volumes(about[0]), rtol=1e-4)
+    assert abs(volumes(about[0])) > 1e-4
+
+
+def test_texture_coordinates_of_a_glb_file_run_upwards(mesh_file):
+    """Its own v runs down."""
+    uv = np.array([(0, 0), (1, 0), (1, 1), (0.25, 0.75)])
+    mesh = read_mesh(mesh_file("glb", glb(uv=uv)))
+    np.testing.assert_allclose(mesh.texture_coordinates, [(0, 1), (1, 1), (1, 0), (0.25, 0.25)])
+    assert read_mesh(mesh_file("glb", glb())).texture_coordinates is None
+
+
+# -- refusals ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_file_cut_short_anywhere_is_refused(mesh_file, form):
+    content = CONTENTS[form]
+    # Nobody misses a text's last line end, or the end of the name in its last line.
+    for length in range(9 if form in ("stl in text", "off") else 1, len(content), 37):
+        refusal(mesh_file(form, content[:-length]))
+
+
+def test_empty_file_is_refused(mesh_file):
+    for form in FORMS:
+        assert refusal(mesh_file(form, b"")) == "is empty"
+
+
+@pytest.mark.parametrize(
+    ("form", "content"),
+    [
+        ("stl", stl([])),
+        ("stl", b"solid tent\nendsolid tent\n"),
+        ("off", off(faces=np.zeros((0, 3)))),
+        ("glb", glb(faces=np.zeros((0, 3)))),
+        ("glb", glb(nodes=())),
+        ("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+    ],
+)
+def test_mesh_without_faces_is_refused(mesh_file, form, content):
+    assert "has no faces" in refusal(mesh_file(form, content))
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e39])
+@pytest.mark.parametrize("form", ["stl in text", "off", "stl", "glb"])
+def test_vertex_that_is_nowhere_is_refused(mesh_file, form, number):
+    with np.errstate(over="ignore"):
+        single = np.float32(number)
+    vertices = VERTICES.astype(float if form in ("off", "stl in text") else "f4")
+    vertices[3, 1] = number if vertices.dtype == float else single
+    made = {"stl": stl, "stl in text": stl_in_text}
+    content = (
+        made[form](vertices[FACES]) if form in made else {"off": off, "glb": glb}[form](vertices)
+    )
+    assert "no finite numbers" in refusal(mesh_file(form, content))
+
+
+@pytest.mark.parametrize("form", ["off", "glb"])
+@pytest.mark.parametrize("index", [4, 1 << 20])
+def test_index_of_no_vertex_is_refused(mesh_file, form, index):
+    faces = FACES.copy()
+    faces[2, 1] = index
+    message = refusal(mesh_file(form, {"off": off, "glb": glb}[form](faces=faces)))
+    assert (
+        "outside the range" in message or message == f"has a face of vertex {index}, of 4 from 0 on"
+    )
+
+
+def test_texture_coordinates_that_are_not_finite_are_refused(mesh_file):
+    uv = np.array([(0, 0), (1, 0), (1, 1), (np.nan, 0.75)])
+    assert "texture coordinates" in refusal(mesh_file("glb", glb(uv=uv)))
+
+
+@pytest.mark.parametrize(
+    ("form", "content", "said"),
+    [
+        ("stl", stl(announced=10**9), "1000000000 triangles take 50000000084 bytes"),
+        ("stl", b"solid a\xff\nendsolid a\n", "is no text in UTF-8"),
+        ("stl", stl_in_text().replace(b"vertex", b"vortex", 1), ""),
+        ("stl", stl_in_text().replace(b"facet normal", b"fact normal", 1), "announces 3 triangles"),
+        ("off", b"PLY\n3 1 0\n", "has no OFF header"),
+        ("off", b"OFF\n-3 1 0\n", "has '-3 1' in its header"),
+        ("off", off(faces=[(0, 1, 2)]).replace(b"3 0 1 2", b"4 0 1 2"), "which lacks corners"),
+        ("off", off(faces=[(0, 1, 2)]).replace(b"3 0 1 2", b"2 0 1"), "which lacks corners"),
+        ("off", b"OFF BINARY\n\xff\xfe", "is no text in UTF-8"),
+        ("off", off().replace(b"0.5", b"one", 1), "cannot be read"),
+        ("glb", b"glTF", "cannot be read"),
+        ("glb", stl(), "cannot be read"),
+    ],
+)
+def test_what_is_of_another_form_is_refused(mesh_file, form, content, said):
+    assert said in refusal(mesh_file(form, content))
+
+
+def test_other_formats_are_refused_with_those_that_are_read(tmp_path):
+    (tmp_path / "tent.step").write_bytes(b"ISO-10303-21;")
+    assert refusal(tmp_path / "tent.step").endswith("give STL, GLB, OFF, OBJ, PLY")
+
+
+# -- in a scene ----------------------------------------------------------------------------------
+
+SHAPE = '<shape type="{}" id="tent"><string name="filename" value="{}"/></shape>'
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_scene_with_any_format_is_the_scene_with_its_triangles(room, mesh_file, tmp_path, form):
+    """The type may name the format, or be ply or obj."""
+    path = mesh_file(form, CONTENTS[form])
+    write_ply(tmp_path / "same.ply", read_mesh(path))
+    expected = room.load(SHAPE.format("ply", "same.ply"))
+    assert render_transport(expected, samples=4).min() == 0  # it throws a shadow
+    for kind in (form.split()[0], "ply", "obj"):
+        scenario = room.load(SHAPE.format(kind, path.name))
+        (tent,) = scenario.occluders
+        np.testing.assert_allclose(tent.vertices[tent.faces], CORNERS, rtol=1e-6)
+        np.testing.assert_array_equal(
+            render_transport(scenario, samples=4), render_transport(expected, samples=4)
+        )
+
+
+def test_mesh_under_another_name_is_read_as_its_type_says(room, tmp_path):
+    (tmp_path / "tent.dat").write_bytes(CONTENTS["off"])
+    assert len(room.load(SHAPE.format("off", "tent.dat")).occluders[0].faces) == 4
+
+
+def test_changed_file_is_read_anew_and_changes_the_digest(room, mesh_file):
+    path = mesh_file("stl", CONTENTS["stl"])
+    scene = room.write(SHAPE.format("stl", path.name))
+    before = scene_sha256(scene)
+    assert len(load_scenario(scene, (2, 3)).occluders[0].faces) == 4
+    path.write_bytes(stl(VERTICES[FACES[:3]]))
+    assert len(load_scenario(scene, (2, 3)).occluders[0].faces) == 3
+    assert scene_sha256(scene) != before
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_damaged_file_is_refused_in_one_line_that_names_it(room, mesh_file, form):
+    path = mesh_file(form, CONTENTS[form][:-40])
+    with pytest.raises(SceneError) as caught:
+        room.load(SHAPE.format(form.split()[0], path.name))
+    message = str(caught.value)
+    assert "\n" not in message and f"'tent': the file '{path}'" in message
+    assert message.endswith("; export it again")
