@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 import math
-from difflib import get_close_matches
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
+
+from periscopy_sim.storage.formats.yaml_document import Strict
 
 Pair = tuple[FiniteFloat, FiniteFloat]
-
-
-class Strict(BaseModel):
-    """A part of a configuration: an entry that it does not know is refused."""
-
-    model_config = ConfigDict(frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _knows(cls, given: Any) -> Any:
-        for name in given if isinstance(given, dict) else ():
-            if name not in cls.model_fields:
-                near = get_close_matches(str(name), cls.model_fields, 1)
-                advice = (
-                    f"did you mean '{near[0]}'?" if near else "see 'periscopy dataset --example'"
-                )
-                told = {"entry": str(name), "advice": advice}
-                raise PydanticCustomError("unknown", "is not known; {advice}", told)
-        return given
 
 
 class Distribution(Strict):

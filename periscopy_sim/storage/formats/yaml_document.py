@@ -1,0 +1,166 @@
+"""YAML documents checked by a model: what is misspelt, missing or wrong is told with its line."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from periscopy_sim.errors import ConfigurationError
+
+LARGEST_FILE = 1 << 17
+"""Bytes of a document; a larger file is something else."""
+
+MOST_ENTRIES = 1 << 16
+"""Keys, values and items of a document, each counted wherever an alias repeats it."""
+
+_MISTAKES = (  # what PyYAML raises where text is not of its tag's form, or nested too deeply
+    RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError,
+)  # fmt: skip
+
+
+class Strict(BaseModel):
+    """A part of a document: an entry that it does not know is refused."""
+
+    model_config = ConfigDict(frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _knows(cls, given: Any, info: ValidationInfo) -> Any:
+        for name in given if isinstance(given, dict) else ():
+            if name not in cls.model_fields:
+                near = get_close_matches(str(name), cls.model_fields, 1)
+                example = (info.context or {}).get("example", "its documentation")
+                advice = f"did you mean '{near[0]}'?" if near else f"see {example}"
+                told = {"entry": str(name), "advice": advice}
+                raise PydanticCustomError("unknown", "is not known; {advice}", told)
+        return given
+
+
+Document = TypeVar("Document", bound=Strict)
+
+
+def read_yaml(path: Path, model: type[Document], example: str) -> Document:
+    """Return what a YAML file holds, as a model whose field `folder` is the file's own.
+
+    `example` is the command that prints an example, for messages. A file that is no YAML, or an
+    entry that is unknown, missing or out of range, is a `ConfigurationError` with its line.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ConfigurationError(f"{path}: is larger than 128 KB; name a YAML configuration")
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}; check the path") from None
+    except UnicodeDecodeError:
+        raise ConfigurationError(f"{path}: is no text in UTF-8; name a YAML file") from None
+    try:
+        loader = yaml.SafeLoader(text)
+        document = loader.get_single_node()
+        if document is not None and _count_entries(document, {}) > MOST_ENTRIES:
+            raise yaml.YAMLError(f"holds more than {MOST_ENTRIES} entries, aliases followed")
+        entries = document and loader.construct_document(document)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f", line {mark.line + 1}" if mark else ""
+        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
+        raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
+    except _MISTAKES as error:
+        raise ConfigurationError(f"{path}: cannot be read as YAML: {error}") from None
+    if not isinstance(entries, dict):
+        raise ConfigurationError(f"{path}: holds no entries; see '{example}'")
+    if "folder" in entries:
+        raise ConfigurationError(f"{path}: 'folder' is this file's own; leave it out")
+    entries["folder"] = path.parent.resolve()
+    example = f"'{example}'"
+    try:
+        return model.model_validate(entries, context={"example": example})
+    except ValidationError as error:
+        raise ConfigurationError(f"{path}: {_first_mistake(error, document, example)}") from None
+    except RecursionError:
+        raise ConfigurationError(f"{path}: is nested too deeply; fix the YAML") from None
+
+
+def _count_entries(node: yaml.Node, known: dict[yaml.Node, int]) -> int:
+    """Return the number of entries of a document, those of an anchor again at each of its aliases.
+
+    Refuses keys given twice, of which YAML readers commonly keep the last.
+    """
+    if node in known:
+        if known[node] == 0:
+            raise ValueError("an alias stands within its own anchor")
+        return known[node]
+    known[node] = 0  # being counted
+    inner: list[yaml.Node] = []
+    if isinstance(node, yaml.MappingNode):
+        given: set[str] = set()
+        for key, value in node.value:
+            inner += [key, value]
+            if isinstance(key, yaml.ScalarNode) and key.value != "<<":
+                if key.value in given:
+                    raise yaml.MarkedYAMLError(
+                        problem=f"'{key.value}' is given twice", problem_mark=key.start_mark
+                    )
+                given.add(key.value)
+    elif isinstance(node, yaml.SequenceNode):
+        inner = node.value
+    known[node] = 1 + sum(_count_entries(entry, known) for entry in inner)
+    return known[node]
+
+
+def _first_mistake(error: ValidationError, document: yaml.Node | None, example: str) -> str:
+    """Return the first of pydantic's complaints in words, with its line; misspelt names first."""
+    told = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "unknown")
+    places = [_located(document, each) for each in told]
+    (entry, line), others = places[0], {place for place, _ in places}
+    message = told[0]["msg"].removeprefix("Value error, ")
+    if told[0]["type"] in _IN_WORDS:
+        message = _IN_WORDS[told[0]["type"]].format_map(
+            {"example": example, **told[0].get("ctx", {})}
+        )
+    # What holds the first mistake is wrong by that alone.
+    more = sum(entry[: len(place)] != place for place in others)
+    place = f"line {line}, {'.'.join(map(str, entry))}: " if entry else ""
+    return place + message + (f" (and {more} more)" if more else "")
+
+
+_IN_WORDS = {
+    "missing": "is missing",
+    "union_tag_not_found": "has no 'kind'; see {example}",
+    "union_tag_invalid": "kind '{tag}' is not known; there are {expected_tags}",
+    "tuple_type": "give a list",
+    "dict_type": "give entries, NAME: VALUE",
+    "model_type": "give entries, NAME: VALUE",
+    "model_attributes_type": "give entries, NAME: VALUE",
+    "too_long": "holds too many",
+}
+"""Where pydantic's words are a programmer's."""
+
+
+def _located(node: Any, mistake: Any) -> tuple[tuple[int | str, ...], int]:
+    """Return what pydantic complains of, as the document names it, and its line."""
+    unknown = mistake.get("ctx", {}).get("entry")
+    location = (*mistake["loc"], unknown) if unknown else mistake["loc"]
+    line, found, kind = 1, [], None
+    for part in location:
+        if part == kind:  # which pydantic names, too: no entry, though there may be one named so
+            kind = None
+            continue
+        inside: list[tuple[yaml.Node, yaml.Node]] = []
+        if isinstance(node, yaml.MappingNode):
+            inside = [pair for pair in node.value if pair[0].value == part]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+            inside = [(each, each) for each in node.value[part : part + 1]]
+        if inside:
+            key, node = inside[0]
+            line = key.start_mark.line + 1
+            found.append(part)
+            entries = node.value if isinstance(node, yaml.MappingNode) else []
+            kind = next((value.value for name, value in entries if name.value == "kind"), None)
+    if mistake["type"] in ("missing", "unknown") and location[-1] not in found[-1:]:
+        found.append(location[-1])
+    return tuple(found), line
