@@ -16,6 +16,7 @@ from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
 from .evaluation.metrics import gain_matched, mean_squared_error, psnr, registered
 from .evaluation.sweep import Sweep, flips, run_sweep
+from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .photographs.defects import defective_pixels
 from .reconstruction.baselines.differencing import Differencing
@@ -62,6 +63,7 @@ __all__ = [
     "Video",
     "add_noise",
     "analytic_transport",
+    "build_laboratory",
     "calibrate",
     "composite",
     "defective_pixels",

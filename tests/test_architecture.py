@@ -21,7 +21,7 @@ HEAVY = {"numpy", "scipy", "numba", "matplotlib", "typer", "PIL", "OpenEXR", "pn
 FLOORS = [
     {"experiments"},
     {"__main__", "cli"},
-    {"figures", "evaluation", "dataset", "calibration"},
+    {"figures", "evaluation", "dataset", "calibration", "laboratory"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"scenario", "shipped"},

@@ -24,6 +24,7 @@ from periscopy_sim.cli import (
     dataset,
     demo,
     doctor,
+    lab,
     photograph,
     reconstruct,
     sweep,
@@ -57,6 +58,7 @@ def _periscopy(
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
 app.command("transport")(transport.transport)
+app.command("lab")(lab.lab)
 app.command("photograph")(photograph.photograph)
 app.command("ambient")(ambient.ambient)
 app.command("reconstruct")(reconstruct.reconstruct)

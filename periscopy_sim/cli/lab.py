@@ -1,0 +1,49 @@
+"""`periscopy lab`: a scene from a ruler's numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from periscopy_sim.cli.arguments import require_suffix
+from periscopy_sim.cli.output import say, say_written
+from periscopy_sim.errors import PeriscopyError
+
+
+def lab(
+    measurements: Annotated[
+        Path | None, typer.Argument(metavar="MEASUREMENTS.yaml", help="What was measured.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="The scene's XML file; its meshes are written beside it. All or nothing.",
+        ),
+    ] = None,
+    example: Annotated[
+        bool, typer.Option("--example", help="Print commented measurements and exit.")
+    ] = False,
+) -> None:
+    """Make a scene of a laboratory as measured by a ruler.
+
+    Every number becomes a <default> of the scene, its error another beside it.
+    """
+    from periscopy_sim.laboratory.document import EXAMPLE
+
+    if example:
+        print(EXAMPLE.read_text("utf-8"), end="")
+        return
+    if measurements is None or out is None:
+        raise PeriscopyError(
+            "name measurements and --out; 'periscopy lab --example' prints such measurements"
+        )
+    require_suffix(out, ".xml", "the scene")
+    from periscopy_sim.laboratory.build import build_laboratory
+
+    written = build_laboratory(measurements, out)
+    say_written(*written)
+    say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")

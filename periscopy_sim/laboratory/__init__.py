@@ -1,0 +1,1 @@
+"""From a ruler's numbers to a scene file."""

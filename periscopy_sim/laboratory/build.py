@@ -1,0 +1,153 @@
+"""Make the scene of a measured laboratory: its XML file and the meshes beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from periscopy_sim.errors import ConfigurationError, OutputError, SceneError
+from periscopy_sim.laboratory.document import (
+    Laboratory,
+    MeshBody,
+    UprightCylinder,
+    load_laboratory,
+)
+from periscopy_sim.laboratory.quantities import LENGTHS
+from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, read_mesh, write_ply
+from periscopy_sim.storage.outputs.staging import staged_file
+
+SIDES = 128
+"""Of the prism that stands for a cylinder: its width is right to 2e-4."""
+
+MOST_CHECKED = 64
+"""Pixels along each side of the photograph by which a new scene is tried."""
+
+
+def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
+    """Write the scene of a measured laboratory, and beside it a PLY file for each of its meshes.
+
+    Parameters
+    ----------
+    measurements
+        A YAML file, see `load_laboratory`.
+    out
+        The scene's XML file. Meshes are called after it: ``lab_lamp.ply`` beside ``lab.xml``.
+
+    Returns
+    -------
+    tuple of Path
+        The scene and its meshes.
+
+    Raises
+    ------
+    ConfigurationError
+        If the measurements are no YAML, a number is missing, has no unit or no error, or is out of
+        range, or a mesh cannot be read.
+    SceneError
+        If the laboratory is none that a photograph can be taken in: the camera sees past the wall,
+        the monitor faces away, something stands before the wall.
+    """
+    measurements, out = Path(measurements), Path(out)
+    laboratory = load_laboratory(measurements)
+    try:
+        meshes = _meshes(laboratory)
+        files = {name: out.with_name(f"{out.stem}_{name}.ply") for name in meshes}
+        text = scene_text(
+            laboratory,
+            {name: file.name for name, file in files.items()},
+            f"A laboratory as measured, made by periscopy lab from {measurements.name}.",
+        )
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{measurements}: {error}") from None
+    given = {measurements.resolve(), *(file.resolve() for file in _mesh_files(laboratory).values())}
+    for file in (out, *files.values()):
+        if file.resolve() in given:
+            raise OutputError(f"cannot write {file}: it is one of the files given; name another")
+    named = {files[name].name: mesh for name, mesh in meshes.items()}
+    _check(text, named, laboratory.camera.film, out)
+    with ExitStack() as stack:
+        staged = stack.enter_context(staged_file(out))  # in its place last, once its meshes are
+        for name, file in files.items():
+            write_ply(stack.enter_context(staged_file(file)), meshes[name])
+        staged.write_text(text, encoding="utf-8")
+    return out, *files.values()
+
+
+def _mesh_files(laboratory: Laboratory) -> dict[str, Path]:
+    bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
+    return {body.name: laboratory.folder / body.file for body in bodies}
+
+
+def _meshes(laboratory: Laboratory) -> dict[str, TriangleMesh]:
+    """Return the meshes by name: those that were named, and the cylinder if there is one."""
+    meshes = {}
+    for body in laboratory.occluders:
+        if isinstance(body, MeshBody):
+            meshes[body.name] = _own_mesh(body, laboratory.folder / body.file)
+        elif isinstance(body, UprightCylinder):
+            if CYLINDER in {each.name for each in laboratory.occluders}:
+                raise ConfigurationError(f"an occluder is called '{CYLINDER}'; name it otherwise")
+            meshes[CYLINDER] = _unit_cylinder()
+    return meshes
+
+
+def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:
+    """Return a mesh in metres, z up, its anchor at the origin."""
+    if not path.is_file():
+        raise ConfigurationError(f"occluder '{body.name}': there is no file '{path}'")
+    try:
+        mesh = read_mesh(path)
+    except ValueError as error:
+        raise ConfigurationError(f"occluder '{body.name}': the file '{path}' {error}") from None
+    unit = body.unit or ("m" if body.is_gltf else "")
+    x, y, z = mesh.vertices.T * float(LENGTHS[unit])
+    up = body.up or ("y" if body.is_gltf else "z")
+    turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up]
+    vertices = np.stack(turned, axis=1)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle = (low + high) / 2
+    if body.anchor == "base":
+        middle[2] = low[2]
+    if body.anchor != "origin":
+        vertices -= middle
+    return TriangleMesh(vertices, mesh.faces, mesh.texture_coordinates)
+
+
+def _unit_cylinder() -> TriangleMesh:
+    """Return a prism about the z axis, from z = 0 to 1, of diameter 1 and closed at both ends."""
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    # The mean over all directions of a convex outline's width is its length over pi.
+    radius = 0.5 * (np.pi / SIDES) / np.sin(np.pi / SIDES)
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    rim = [np.column_stack([ring, np.full(SIDES, height)]) for height in (0.0, 1.0)]
+    vertices = np.concatenate([*rim, [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]])
+    here = np.arange(SIDES)
+    after = (here + 1) % SIDES
+    below, above = np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    faces = [
+        np.stack([here, after, after + SIDES], axis=1),
+        np.stack([here, after + SIDES, here + SIDES], axis=1),
+        np.stack([after, here, below], axis=1),
+        np.stack([here + SIDES, after + SIDES, above], axis=1),
+    ]
+    return TriangleMesh(vertices, np.concatenate(faces))
+
+
+def _check(text: str, meshes: Mapping[str, TriangleMesh], film: tuple[int, int], out: Path) -> None:
+    """Load a scene before it is written where it shall lie."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / out.name
+        path.write_text(text, encoding="utf-8")
+        for name, mesh in meshes.items():
+            write_ply(path.with_name(name), mesh)
+        rows, columns = (min(pixels, MOST_CHECKED) for pixels in film)
+        try:
+            load_scenario(path, (1, 1), photograph=(rows, columns))
+        except SceneError as error:
+            raise SceneError(str(error).replace(folder, str(out.parent))) from None

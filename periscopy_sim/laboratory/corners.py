@@ -1,0 +1,145 @@
+"""A camera's direction and field of view from the four corners of what it sees of the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.scenario import Array
+
+LIKELY = 23.5
+"""Sum of squared deviations of 4 degrees of freedom, exceeded by chance once in 10,000 times."""
+
+SHARPEST = 1e-4
+"""Metres that corners are taken to be off at least."""
+
+NAMES = ("target_x", "target_z", "camera_roll", "field_of_view")
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """Where a camera looks, after `NAMES`: values and standard deviations, metres and degrees.
+
+    `residual` is the root mean square distance of the corners from the measured ones, in metres.
+    """
+
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    residual: float
+
+
+def aim_at_corners(
+    position: Array,
+    distance: float,
+    corners: Array,
+    film: tuple[int, int],
+    position_errors: Array,
+    corner_errors: Array,
+) -> Aim:
+    """Return the direction, roll and field of view whose picture has given corners.
+
+    Parameters
+    ----------
+    position
+        (3,) of the camera, metres; its errors are standard deviations, (3,).
+    distance
+        y of the wall.
+    corners
+        (4, 2) x and z of the wall's points in the picture's corners, as the camera sees them: top
+        left, top right, bottom right, bottom left; their errors are (4, 2).
+    film
+        (rows, columns) of square pixels.
+
+    Raises
+    ------
+    ConfigurationError
+        If no camera there sees these corners, to within the errors.
+    """
+    from scipy.optimize import least_squares
+
+    middle = _crossing(corners)
+    extent = float(np.linalg.norm(corners - middle, axis=1).mean())
+    away = float(np.linalg.norm(np.insert(middle, 1, distance) - position))
+    rightwards = corners[1] + corners[2] - corners[0] - corners[3]
+    roll = -np.degrees(np.arctan2(rightwards[1], rightwards[0]))
+    start = np.array([*middle, roll, 2 * np.degrees(np.arctan(extent / away))])
+    scale = np.array([extent, extent, 30.0, 30.0])
+
+    def misfit(values: Array) -> Array:
+        seen = corners_seen(position, distance, film, *values)
+        return np.asarray((seen - corners).ravel() / extent)
+
+    found = least_squares(misfit, start, x_scale=scale)
+    left = misfit(found.x) * extent
+    slopes = _slopes(lambda at: corners_seen(at, distance, film, *found.x).ravel(), position)
+    covariance = np.diag(np.maximum(corner_errors, SHARPEST).ravel() ** 2)
+    covariance += (slopes * position_errors**2) @ slopes.T
+    J = found.jac * extent
+    inverse = np.linalg.pinv(J)
+    beyond = np.linalg.svd(J)[0][:, J.shape[1] :]  # what no aim of the camera explains
+    unexplained = beyond.T @ left
+    spread = beyond.T @ covariance @ beyond
+    residual = float(np.sqrt(np.mean(left**2) * 2))
+    if not unexplained @ np.linalg.solve(spread, unexplained) < LIKELY:
+        raise ConfigurationError(
+            "camera: from its position it cannot see these corners: they are "
+            f"{1000 * residual:.0f} mm (rms) from those of the nearest picture of square pixels; "
+            "check position, corners, their order (as the camera sees them) and film"
+        )
+    errors = np.sqrt(np.diag(inverse @ covariance @ inverse.T))
+    named = dict(zip(NAMES, map(float, found.x), strict=True))
+    return Aim(named, dict(zip(NAMES, map(float, errors), strict=True)), residual)
+
+
+def corners_seen(
+    position: Array,
+    distance: float,
+    film: tuple[int, int],
+    target_x: float,
+    target_z: float,
+    roll: float,
+    field_of_view: float,
+) -> Array:
+    """Return x and z of the wall's points in the corners of a pinhole camera's picture, (4, 2).
+
+    The wall is y = `distance`. The field of view, in degrees, is that of the picture's width; a
+    positive roll turns the camera clockwise as it looks. The order is that of `aim_at_corners`.
+    """
+    ahead = np.array([target_x, distance, target_z]) - position
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    angle = np.radians(roll)
+    right, up = (
+        np.cos(angle) * right - np.sin(angle) * up,
+        np.sin(angle) * right + np.cos(angle) * up,
+    )
+    half = np.tan(np.radians(field_of_view) / 2)
+    tall = half * film[0] / film[1]
+    rays = ahead + np.array([[-half], [half], [half], [-half]]) * right
+    rays += np.array([[tall], [tall], [-tall], [-tall]]) * up
+    reach = (distance - position[1]) / rays[:, 1:2]
+    return np.asarray((position + reach * rays)[:, [0, 2]])
+
+
+def _crossing(corners: Array) -> Array:
+    """Return where the diagonals cross: the point of the wall in the picture's middle."""
+    a, b, c, d = corners
+    sides = np.stack([c - a, b - d], axis=1)
+    if abs(np.linalg.det(sides)) < 1e-9:
+        raise ConfigurationError("camera.corners: they lie on a line; measure them again")
+    return np.asarray(a + np.linalg.solve(sides, b - a)[0] * (c - a))
+
+
+def _slopes(function: Callable[[Array], Array], at: Array) -> Array:
+    """Return the derivative of a function at a point, by central differences."""
+    step = 1e-5
+    columns = [
+        (function(at + step * unit) - function(at - step * unit)) / (2 * step)
+        for unit in np.eye(len(at))
+    ]
+    return np.stack(columns, axis=1)

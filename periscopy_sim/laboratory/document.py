@@ -1,0 +1,299 @@
+"""What was measured of a laboratory: a YAML file, checked before a scene is made of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
+
+from periscopy_sim.laboratory.quantities import (
+    EXACTLY_0,
+    Angle,
+    Exponent,
+    Length,
+    Measured,
+    Size,
+)
+from periscopy_sim.storage.formats.yaml_document import Strict, read_yaml
+
+EXAMPLE = Path(__file__).with_name("example.yaml")
+
+COMMAND = "periscopy lab --example"
+
+MOST_OCCLUDERS = 100
+
+TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal", "field"}
+"""What names of the scene begin with; no occluder may be called so."""
+
+
+def _rows_and_columns(given: Any) -> Any:
+    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
+    if size is None:
+        raise ValueError("write ROWSxCOLUMNS, such as 112x144")
+    return size.groups()
+
+
+def _colour(given: Any) -> Any:
+    return given if isinstance(given, list | tuple) else [given] * 3
+
+
+def _name(given: str) -> str:
+    if not re.fullmatch("[a-z][a-z0-9_]{0,39}", given):
+        raise ValueError(f"'{given}' is no name; use small letters, digits and _")
+    if given in TAKEN or given.endswith("_error"):
+        raise ValueError(f"'{given}' is a name of the scene's own; choose another")
+    return given
+
+
+Pixels = Annotated[int, Field(ge=1, le=10_000)]
+Film = Annotated[tuple[Pixels, Pixels], BeforeValidator(_rows_and_columns)]
+Share = Annotated[FiniteFloat, Field(gt=0, le=1)]
+Reflectance = Annotated[tuple[Share, Share, Share], BeforeValidator(_colour)]
+Place = tuple[Length, Length, Length]
+"""x, y, z."""
+OnWall = tuple[Length, Length]
+"""x, z."""
+
+
+class Errors(Strict):
+    """How far off a number may be that states nothing of it."""
+
+    length: Size | None = None
+    angle: Angle | None = None
+
+    @model_validator(mode="after")
+    def _are_positive(self) -> Self:
+        if self.angle is not None and self.angle.value <= 0:
+            raise ValueError("the error of an angle must be above 0")
+        return self
+
+
+class Wall(Strict):
+    """The plane y = distance, painted evenly."""
+
+    distance: Size
+    reflectance: Reflectance = (0.8, 0.8, 0.8)
+
+
+class PerspectiveCamera(Strict):
+    """A camera in the room: where it stands, where it looks, how wide."""
+
+    kind: Literal["perspective"]
+    film: Film
+    position: Place
+    target: OnWall | None = None
+    turn: Angle | None = None
+    tilt: Angle | None = None
+    roll: Angle = EXACTLY_0
+    field_of_view: Angle
+
+    @model_validator(mode="after")
+    def _looks_somewhere(self) -> Self:
+        if (self.target is None) == (self.turn is None and self.tilt is None):
+            raise ValueError(
+                "give either target: [x, z], the point of the wall in the picture's middle, or the "
+                "direction, by turn and tilt"
+            )
+        if not 0 < self.field_of_view.value < 180:
+            raise ValueError("the field of view must lie between 0 and 180 deg")
+        return self
+
+
+class Corners(Strict):
+    """The points of the wall in the picture's corners."""
+
+    top_left: OnWall
+    top_right: OnWall
+    bottom_right: OnWall
+    bottom_left: OnWall
+
+
+class CornersCamera(Strict):
+    """A camera whose direction and field of view follow from the four corners of what it sees."""
+
+    kind: Literal["corners"]
+    film: Film
+    position: Place
+    corners: Corners
+
+
+class RectifiedCamera(Strict):
+    """A picture that was brought to an upright rectangle of the wall."""
+
+    kind: Literal["rectified"]
+    film: Film
+    bottom_left: OnWall
+    width: Size
+    height: Size
+
+
+class Falloff(Strict):
+    """Exponents of the cosines of the vertical and the horizontal angle."""
+
+    vertical: Exponent
+    horizontal: Exponent
+
+
+class Screen(Strict):
+    """The lit part of the monitor, and the place of its centre or of one corner.
+
+    Corners are those that a viewer who faces the screen sees.
+    """
+
+    width: Size
+    height: Size
+    center: Place | None = None
+    top_left: Place | None = None
+    top_right: Place | None = None
+    bottom_left: Place | None = None
+    bottom_right: Place | None = None
+    turn: Angle = EXACTLY_0
+    tilt: Angle = EXACTLY_0
+    falloff: Falloff | None = None
+
+    @model_validator(mode="after")
+    def _has_one_place(self) -> Self:
+        if sum(place is not None for place in self.places.values()) != 1:
+            raise ValueError(f"give one of {', '.join(self.places)}: [x, y, z]")
+        return self
+
+    @property
+    def places(self) -> dict[str, Place | None]:
+        """Return the places by name; one is given."""
+        names = ("center", "top_left", "top_right", "bottom_left", "bottom_right")
+        return {name: getattr(self, name) for name in names}
+
+
+Anchor = Literal["base", "center", "corner"]
+
+
+class _Body(Strict):
+    """What all occluders have: a name, a place, turns, and what they reflect."""
+
+    name: Annotated[str, AfterValidator(_name)]
+    position: Place
+    turn: Angle = EXACTLY_0
+    tilt: Angle = EXACTLY_0
+    reflectance: Reflectance = (0.3, 0.3, 0.3)
+
+
+class Box(_Body):
+    """A box: width along x, depth along y, height along z, before it is turned."""
+
+    kind: Literal["box"]
+    anchor: Anchor = "base"
+    width: Size
+    depth: Size
+    height: Size
+
+
+class Plate(_Body):
+    """An upright plate, parallel to the wall before it is turned."""
+
+    kind: Literal["plate"]
+    anchor: Anchor = "base"
+    width: Size
+    height: Size
+    thickness: Size = Measured(0.001, 0.0)
+
+
+class Frame(_Body):
+    """An upright frame of four bars; `bar` is how wide they are."""
+
+    kind: Literal["frame"]
+    width: Size
+    height: Size
+    bar: Size
+    thickness: Size = Measured(0.001, 0.0)
+
+
+class UprightCylinder(_Body):
+    """A cylinder that stands, before it is tilted."""
+
+    kind: Literal["cylinder"]
+    anchor: Literal["base", "center"] = "base"
+    diameter: Size
+    height: Size
+
+
+class Rod(Strict):
+    """A round rod between two points."""
+
+    kind: Literal["rod"]
+    name: Annotated[str, AfterValidator(_name)]
+    start: Place
+    end: Place
+    diameter: Size
+    reflectance: Reflectance = (0.3, 0.3, 0.3)
+
+
+class MeshBody(_Body):
+    """A mesh file; its anchor stands at the position."""
+
+    kind: Literal["mesh"]
+    file: str
+    unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
+    up: Literal["x", "y", "z"] | None = None
+    anchor: Literal["origin", "base", "center"] = "origin"
+
+    @model_validator(mode="after")
+    def _has_a_unit(self) -> Self:
+        if self.unit is None and not self.is_gltf:
+            raise ValueError("the file's numbers have no unit; give it, such as unit: mm")
+        return self
+
+    @property
+    def is_gltf(self) -> bool:
+        """Return whether the format itself says unit and axes: metres, y up."""
+        return Path(self.file).suffix.lower() == ".glb"
+
+
+Occluding = Annotated[
+    Box | Plate | Frame | UprightCylinder | Rod | MeshBody, Field(discriminator="kind")
+]
+
+
+class Laboratory(Strict):
+    """A laboratory as measured; ``example.yaml`` beside this file explains each entry.
+
+    `folder`, where relative paths start, is set by `load_laboratory`.
+    """
+
+    errors: Errors = Errors()
+    wall: Wall
+    camera: Annotated[
+        PerspectiveCamera | CornersCamera | RectifiedCamera, Field(discriminator="kind")
+    ]
+    monitor: Screen
+    occluders: Annotated[tuple[Occluding, ...], Field(max_length=MOST_OCCLUDERS)] = ()
+    folder: Path = Path()
+
+    @model_validator(mode="after")
+    def _names_are_its_own(self) -> Self:
+        names = [occluder.name for occluder in self.occluders]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two occluders are called '{name}'; name each once")
+        return self
+
+
+def load_laboratory(path: str | Path) -> Laboratory:
+    """Read what was measured of a laboratory.
+
+    Parameters
+    ----------
+    path
+        A YAML file, as ``periscopy lab --example`` prints one.
+
+    Returns
+    -------
+    Laboratory
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no YAML, or a number is missing, has no unit, or is out of range; with its line.
+    """
+    return read_yaml(Path(path), Laboratory, COMMAND)

@@ -1,0 +1,306 @@
+"""The wall, the camera, the monitor and the occluders of a measured laboratory, as a scene's text.
+
+Mitsuba's XML has no arithmetic, but transforms: half of a width is a scaling by one half, and minus
+half of it a scaling by -2, a shift by the width, and a scaling by -1/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.laboratory.corners import Aim, aim_at_corners
+from periscopy_sim.laboratory.document import (
+    Box,
+    CornersCamera,
+    Frame,
+    Laboratory,
+    MeshBody,
+    Occluding,
+    PerspectiveCamera,
+    RectifiedCamera,
+    Rod,
+    UprightCylinder,
+)
+from periscopy_sim.laboratory.quantities import Measured
+from periscopy_sim.laboratory.scene_text import SceneText, axes, film_of, paint, transform
+
+HALF_WALL = 10.0
+"""Metres to each side of the origin that the wall reaches, farther than anybody's photograph."""
+
+CYLINDER = "cylinder"
+"""Name of the mesh that cylinders share."""
+
+FACE_THE_WALL = '<rotate x="1" angle="90"/>', '<rotate z="1" angle="180"/>'
+"""From Mitsuba's rectangle, x to y, to one whose u runs to a viewer's right and whose v runs up."""
+
+
+def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) -> str:
+    """Return the XML of a laboratory; its comment begins with a title.
+
+    `meshes` maps the name of each occluder that is a mesh, and `CYLINDER`, to its file beside the
+    scene. A number without an error, or corners that no camera sees, is a `ConfigurationError`.
+    """
+    scene = SceneText(laboratory)
+    _add_wall(scene, laboratory)
+    camera = laboratory.camera
+    if isinstance(camera, RectifiedCamera):
+        _add_rectified(scene, camera)
+    else:
+        _add_camera(scene, camera, aim_of(laboratory))
+    _add_monitor(scene, laboratory)
+    for occluder in laboratory.occluders:
+        _add_occluder(scene, occluder, meshes)
+    return scene.text(title)
+
+
+def aim_of(laboratory: Laboratory) -> Aim | None:
+    """Return what the corners say of the camera; None of a camera that has no corners."""
+    camera = laboratory.camera
+    if not isinstance(camera, CornersCamera):
+        return None
+    general = 0.0 if laboratory.errors.length is None else laboratory.errors.length.value
+
+    def errors(points: Iterable[Iterable[Measured]]) -> list[list[float]]:
+        return [[general if c.error is None else c.error for c in point] for point in points]
+
+    named = camera.corners
+    corners = (named.top_left, named.top_right, named.bottom_right, named.bottom_left)
+    position = np.array([each.value for each in camera.position])
+    distance = laboratory.wall.distance.value
+    if position[1] >= distance:
+        raise ConfigurationError("camera.position: it lies behind the wall; its y is too large")
+    return aim_at_corners(
+        position,
+        distance,
+        np.array([[each.value for each in corner] for corner in corners]),
+        camera.film,
+        np.array(errors([camera.position])[0]),
+        np.array(errors(corners)),
+    )
+
+
+def _add_wall(scene: SceneText, laboratory: Laboratory) -> None:
+    wall = laboratory.wall
+    scene.section("The wall: its y.")
+    distance = scene.declare("wall_distance", wall.distance, "length", "wall.distance")
+    scene.add(
+        [
+            '<shape type="rectangle" id="wall">',
+            *transform(
+                f'<scale value="{HALF_WALL}"/>',
+                '<rotate x="1" angle="90"/>',
+                f'<translate y="{distance}"/>',
+            ),
+            *paint(wall.reflectance),
+            "</shape>",
+        ]
+    )
+
+
+def _add_camera(
+    scene: SceneText, camera: PerspectiveCamera | CornersCamera, aim: Aim | None
+) -> None:
+    scene.section("The camera: its place, where it looks, how wide.")
+    place = scene.place("camera", camera.position, "camera.position")
+    target: Iterable[Measured] | None
+    if aim is not None:
+        found = {name: Measured(value, aim.errors[name]) for name, value in aim.values.items()}
+        scene.section(
+            "Found from the four corners on the wall, which this leaves by "
+            f"{1000 * aim.residual:.2g} mm (rms): the wall's point in the picture's middle, how "
+            "far the camera is rolled clockwise, and the angle of the picture's width."
+        )
+        target = (found["target_x"], found["target_z"])
+        roll, width = found["camera_roll"], found["field_of_view"]
+    else:
+        assert isinstance(camera, PerspectiveCamera)
+        target, roll, width = camera.target, camera.roll, camera.field_of_view
+    rolled = scene.declare("camera_roll", roll, "angle", "camera.roll")
+    turned = [f'<rotate z="1" angle="{rolled}"/>']
+    if target is not None:
+        scene.place("target", target, "camera.target", "xz")
+        points = (
+            'origin="$camera_x, $camera_y, $camera_z" target="$target_x, $wall_distance, $target_z"'
+        )
+        turned.append(f'<lookat {points} up="0, 0, 1"/>')
+    else:
+        turned.append('<lookat origin="0, 0, 0" target="0, 1, 0" up="0, 0, 1"/>')
+        for name, axis in (("tilt", "x"), ("turn", "z")):
+            angle = getattr(camera, name) or Measured(0.0, 0.0)
+            declared = scene.declare(f"camera_{name}", angle, "angle", f"camera.{name}")
+            turned.append(f'<rotate {axis}="1" angle="{declared}"/>')
+        turned.append(place)
+    angle = scene.declare("field_of_view", width, "angle", "camera.field_of_view")
+    scene.add(
+        [
+            '<sensor type="perspective" id="camera">',
+            f'    <float name="fov" value="{angle}"/>',
+            '    <string name="fov_axis" value="x"/>',
+            *transform(*turned),
+            *film_of(camera.film),
+            "</sensor>",
+        ]
+    )
+
+
+def _add_rectified(scene: SceneText, camera: RectifiedCamera) -> None:
+    """See an upright rectangle squarely; the camera's own x runs to the left."""
+    scene.section("What the rectified picture shows of the wall, from its lower left corner.")
+    place = scene.place("view", camera.bottom_left, "camera.bottom_left", "xz")
+    width = scene.declare("view_width", camera.width, "length", "camera.width")
+    height = scene.declare("view_height", camera.height, "length", "camera.height")
+    rows, columns = camera.film
+    scene.add(
+        [
+            '<sensor type="orthographic" id="camera">',
+            *transform(
+                f'<scale y="{columns / rows!r}"/>',
+                '<translate x="-1" y="1"/>',
+                '<scale x="0.5" y="0.5"/>',
+                f'<scale x="{width}" y="{height}"/>',
+                '<lookat origin="0, -0.05, 0" target="0, 0, 0" up="0, 0, 1"/>',
+                place,
+                '<translate y="$wall_distance"/>',
+            ),
+            '    <float name="near_clip" value="0.001"/>',
+            *film_of(camera.film),
+            "</sensor>",
+        ]
+    )
+
+
+def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
+    monitor = laboratory.monitor
+    where, place = next((name, place) for name, place in monitor.places.items() if place)
+    scene.section(
+        f"The lit part of the monitor: its size, the place of its {where.replace('_', ' ')} as a "
+        "viewer sees it, how it is tilted and turned there; at 0 it faces the wall squarely."
+    )
+    width = scene.declare("monitor_width", monitor.width, "length", "monitor.width")
+    height = scene.declare("monitor_height", monitor.height, "length", "monitor.height")
+    to_place = scene.place("monitor", place, f"monitor.{where}")
+    turns = scene.turns("monitor", monitor.tilt, monitor.turn, "monitor")
+    across = {"left": 1, "right": -1}.get(where.partition("_")[2], 0)
+    up = {"top": -1, "bottom": 1}.get(where.partition("_")[0], 0)
+    emitter = ['    <emitter type="area">', '        <rgb name="radiance" value="1"/>']
+    if monitor.falloff is not None:
+        scene.section(
+            "Its falloff with angle: radiance over the normal's is cos^vertical_exponent of the "
+            "vertical angle times cos^horizontal_exponent of the horizontal one."
+        )
+        emitter[0] = '    <emitter type="lcd">'
+        for name in ("vertical", "horizontal"):
+            exponent = scene.declare(
+                f"{name}_exponent", getattr(monitor.falloff, name), "number", f"monitor.{name}"
+            )
+            emitter.append(f'        <float name="{name}_exponent" value="{exponent}"/>')
+    scene.add(
+        [
+            '<shape type="rectangle" id="monitor">',
+            *transform(
+                f'<translate x="{across}" y="{up}"/>',
+                '<scale x="0.5" y="0.5"/>',
+                f'<scale x="{width}" y="{height}"/>',
+                *FACE_THE_WALL,
+                *turns,
+                to_place,
+            ),
+            *emitter,
+            "    </emitter>",
+            *paint((0.05, 0.05, 0.05)),
+            "</shape>",
+        ]
+    )
+
+
+def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) -> None:
+    name, entry = body.name, f"occluder '{body.name}'"
+    if isinstance(body, Rod):
+        scene.section(f"The rod '{name}': its ends, and half of its diameter.")
+        for end, point in (("start", body.start), ("end", body.end)):
+            scene.place(f"{name}_{end}", point, f"{entry}: {end}")
+        error = body.diameter.error
+        radius = Measured(body.diameter.value / 2, None if error is None else error / 2)
+        scene.declare(f"{name}_radius", radius, "length", f"{entry}: diameter")
+        ends = [
+            f'    <point name="{p}" value="${name}_{end}_x, ${name}_{end}_y, ${name}_{end}_z"/>'
+            for p, end in (("p0", "start"), ("p1", "end"))
+        ]
+        scene.add(
+            [
+                f'<shape type="cylinder" id="{name}">',
+                *ends,
+                f'    <float name="radius" value="${name}_radius"/>',
+                *paint(body.reflectance),
+                "</shape>",
+            ]
+        )
+        return
+    anchor = getattr(body, "anchor", "base")
+    scene.section(f"The {body.kind} '{name}': the place of its {anchor}, its tilt and turn there.")
+    place = scene.place(name, body.position, f"{entry}: position")
+    turns = scene.turns(name, body.tilt, body.turn, entry)
+
+    def length(size: str) -> str:
+        return scene.declare(f"{name}_{size}", getattr(body, size), "length", f"{entry}: {size}")
+
+    def add(kind: str, label: str, *shaping: str, file: str = "") -> None:
+        scene.add(
+            [
+                f'<shape type="{kind}" id="{label}">',
+                *([f'    <string name="filename" value={quoteattr(file)}/>'] if file else []),
+                *(['    <boolean name="face_normals" value="true"/>'] if file else []),
+                *transform(*shaping, *turns, place),
+                *paint(body.reflectance),
+                "</shape>",
+            ]
+        )
+
+    if isinstance(body, MeshBody):
+        add("ply", name, file=meshes[name])
+    elif isinstance(body, UprightCylinder):
+        across, up = length("diameter"), length("height")
+        lowered = ['<translate z="-0.5"/>'] if anchor == "center" else []
+        scaled = f'<scale x="{across}" y="{across}" z="{up}"/>'
+        add("ply", name, *lowered, scaled, file=meshes[CYLINDER])
+    elif isinstance(body, Frame):
+        sizes = [length(size) for size in ("width", "thickness", "height", "bar")]
+        for side, shaping in _bars(*sizes).items():
+            add("cube", f"{name}_{side}", *shaping)
+    else:
+        sizes = [
+            length("width"),
+            length("depth" if isinstance(body, Box) else "thickness"),
+            length("height"),
+        ]
+        shift = {"base": (0, 0, 1), "corner": (1, 1, 1), "center": (0, 0, 0)}[anchor]
+        add(
+            "cube",
+            name,
+            f"<translate {axes(*map(str, shift))}/>",
+            '<scale value="0.5"/>',
+            f"<scale {axes(*sizes)}/>",
+        )
+
+
+def _bars(width: str, thickness: str, height: str, bar: str) -> dict[str, tuple[str, ...]]:
+    """Return how Mitsuba's cube, of side 2, becomes each bar of a frame that stands on z = 0."""
+    shrink = '<scale value="0.5"/>'
+    upright = shrink, f"<scale {axes(bar, thickness, height)}/>"
+    lying = shrink, f"<scale {axes(width, thickness, bar)}/>"
+    return {
+        "left": (
+            '<translate x="1" z="1"/>', *upright,
+            '<scale x="-2"/>', f'<translate x="{width}"/>', '<scale x="-0.5"/>',
+        ),
+        "right": (
+            '<translate x="-1" z="1"/>', *upright,
+            '<scale x="2"/>', f'<translate x="{width}"/>', '<scale x="0.5"/>',
+        ),
+        "bottom": ('<translate z="1"/>', *lying),
+        "top": ('<translate z="-1"/>', *lying, f'<translate z="{height}"/>'),
+    }  # fmt: skip

@@ -1,0 +1,44 @@
+import pytest
+
+from periscopy_sim.laboratory.document import EXAMPLE
+from periscopy_sim.rendering.scene.load import load_scenario
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+
+def test_example_is_printed_as_it_stands_and_makes_a_scene(succeeds, tmp_path):
+    printed = succeeds("lab", "--example")
+    assert printed == EXAMPLE.read_text("utf-8")
+    (tmp_path / "mine.yaml").write_text(printed)
+    told = succeeds("lab", "mine.yaml", "--out", "deep/lab.xml").splitlines()
+    assert told[0] == "wrote deep/lab.xml, deep/lab_cylinder.ply"
+    assert "periscopy draw deep/lab.xml --out deep/lab.png" in told[1]
+    assert {path.name for path in (tmp_path / "deep").iterdir()} == {"lab.xml", "lab_cylinder.ply"}
+    scenario = load_scenario(tmp_path / "deep" / "lab.xml", (2, 3), {"stem_radius": "0.03"})
+    assert len(scenario.occluders) == 7
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("distance: 1.05 m +- 3 mm", "distance: 1.05", "wall.distance: 1.05 has no unit"),
+        ("distance: 1.05 m +- 3 mm", "distance: -1.05 m", "wall.distance: '-1.05 m' is not positi"),
+        ("  width: 40.2 cm +- 2 mm\n", "", "monitor.width: is missing"),
+        ("diameter: 16 cm", "diamter: 16 cm", "did you mean 'diameter'?"),
+        ("kind: box  ", "kind: mesh\n    file: none.stl\n    unit: mm  ", "is not known"),
+    ],
+)
+def test_mistake_is_one_line_and_nothing_is_written(refused, tmp_path, old, new, said):
+    text = EXAMPLE.read_text("utf-8")
+    assert old in text
+    (tmp_path / "mine.yaml").write_text(text.replace(old, new, 1))
+    message = refused("lab", "mine.yaml", "--out", "lab.xml")
+    assert message.startswith("mine.yaml: line ") and said in message
+
+
+def test_what_is_to_be_written_must_be_named(refused, tmp_path):
+    assert "periscopy lab --example" in refused("lab")
+    (tmp_path / "mine.yaml").write_text(EXAMPLE.read_text("utf-8"))
+    assert "name measurements and --out" in refused("lab", "mine.yaml")
+    assert ".xml" in refused("lab", "mine.yaml", "--out", "lab.png")
+    assert "No such file" in refused("lab", "none.yaml", "--out", "lab.xml")

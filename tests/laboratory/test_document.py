@@ -1,0 +1,112 @@
+import pytest
+
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
+from periscopy_sim.laboratory.quantities import Measured
+
+LEAST = """\
+errors: {length: 5 mm, angle: 1 deg}
+wall: {distance: 1 m}
+camera:
+  kind: rectified
+  film: 12x16
+  bottom_left: [30 cm, 10 cm]
+  width: 40 cm
+  height: 30 cm
+monitor:
+  width: 40 cm
+  height: 30 cm
+  center: [0 m, 0 m, 30 cm]
+"""
+
+
+def written(tmp_path, text):
+    file = tmp_path / "lab.yaml"
+    file.write_text(text)
+    return file
+
+
+def test_least_laboratory(tmp_path):
+    found = load_laboratory(written(tmp_path, LEAST))
+    assert found.wall.distance == Measured(1.0, None) and found.camera.film == (12, 16)
+    assert found.monitor.turn == Measured(0.0, 0.0) and found.monitor.falloff is None
+    assert found.occluders == () and found.folder == tmp_path.resolve()
+
+
+def test_example_shows_every_kind_of_occluder_and_camera():
+    found = load_laboratory(EXAMPLE)
+    text = EXAMPLE.read_text()
+    for kind in ("perspective", "corners", "rectified", "box", "cylinder", "rod", "frame", "mesh"):
+        assert f"kind: {kind}" in text
+    assert found.monitor.width == Measured(0.402, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("distance: 1 m", "distance: 1", r"line 2, wall.distance: 1 has no unit; write it as in"),
+        ("distance: 1 m", "distance: -1 m", r"line 2, wall.distance: '-1 m' is not positive"),
+        ("wall: {distance: 1 m}", "wall: {}", r"line 2, wall.distance: is missing$"),
+        ("wall: {distance: 1 m}\n", "", r"wall: is missing$"),
+        ("  width: 40 cm\n", "", r"line 3, camera.width: is missing$"),
+        ("width: 40 cm", "widht: 40 cm", r"line 7, camera.widht: is not known; did you mean"),
+        ("12x16", "12", r"line 5, camera.film: write ROWSxCOLUMNS"),
+        ("12x16", "0x16", r"line 5, camera.film"),
+        ("[30 cm, 10 cm]", "[30 cm]", r"line 6, camera.bottom_left"),
+        ("[30 cm, 10 cm]", "[30 cm, 10]", r"line 6, camera.bottom_left.1: 10 has no unit"),
+        ("center: [0 m", "corner: [0 m", r"line 12, monitor.corner: is not known"),
+        ("  center", "  top_left: [0 m, 0 m, 1 m]\n  center", r"monitor: give one of center, top"),
+        ("kind: rectified", "kind: oblique", r"camera: kind 'oblique' is not known"),
+        ("  kind: rectified\n", "", r"camera: has no 'kind'; see 'periscopy lab --example'"),
+        ("length: 5 mm", "length: -5 mm", r"line 1, errors.length: '-5 mm' is not positive"),
+        ("angle: 1 deg", "angle: 0 deg", r"line 1, errors: the error of an angle"),
+        ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
+        ("kind: rectified", "kind: perspective", r"camera"),
+    ],
+)
+def test_mistakes_are_told_with_their_line(tmp_path, old, new, message):
+    assert old in LEAST
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        load_laboratory(written(tmp_path, LEAST.replace(old, new, 1)))
+    assert "\n" not in str(caught.value)
+
+
+BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 1 cm, height: 1 cm}"
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (BOX.replace("NAME", "wall"), "'wall' is a name of the scene's own"),
+        (BOX.replace("NAME", "a b"), "'a b' is no name; use small letters"),
+        (BOX.replace("NAME", "x_error"), "'x_error' is a name of the scene's own"),
+        (BOX.replace("NAME", "b").replace("width: 1 cm", "width: 0 cm"), "b?.width: '0 cm' is not"),
+        (BOX.replace("box", "bx"), "kind 'bx' is not known; there are 'box', 'plate'"),
+        ("{kind: mesh, name: m, file: a.stl, position: [0 m, 0 m, 0 m]}", "have no unit; give it"),
+        ("{kind: mesh, name: m, file: a.stl, unit: furlong, position: [0 m, 0 m, 0 m]}", "'mm'"),
+        (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "two occluders are called"),
+        (BOX.replace("NAME", "b").replace("}", ", anchor: top}"), "anchor: Input should be 'base'"),
+    ],
+)
+def test_mistakes_of_occluders_are_told(tmp_path, entry, message):
+    with pytest.raises(ConfigurationError, match=message):
+        load_laboratory(written(tmp_path, f"{LEAST}occluders: [{entry}]\n"))
+
+
+def test_camera_looks_at_a_target_or_in_a_direction(tmp_path):
+    camera = """camera:
+  kind: perspective
+  film: 12x16
+  position: [1 m, 0 m, 30 cm]
+  field_of_view: 30 deg
+"""
+    text = LEAST.replace(LEAST[LEAST.index("camera") : LEAST.index("monitor")], camera)
+    aimed = camera + "  target: [0 m, 0 m]\n"
+    turned = camera + "  turn: 3 deg\n"
+    for changed in (aimed, turned):
+        load_laboratory(written(tmp_path, text.replace(camera, changed)))
+    for changed in (camera, aimed + "  tilt: 3 deg\n"):
+        with pytest.raises(ConfigurationError, match="camera: give either target"):
+            load_laboratory(written(tmp_path, text.replace(camera, changed)))
+    with pytest.raises(ConfigurationError, match="between 0 and 180 deg"):
+        load_laboratory(written(tmp_path, text.replace(camera, aimed.replace("30 deg", "-3 deg"))))

@@ -1,0 +1,75 @@
+import pytest
+
+from periscopy_sim.laboratory.quantities import ANGLES, LENGTHS, Measured, parse_quantity
+
+
+def length(given, **bounds):
+    return parse_quantity(given, LENGTHS, "12.5 cm +- 3 mm", 1000, **bounds)
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "error"),
+    [
+        ("12.5 cm +- 3 mm", 0.125, 0.003),
+        ("12.5cm±3mm", 0.125, 0.003),
+        ("  -1.03 m +/- .5 cm ", -1.03, 0.005),
+        ("12.5 +- 0.3 cm", 0.125, 0.003),
+        ("43.6 cm", 0.436, None),
+        ("+1e2 mm +- 0 mm", 0.1, 0),
+        ("1 in", 0.0254, None),
+        ("2 ft +- 1 in", 0.6096, 0.0254),
+    ],
+)
+def test_length_is_read_in_metres_and_rounded_once(text, value, error):
+    assert length(text) == Measured(value, error)
+
+
+def test_angles_and_bare_numbers():
+    angle = ("30 deg", 360)
+    for text in ("-12 deg +- 1 deg", "-12° ± 1°", "-12 degrees +- 1 degree"):
+        assert parse_quantity(text, ANGLES, *angle) == Measured(-12, 1)
+    assert parse_quantity("18 +- 2", {}, "18 +- 2", 100) == Measured(18, 2)
+    assert parse_quantity(18, {}, "18 +- 2", 100) == Measured(18, None)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (1.03, "1.03 has no unit; write it as in '12.5 cm"),
+        (0, "0 has no unit"),
+        ("1.03", "'1.03' lacks a unit"),
+        ("1.03 m +- 3", "'1.03 m [+]- 3' lacks a unit"),
+        ("1.03 km", "has the unit 'km'; there are m, cm, mm, in, ft"),
+        ("1.03 CM", "did you mean 'cm'"),
+        ("12,5 cm", "is not a number with its unit"),
+        ("nan cm", "is not a number"),
+        ("1 m 3 cm", "is not a number"),
+        ("1 m +- -3 mm", "the error in .* is negative"),
+        ("1 m -- 3 mm", "is not a number"),
+        ("1e9 m", "beyond 1000; check"),
+        ("1 m +- 1e7 m", "beyond 1000; check"),
+        ("30 deg", "has the unit 'deg'"),
+        ("", "is not a number"),
+        (True, "give a number"),
+        (None, "give a number"),
+        ([1], "give a number"),
+        ({"value": 1}, "give a number"),
+    ],
+)
+def test_what_is_no_length_is_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        length(given)
+
+
+def test_bounds():
+    assert length("0 m", least=0).value == 0
+    with pytest.raises(ValueError, match="'-1 mm' is negative"):
+        length("-1 mm", least=0)
+    for text in ("0 m", "-1 mm"):
+        with pytest.raises(ValueError, match="is not positive"):
+            length(text, above=0)
+
+
+def test_bare_number_with_a_unit_is_refused():
+    with pytest.raises(ValueError, match="'18 deg' has a unit"):
+        parse_quantity("18 deg", {}, "18 +- 2", 100)
