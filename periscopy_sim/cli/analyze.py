@@ -35,6 +35,7 @@ def analyze(
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
+    background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -51,12 +52,13 @@ def analyze(
     with told_folder(out) as folder:
         scenario = inputs.load(scene, hidden, define)
         used = inputs.read_mask(mask, scenario)
+        dark = inputs.read_backgrounds(background, scenario, used)
         A = inputs.render_transport(scenario, samples, seed, model)
-        B = point_light_backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'"), progress("analyzing") as report:
+            observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
+            B = observed.joined(point_light_backgrounds(scenario))
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
-            observed = observation_of(A, scenario.hidden_shape, mask=used)
             seen, modelled = observed.used(A), observed.used(B)
             report(0.4)
             table = []
@@ -86,6 +88,7 @@ def analyze(
             "samples": samples,
             "rank_tolerance": rank_tolerance,
             **inputs.mask_record(mask, used),
+            "backgrounds": list(dark),
             **numbers,
             "rank_table": table,
             "provenance": provenance,

@@ -47,6 +47,15 @@ MaskOption = Annotated[
         "bright where the wall is used, black where it is left out.",
     ),
 ]
+BackgroundOption = Annotated[
+    list[Path] | None,
+    option(
+        "FILE",
+        "A photograph of the same wall with the monitor off, of the photograph's size; repeatable. "
+        "Its light, and what the wall's paint does to it, is projected out.",
+        "--background",
+    ),
+]
 MatrixOption = Annotated[
     Path | None, option("FILE", "Take A from this NPY file rather than render it.", "--transport")
 ]

@@ -166,6 +166,18 @@ def read_photograph(path: Path, scenario: Scenario, mask: Mask | None = None) ->
     return given
 
 
+def read_backgrounds(
+    paths: list[Path] | None, scenario: Scenario, mask: Mask | None = None
+) -> dict[str, Array]:
+    """Read photographs with the monitor off, by the names of their files; print their warnings."""
+    backgrounds: dict[str, Array] = {}
+    for path in paths or []:
+        if str(path) in backgrounds:
+            raise PhotographError(f"--background {path} is given twice")
+        backgrounds[str(path)] = read_photograph(path, scenario, mask).values
+    return backgrounds
+
+
 @dataclass(frozen=True, eq=False)
 class Defects:
     """The defective pixels of a photograph, of those that a mask leaves."""

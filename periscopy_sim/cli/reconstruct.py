@@ -46,6 +46,7 @@ def reconstruct(
             "The hidden image, if known (a file or a shipped one): adds metrics, a picture.",
         ),
     ] = None,
+    background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -66,6 +67,7 @@ def reconstruct(
             scenario = inputs.load(scene, hidden, define)
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
+        dark = inputs.read_backgrounds(background, scenario, used)
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
@@ -75,7 +77,7 @@ def reconstruct(
         text = as_text(provenance)
         with timed("fit the method"), fixable(str(matrix or f"scene '{scenario.path}'")):
             B = point_light_backgrounds(scenario)
-            fitted = fit_method(method, scenario, A, B, used, **settings)
+            fitted = fit_method(method, scenario, A, B, used, dark, **settings)
         with (
             timed("reconstruct"),
             fixable(f"{photo} by {method}"),
@@ -100,6 +102,7 @@ def reconstruct(
             **settings,
             **told.numbers,
             **inputs.mask_record(mask, used),
+            "backgrounds": list(dark),
             "warnings": [*given.warnings, *defects.warnings, *told.doubts],
             "truth": truth,
         }

@@ -61,6 +61,7 @@ def sweep(
         str | None, option("ADDRESS", "A Dask scheduler; without it, this machine's cores.")
     ] = None,
     samples: arguments.Samples = 16,
+    background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -88,6 +89,7 @@ def sweep(
     scenario = inputs.load(scene, hidden, define)
     shown = inputs.hidden_image(truth or hidden_image or "", scenario.hidden_shape)
     used = inputs.read_mask(mask, scenario)
+    dark = inputs.read_backgrounds(background, scenario, used)
     signal = None
     if photograph is not None:
         signal = inputs.read_photograph(photograph, scenario, used).values
@@ -102,6 +104,7 @@ def sweep(
         "samples": samples,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
+        "monitor_off": [sweeps.array_sha256(image) for image in dark.values()],
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
         "truth": sweeps.array_sha256(shown),
         "ambient": [
@@ -127,7 +130,7 @@ def sweep(
         A = inputs.read_transport(out / "A.npy", scenario)
         B = point_light_backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'"):
-            fitted = fit_methods(names, scenario, A, B, used)
+            fitted = fit_methods(names, scenario, A, B, used, dark)
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():

@@ -87,6 +87,7 @@ def video(
         int,
         option("NUMBER", "Photographs that P or A is applied to in one product.", min=1, max=4096),
     ] = 16,
+    background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -115,6 +116,7 @@ def video(
             scenario = inputs.load(scene, hidden, define)
         with timed("read the frames"), progress("reading the photographs") as report:
             used = inputs.read_mask(mask, scenario)
+            dark = inputs.read_backgrounds(background, scenario, used)
             sequence = open_frames(frames, scenario.photograph_shape, used)
             names = drawing.picture_names(len(sequence))
             _check_left_over(out / "frames", names)
@@ -136,7 +138,7 @@ def video(
         with timed("fit the method"), fixable(str(matrix or f"scene '{scenario.path}'")):
             B = point_light_backgrounds(scenario)
             still: Any = fit_method(
-                method, scenario, A, B, used, **{name: settings[name] for name in for_stills}
+                method, scenario, A, B, used, dark, **{name: settings[name] for name in for_stills}
             )
             recovery = entry.frames_by(still, coupling, **weights)
         inputs.warn_without_record(matrix)
@@ -199,6 +201,7 @@ def video(
             "rate": rate,
             "white": white,
             **inputs.mask_record(mask, used),
+            "backgrounds": list(dark),
             "warnings": [*warnings, *defects.warnings, *doubted],
             "truth": truth,
             "median": medians,

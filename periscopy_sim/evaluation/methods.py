@@ -22,7 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
 
@@ -30,7 +32,8 @@ Matrix = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 Factory = Callable[..., Method]
 """Fits a method to a scene: takes the scenario, A, (M, N), and B, (M, L); those that take the
-keyword `mask` too are told where the wall is used, (rows, columns), or None."""
+keyword `mask` too are told where the wall is used, (rows, columns), or None; those that take
+`backgrounds` are given photographs with the monitor off, to the others these are columns of B."""
 MethodError = (Exception, SystemExit)
 """What a method may raise without ending more than itself; `sys.exit` in it is such an error."""
 
@@ -94,11 +97,13 @@ def fit_method(
     A: Matrix,
     B: Matrix,
     mask: Mask | None = None,
+    backgrounds: Backgrounds | None = None,
     **options: float,
 ) -> Method:
     """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
 
-    A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used. The options are
+    A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used, the backgrounds
+    are photographs with the monitor off, (rows, columns, 3) each. The options are
     those of the method's entry in `METHODS`. A user's own callable that takes no mask is warned of;
     a PeriscopyError says that it raises anything, or returns what cannot reconstruct, a ValueError
     that one of `METHODS` cannot be fitted to A and B.
@@ -106,7 +111,15 @@ def fit_method(
     from threadpoolctl import threadpool_limits
 
     fit = find_method(name)
-    told = {} if mask is None or not _takes_mask(fit, name) else {"mask": mask}
+    told: dict[str, Any] = {}
+    if backgrounds:
+        if _takes(fit, "backgrounds"):
+            told["backgrounds"] = backgrounds
+        else:
+            sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
+            B = observation_of(A, *sizes, backgrounds).joined(B)
+    if mask is not None and _takes_mask(fit, name):
+        told["mask"] = mask
     with threadpool_limits(1), own_errors(name, "cannot be fitted"):
         method = fit(scenario, A, B, **told, **options)
     if not callable(getattr(method, "reconstruct", None)):
@@ -118,7 +131,12 @@ def fit_method(
 
 
 def fit_methods(
-    names: Sequence[str], scenario: Scenario, A: Matrix, B: Matrix, mask: Mask | None = None
+    names: Sequence[str],
+    scenario: Scenario,
+    A: Matrix,
+    B: Matrix,
+    mask: Mask | None = None,
+    backgrounds: Backgrounds | None = None,
 ) -> dict[str, Method]:
     """Fit methods to a scene, each as `fit_method` does; return them by name, in the order given.
 
@@ -131,7 +149,7 @@ def fit_methods(
     errors: list[ValueError] = []
     for name in names:
         try:
-            methods[name] = fit_method(name, scenario, A, B, mask)
+            methods[name] = fit_method(name, scenario, A, B, mask, backgrounds)
         except ValueError as error:  # a PeriscopyError too
             methods[name] = Unfit(without_addresses(str(error)))
             errors.append(error)
@@ -198,13 +216,20 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
 
 def _takes_mask(fit: Factory, name: str) -> bool:
     """Return whether a callable accepts the keyword `mask`, and warn if not."""
+    if _takes(fit, "mask"):
+        return True
+    warnings.warn(
+        f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
+        stacklevel=3,
+    )
+    return False
+
+
+def _takes(fit: Factory, keyword: str) -> bool:
+    """Return whether a callable accepts a keyword beside scenario, A and B."""
     try:
-        inspect.signature(fit).bind(None, None, None, mask=None)
+        inspect.signature(fit).bind(None, None, None, **{keyword: None})
     except TypeError:
-        warnings.warn(
-            f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
-            stacklevel=3,
-        )
         return False
     return True
 

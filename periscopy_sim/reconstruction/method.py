@@ -10,6 +10,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 
@@ -89,12 +90,17 @@ class StillMethod(ABC, Generic[Precision]):
     mask
         (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
         rows of A and B are left out, and what the photograph holds there, be it NaN.
+    backgrounds
+        Photographs of the same wall with the monitor off, (rows, columns, 3) each, in any unit, of
+        any exposure; None for none. Each channel of each is one more column of B, also for methods
+        that do not use B; see `background_photographs`.
 
     Raises
     ------
     ValueError
         If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite
-        where it is used, the wall reflects nothing in a channel, or a number is out of range.
+        where it is used, the wall reflects nothing in a channel, a number is out of range, or a
+        background photograph is of another size, not finite where it is used, or without light.
     """
 
     precision: type[np.floating[Any]] = np.float64
@@ -107,8 +113,11 @@ class StillMethod(ABC, Generic[Precision]):
         channel_gain: Image | None,
         photograph_shape: tuple[int, int] | None,
         mask: Mask | None,
+        backgrounds: Backgrounds | None,
     ) -> None:
-        self._observation = observation_of(A, hidden_shape, channel_gain, mask, photograph_shape)
+        self._observation = observation_of(
+            A, hidden_shape, channel_gain, mask, photograph_shape, backgrounds
+        )
         self.hidden_shape = hidden_shape
         self.photograph_shape = photograph_shape
 
@@ -158,7 +167,8 @@ class StillMethod(ABC, Generic[Precision]):
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
+            If the photograph has not M pixels of 3 channels, is not finite where it is used, or is
+            one of the background photographs.
 
         Warns
         -----

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import LIGHT_RANGE
+from periscopy_sim.reconstruction.background_photographs import (
+    Backgrounds,
+    check_background,
+    check_distinct,
+    named,
+)
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -29,6 +36,7 @@ class Observation:
     channel_gain: Array  # (3,) colour of the wall
     mask: Mask | None = None  # (rows, columns) or (M,), True in the M' pixels used; None for all
     photograph_shape: tuple[int, int] | None = None  # (rows, columns), where it is known
+    backgrounds: Mapping[str, Array] = field(default_factory=dict)  # (3, M') planes, by name
 
     def used(self, matrix: Image | None) -> Image:
         """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""
@@ -36,6 +44,25 @@ class Observation:
         if len(matrix) != self.pixels:
             raise ValueError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
         return matrix if self.mask is None else matrix[self.mask.ravel()]
+
+    def ambient(self, B: Image | None) -> Image:
+        """Return the columns of ambient light, (M', L + 3 K): B's used rows, and K backgrounds."""
+        used = self.used(B)
+        if not self.backgrounds:
+            return used
+        return np.hstack([used, *(planes.T for planes in self.backgrounds.values())])
+
+    def joined(self, B: Image) -> Image:
+        """Return B beside the backgrounds, (M, L + 3 K), for one who takes the used rows later.
+
+        Where the mask leaves a background out, it is 0.
+        """
+        if not self.backgrounds:
+            return B
+        columns = self.ambient(None)
+        whole = np.zeros((self.pixels, columns.shape[1]))
+        whole[... if self.mask is None else self.mask.ravel()] = columns
+        return np.hstack([B, whole])
 
     def used_transport(self, A: Image) -> Array:
         """Return the rows of A that are used, (M', N) float64; a ValueError if not finite."""
@@ -63,7 +90,11 @@ class Observation:
         if self.mask is not None:
             values = values[:, self.mask.ravel()]
         planes = np.moveaxis(values, -1, 1)
-        return _checked(np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64))
+        grey = np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64)
+        _check(grey)
+        if self.backgrounds:
+            check_distinct(grey, self.ambient(None), list(self.backgrounds))
+        return grey
 
     def check_size(self, shape: tuple[int, ...]) -> None:
         """Refuse photographs of another shape than `planar` takes, or than the mask's."""
@@ -105,12 +136,11 @@ def _real(photograph: Image) -> Image:
     return values
 
 
-def _checked(y: Array) -> Array:
+def _check(y: Array) -> None:
     """Refuse numbers whose squares would leave double precision's range."""
     if not np.isfinite(y).all():
         raise ValueError("the photograph must be finite")
     check_range(float(np.abs(y).max(initial=0)))
-    return y
 
 
 def check_range(largest: float) -> None:
@@ -128,12 +158,13 @@ def observation_of(
     channel_gain: Image | None = None,
     mask: Mask | None = None,
     photograph_shape: tuple[int, int] | None = None,
+    backgrounds: Backgrounds | None = None,
 ) -> Observation:
     """Return the observation of a scene, its parts checked; arguments as those of `StillMethod`.
 
     A ValueError says that the shapes of A, (M, N), the hidden image, (R, C), and the mask, (rows,
-    columns) or (M,), do not fit, that the mask leaves fewer pixels than patches, or that the wall
-    reflects nothing in a channel.
+    columns) or (M,), do not fit, that the mask leaves fewer pixels than patches, that the wall
+    reflects nothing in a channel, or what is wrong with a background photograph.
     """
     if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
         raise ValueError(
@@ -144,7 +175,22 @@ def observation_of(
     if gain.shape != (3,) or not (gain > 0).all():
         raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
     used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
-    return Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
+    alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
+    return replace(alone, backgrounds=_background_planes(alone, backgrounds))
+
+
+def _background_planes(
+    observation: Observation, backgrounds: Backgrounds | None
+) -> dict[str, Array]:
+    """Return the planes of background photographs, by name; a ValueError names one that is none."""
+    planes = {}
+    for name, background in named(backgrounds).items():
+        try:
+            planes[name] = observation.planar(np.asarray(background)[None])[0]
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+        check_background(planes[name], name)
+    return planes
 
 
 def checked_mask(

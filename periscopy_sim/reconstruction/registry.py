@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.method import Seen, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.video_method import FrameByFrame
@@ -64,7 +65,13 @@ class MethodEntry:
     video: VideoEntry | None = None  # None if it recovers no videos
 
     def __call__(
-        self, scene: Seen, A: Matrix, B: Matrix, mask: Mask | None = None, **options: float
+        self,
+        scene: Seen,
+        A: Matrix,
+        B: Matrix,
+        mask: Mask | None = None,
+        backgrounds: Backgrounds | None = None,
+        **options: float,
     ) -> StillMethod[Any]:
         """Fit the method to a scene; the options' values by their names, the rest as in the class.
 
@@ -75,6 +82,7 @@ class MethodEntry:
             A,
             B if self.backgrounds else None,
             mask=mask,
+            backgrounds=backgrounds,
             **self.fixed,
             **_parameters(self.options, options),
         )

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
@@ -101,12 +102,13 @@ class Differencing(StillMethod[np.float64]):
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
         mask: Mask | None = None,
+        backgrounds: Backgrounds | None = None,
         wrap: bool = True,
         tv_weight: float = 1.0,
         stop: Stop = "converged",
         tolerance: float = 1e-7,
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         if stop not in get_args(Stop):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
@@ -122,14 +124,16 @@ class Differencing(StillMethod[np.float64]):
             wrap=wrap,
             mask=self._observation.mask,
         )
-        # Without backgrounds this is the pseudoinverse of D A: least squares and what they leave.
+        # The pseudoinverse of D A, background photographs projected out: least squares, and what
+        # they leave.
         DA = self._differenced(np.asarray(A, np.float64))
         if mask is not None and len(DA) < A.shape[1]:
             raise ValueError(
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
                 "patches: leave out less of the wall, or use fewer patches"
             )
-        self._inverse = form_preconditioner(DA)
+        light = self._observation.ambient(None) if self._observation.backgrounds else None
+        self._inverse = form_preconditioner(DA, None if light is None else self._differenced(light))
         R = self._inverse.cholesky
         self._least_squares = LeastSquares(R.T @ R, R, hidden_shape)
         self._unit = PUBLISHED_ENTRY / float(np.mean(A, dtype=np.float64))
@@ -137,7 +141,7 @@ class Differencing(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self._observation.vectorized(photograph)
-        Dy = self._differenced(y)
+        Dy = self._inverse.reject_background(self._differenced(y))
         h = self._inverse.A.T @ Dy
         least_squares = self._inverse.solve(h)
         noise = noise_level(

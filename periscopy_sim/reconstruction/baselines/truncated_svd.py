@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
+from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.method import Image, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
@@ -19,9 +21,10 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     """The paper's method with an inverse of A by its top singular vectors in place of P (Fig. 9).
 
     With A = U Σ Vᵀ and k singular values kept, the estimate is V_k Σ_k⁻¹ U_kᵀ y. No background is
-    rejected: what of it lies in the span of U_k ends in the image. Total variation and repair
-    follow as in `Periscope`, with weights relative to the standard error of this estimate: σ times
-    the root mean square of √(V_k Σ_k⁻² V_kᵀ)_jj, where σ is what U_k leaves of the photograph.
+    rejected but background photographs: what of it lies in the span of U_k ends in the image. Total
+    variation and repair follow as in `Periscope`, with weights relative to the standard error of
+    this estimate: σ times the root mean square of √(V_k Σ_k⁻² V_kᵀ)_jj, where σ is what U_k leaves
+    of the photograph.
 
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
@@ -51,17 +54,21 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
         mask: Mask | None = None,
+        backgrounds: Backgrounds | None = None,
         fraction: float = 0.4,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         photograph_shape: tuple[int, int] | None = None,
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         if not 0 < fraction <= 1:
             raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        self._A = self._observation.used_transport(A)
+        used = self._observation.used_transport(A)
+        Q = background_basis(self._observation.ambient(None))
+        self._background = Q
+        self._A = used - Q @ (Q.T @ used) if Q.size else used
         N = A.shape[1]
         self.rank = max(round(fraction * N), 1)
         energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
@@ -81,9 +88,11 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         y = self._observation.vectorized(photograph)
         σ = self.singular_values[:, np.newaxis]
+        Q = self._background
+        y -= Q @ (Q.T @ y)
         coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
         residual = np.sum(y**2, axis=0) - np.sum(coefficients**2, axis=0)
-        noise: Array = np.sqrt(np.maximum(residual, 0) / max(len(y) - self.rank, 1))
+        noise: Array = np.sqrt(np.maximum(residual, 0) / max(len(y) - self.rank - Q.shape[1], 1))
         # The trace of V_k Σ_k⁻² V_kᵀ.
         standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
         return denoise_and_repair(

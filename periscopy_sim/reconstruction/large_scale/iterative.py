@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import (
@@ -115,8 +116,9 @@ class IterativePeriscope(StillMethod[np.float64]):
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
+        backgrounds: Backgrounds | None = None,
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         check_weight("regularization", regularization)
         check_stopping(tolerance, max_iterations)
         if self._observation.mask is not None:
@@ -124,7 +126,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = background_basis(self._observation.used(B), rank_tolerance)
+        Q = background_basis(self._observation.ambient(B), rank_tolerance)
         self.transport = TransportOperator(A, Q)
 
     def solve(self, photograph: Image) -> IterativeReconstruction:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
@@ -152,9 +153,10 @@ class NoiseAware(StillMethod[np.float64]):
         max_iterations: int = 1000,
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
+        backgrounds: Backgrounds | None = None,
         wall_gain: bool | None = None,
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         if not 0 < regularization < np.inf:
             raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
@@ -163,7 +165,7 @@ class NoiseAware(StillMethod[np.float64]):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         used = self._observation.used_transport(A)
-        Q = background_basis(self._observation.used(B), rank_tolerance)
+        Q = background_basis(self._observation.ambient(B), rank_tolerance)
         self._background = np.ascontiguousarray(Q.T)
         self._transport = np.ascontiguousarray(used.T, np.float32)
         C = Q.T @ used

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
@@ -121,8 +122,9 @@ class Periscope(StillMethod[np.floating[Any]]):
         explicit: bool | None = None,
         photograph_shape: tuple[int, int] | None = None,
         mask: Mask | None = None,
+        backgrounds: Backgrounds | None = None,
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask)
+        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         if not (tv_weight >= 0 and repair_threshold >= 0):
             raise ValueError(
                 f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
@@ -134,8 +136,9 @@ class Periscope(StillMethod[np.floating[Any]]):
         self.precision = np.float32 if explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        used = (self._observation.used(matrix) for matrix in (A, B))
-        self.preconditioner = form_preconditioner(*used, rank_tolerance=rank_tolerance)
+        self.preconditioner = form_preconditioner(
+            self._observation.used(A), self._observation.ambient(B), rank_tolerance=rank_tolerance
+        )
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
         self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
