@@ -18,6 +18,9 @@ from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 EXTRAS = ("xarray", "zarr", "distributed", "cloudpickle", "google_crc32c")
 """Modules that the core install lacks; the extras ``sweep`` and ``dataset`` bring them."""
 
+EXTRA_OF = {**dict.fromkeys(EXTRAS, "sweep"), "rawpy": "raw", "cv2": "tags"}
+"""The extra that brings each module that the core install lacks."""
+
 
 def option(form: str, words: str, *names: str, **more: Any) -> Any:
     """Return an option: the form of its value, its help in words, the rest as typer takes it."""
@@ -122,7 +125,7 @@ def missing(module: str) -> str:
     """Return one line that says which extra brings a module."""
     return (
         f"this needs {module}, which is not installed; in the folder of periscopy_sim's sources, "
-        "install it by: pip install '.[sweep]'"
+        f"install it by: pip install '.[{EXTRA_OF[module]}]'"
     )
 
 

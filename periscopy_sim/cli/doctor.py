@@ -11,7 +11,10 @@ from importlib.util import find_spec
 from periscopy_sim.cli.arguments import EXTRAS
 from periscopy_sim.cli.output import say
 
-EXTRAS_OF = {"sweep": EXTRAS, "dataset": EXTRAS, "torch": (*EXTRAS, "torch")}
+EXTRAS_OF = {
+    "sweep": EXTRAS, "dataset": EXTRAS, "raw": ("rawpy",), "tags": ("cv2",),
+    "torch": (*EXTRAS, "torch"),
+}  # fmt: skip
 """The modules that each extra brings."""
 
 

@@ -122,9 +122,11 @@ def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None
         return
     k = size[0] // shape[0]
     if k > 1 and tuple(size) == (k * shape[0], k * shape[1]):
-        remedy = f"average {k} x {k} blocks first"
+        remedy = f"average {k} x {k} blocks first, by `periscopy prepare`"
     else:
-        remedy = "crop and average it to that size, or change the film size in the scene"
+        remedy = (
+            "bring it to that size by `periscopy prepare`, or change the film size in the scene"
+        )
     raise PhotographError(
         f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the scene's camera has "
         f"{shape[0]} x {shape[1]}; {remedy}"

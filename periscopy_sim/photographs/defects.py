@@ -134,7 +134,17 @@ def defective_pixels(
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
-def _saturated(channel: Array, valid: Mask) -> Mask:
+def saturated_pixels(photograph: NDArray[Any]) -> Mask:
+    """Return where a finite (rows, columns, channels) photograph is saturated, as a mask.
+
+    That is told as by `defective_pixels`; a black level must not be taken off unevenly before.
+    """
+    everywhere = np.ones(photograph.shape[:2], bool)
+    channels = [_saturated(photograph[..., k], everywhere) for k in range(photograph.shape[2])]
+    return np.asarray(np.logical_or.reduce(channels))
+
+
+def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
     levels, counts = np.unique(channel[valid], return_counts=True)
     found = np.zeros(channel.shape, bool)
     if len(levels) <= LEVELS or counts[-1] < PLATEAU:

@@ -19,6 +19,8 @@ from periscopy_sim.photographs.checking import (
     doubts_of,
     with_channels,
 )
+from periscopy_sim.photographs.defects import saturated_pixels
+from periscopy_sim.photographs.exposures import SensorImage, sensor_image
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.srgb import srgb_decode
@@ -53,25 +55,82 @@ def read_photograph(
     path = Path(path)
     row = format_of(path)
     picture = row.decode(path, "photograph", shape)
-    values, warnings = _prepared(picture, shape, row.name, str(path))
+    values, warnings = _linear_light(picture, shape, row.name, str(path))
     checked = check_photograph(values, shape, str(path), mask)
     return Photograph(checked, (*warnings, *doubts_of(checked, str(path), mask)))
 
 
-def _prepared(
-    picture: Picture, shape: tuple[int, int], kind: str, name: str
+def read_sensor_image(
+    path: str | Path, white: float | None = None, *, has_black: bool = False
+) -> tuple[SensorImage, tuple[str, ...]]:
+    """Read a photograph of any size, as `read_photograph` does, and where it is saturated.
+
+    Raw files of cameras are read, too: linear, their black level off, without white balance, a
+    pixel of each cell of the mosaic, of which nothing is interpolated.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    white : float
+        The value from which on a pixel is saturated. None: what a raw file says, and the largest
+        integer, if a converter's range ends there. Other plateaus at the top are told of.
+    has_black : bool
+        Whether a black level is still to be taken off, which makes no sense of what is encoded for
+        screens: that is refused.
+
+    Returns
+    -------
+    (SensorImage, tuple of str)
+        The photograph, and what had to be assumed or left out, one line each.
+
+    Raises
+    ------
+    PhotographError
+        If the file is missing, damaged or of another format.
+    """
+    path = Path(path)
+    row = format_of(path)
+    picture = row.decode(path, "photograph", None)
+    values = picture.values
+    if _is_encoded(picture) and (has_black or white is not None):
+        raise PhotographError(
+            f"{path}: is an 8-bit {row.name}, encoded for screens, of whose counts nothing is "
+            "known; give a raw file, or leave out the black level and the saturation"
+        )
+    full = picture.saturated
+    if _is_encoded(picture):
+        full = (values == np.iinfo(np.uint8).max).any(axis=2)
+    light, warnings = _linear_light(picture, None, row.name, str(path))
+    exposure = sensor_image(light, str(path), white, full)
+    if exposure.white == np.inf and (plateau := saturated_pixels(exposure.values)).any():
+        top = exposure.values[plateau].max(axis=1).min()
+        warnings.append(
+            f"{path}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
+            f"are saturated, leave them out by --white {top:.6g}"
+        )
+    return exposure, tuple(warnings)
+
+
+def _is_encoded(picture: Picture) -> bool:
+    return picture.is_display and picture.values.dtype == np.uint8
+
+
+def _linear_light(
+    picture: Picture, shape: tuple[int, int] | None, kind: str, name: str
 ) -> tuple[NDArray[Any], list[str]]:
-    """Return linear light, and what was assumed or left out."""
+    """Return linear light, of a size if one is asked for, and what was assumed or left out."""
     values, warnings = picture.values, []
     if picture.exposure is not None:
-        values = averaged_counts(values, picture.exposure, shape, name)
+        values = averaged_counts(values, picture.exposure, shape or values.shape[:2], name)
     if picture.left_out:
         warnings.append(f"{name}: left out the channels {', '.join(picture.left_out)}")
     if picture.alpha is not None:
         warnings.append(f"{name}: left out the alpha channel")
-    if picture.is_display and values.dtype == np.uint8:
-        check_size(values.shape[:2], shape, name)  # before it becomes eight times as large
-        values = srgb_decode(values / 255)
+    if _is_encoded(picture):
+        if shape is not None:
+            check_size(values.shape[:2], shape, name)  # before it becomes eight times as large
+        values = srgb_decode(np.arange(256) / 255)[values]
         warnings.append(
             f"{name}: 8-bit {kind}, which is normally gamma-encoded, so decoded by the sRGB "
             "curve; save linear data as 16-bit PNG or TIFF, EXR or NPY"
@@ -79,7 +138,7 @@ def _prepared(
     return values, warnings
 
 
-def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray[np.bool_]:
     """Read where the wall is used from a picture: bright there, black where it is left out.
 
     Bright is what lies above half of the picture's largest value, whatever the bit depth; truth
@@ -90,7 +149,7 @@ def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
     path : Path
         PNG, TIFF, JPEG, EXR, NPY, or NPZ (key `mask`): grey, or with equal channels.
     shape : (rows, columns)
-        Size of the photograph, which the mask must have.
+        Size of the photograph, which the mask must have. None: any.
 
     Returns
     -------
@@ -109,7 +168,8 @@ def read_mask(path: str | Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
     if picture.alpha is not None:
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
     values = with_channels(values, str(path))
-    check_size(values.shape[:2], shape, str(path))
+    if shape is not None:
+        check_size(values.shape[:2], shape, str(path))
     if not np.isfinite(values).all():
         raise PhotographError(f"{path}: has NaN or infinite values; give truth values")
     if (values != values[..., :1]).any():

@@ -204,8 +204,8 @@ def test_other_channel_counts_of_arrays_are_refused(tmp_path, channels):
         ((9, 6), "9 x 6 .*6 x 9"),
         ((6, 10), "6 x 10 .*6 x 9"),
         ((18, 27), "18 x 27 .*6 x 9; average 3 x 3 blocks first"),
-        ((12, 27), "12 x 27 .*6 x 9; crop"),
-        ((3, 4), "3 x 4 .*6 x 9; crop"),
+        ((12, 27), "12 x 27 .*6 x 9; bring"),
+        ((3, 4), "3 x 4 .*6 x 9; bring"),
     ],
 )
 def test_other_sizes_are_refused_with_both_said(tmp_path, size, said):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
@@ -38,6 +39,7 @@ class Picture:
     left_out: tuple[str, ...] = ()  # other channels of the file
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
     exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None
+    saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
 
 
 def listed(names: Sequence[str]) -> str:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.blocks import block_means
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
 
-_REPEATS = ("averaged_iterations", "iterations")
-"""Fields for the number of exposures; those averaged count where both are told."""
+_REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exposures
 
 
 def read_matlab_counts(path: Path, *_: object) -> Picture:
@@ -22,17 +22,13 @@ def read_matlab_counts(path: Path, *_: object) -> Picture:
     The file holds `image`, the Bayer counts summed over exposures, `shutter_speed`, and
     `iterations` or `averaged_iterations`, the number of exposures.
     """
-    return picture_of(read_matrices(path), path)
-
-
-def picture_of(matrices: dict[str, Matrix], path: Path) -> Picture:
-    """Return the raw counts of a MATLAB file's variables, see `read_matlab_counts`."""
+    matrices = read_matrices(path)
     counts = _real_field(matrices, "image", path)
     if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
         raise PhotographError(
             f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
         )
-    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[-1])
+    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[0])
     exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
     with np.errstate(over="ignore", invalid="ignore"):
         return Picture(bayer_colours(counts), exposure=exposure)
@@ -67,17 +63,6 @@ def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
     red, blue = counts[0::2, 0::2], counts[1::2, 1::2]
     green = (counts[0::2, 1::2] + counts[1::2, 0::2]) / 2
     return np.stack([red, green, blue], axis=-1)
-
-
-def block_means(image: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return an image averaged over equal blocks of pixels: (rows, columns, channels).
-
-    The image is (i rows, j columns, channels) with whole numbers i and j.
-    """
-    rows, columns = shape
-    height, width, channels = image.shape
-    blocks = image.reshape(rows, height // rows, columns, width // columns, channels)
-    return np.asarray(blocks.mean(axis=(1, 3)))
 
 
 def _real_field(matrices: dict[str, Matrix], name: str, path: Path) -> NDArray[Any]:

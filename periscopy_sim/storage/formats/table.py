@@ -15,6 +15,11 @@ import numpy as np
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.arrays import read_npy, read_npz
+from periscopy_sim.storage.formats.camera_raw import (
+    RAW_SIGNATURES,
+    RAW_SUFFIXES,
+    read_camera_raw,
+)
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.matlab import read_matlab_counts
@@ -40,6 +45,7 @@ class FileFormat:
     decode: Callable[[Path, str, Size], Picture]
     open_stack: Callable[[Path, tuple[int, int]], Stack] | None = None
     is_raw: bool = False  # counts of a sensor, which are no mask and no hidden image
+    within: str = ""  # a format whose signature its files may bear: then their suffixes tell them
 
 
 def _exr(path: Path, *_: object) -> Picture:
@@ -74,6 +80,9 @@ FORMATS = (
         read_tiff,
     ),
     FileFormat("JPEG", (".jpg", ".jpeg"), ((0, b"\xff\xd8\xff"),), read_jpeg),
+    FileFormat(
+        "camera raw", RAW_SUFFIXES, RAW_SIGNATURES, read_camera_raw, is_raw=True, within="TIFF"
+    ),
     FileFormat(
         "MATLAB",
         (".mat",),
@@ -111,7 +120,9 @@ def format_of(path: Path) -> FileFormat:
         raise PhotographError(f"{path}: is empty; save or copy it again")
     for row in FORMATS:
         if any(head[offset:].startswith(known) for offset, known in row.signatures):
-            return row
+            suffix = path.suffix.lower()
+            special = (r for r in FORMATS if r.within == row.name and suffix in r.suffixes)
+            return next(special, row)
     *others, last = (row.name for row in FORMATS if row.suffixes)
     raise PhotographError(
         f"{path}: is no {', '.join(others)} or {last} 5 to 7 file, or is damaged at its start; "

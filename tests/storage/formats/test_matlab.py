@@ -9,8 +9,9 @@ import scipy.io
 import scipy.io.matlab
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.blocks import block_means
 from periscopy_sim.storage.formats.matfile import read_matrices
-from periscopy_sim.storage.formats.matlab import bayer_colours, block_means
+from periscopy_sim.storage.formats.matlab import bayer_colours
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.photographs import read_photograph
 
@@ -35,11 +36,6 @@ def test_raw_counts_become_colours_per_exposure_time(tmp_path, dtype, compressed
     photograph = read_photograph(tmp_path / "raw.mat", (3, 2))
     assert photograph.warnings == ()
     assert np.allclose(photograph.values, np.full((3, 2, 3), [150, 100, 50]), rtol=1e-15)
-
-
-def test_averaged_exposures_are_counted_where_both_numbers_are_told(tmp_path):
-    path = save(tmp_path / "raw.mat", **{**RAW, "averaged_iterations": 8.0})
-    assert np.allclose(read_photograph(path, (2, 3)).values, 1 / (0.5 * 8))
 
 
 def test_published_size_averages_each_block_where_it_stands(tmp_path):

@@ -1,0 +1,135 @@
+"""Camera raw files, written here as DNG: LibRaw reads them as it reads a camera's."""
+
+import builtins
+
+import numpy as np
+import pytest
+import tifffile
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.photographs import read_photograph, read_sensor_image
+
+pytest.importorskip("rawpy")
+
+RNG = np.random.default_rng(4)
+MOSAIC = RNG.integers(700, 16000, (64, 96)).astype(np.uint16)
+WHITE = 16383
+CFA = 32803
+RGGB, GBRG = (0, 1, 1, 2), (1, 2, 0, 1)
+
+
+def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, **options):
+    """A DNG of version 1.4: the tags that its specification asks for, and no more."""
+    identity = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
+    tags = [
+        (50706, "B", 4, (1, 4, 0, 0), True),  # DNGVersion
+        (50708, "s", 0, "Test Camera", True),  # UniqueCameraModel
+        (274, "H", 1, turn, True),  # Orientation
+        (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
+        (33422, "B", 4, pattern, True),  # CFAPattern
+        (50714, "H", len(black), black if len(black) > 1 else black[0], True),  # BlackLevel
+        (50717, "H", 1, WHITE, True),  # WhiteLevel
+        (50721, "2i", 9, identity, True),  # ColorMatrix1
+        (50778, "H", 1, 21, True),  # CalibrationIlluminant1
+    ]
+    if len(black) > 1:
+        tags.append((50713, "H", 2, (2, 2), True))  # BlackLevelRepeatDim
+    tifffile.imwrite(path, mosaic, photometric=CFA, extratags=tags, metadata=None, **options)
+    return path
+
+
+def cells(mosaic):
+    """The four pixels of each cell, in reading order."""
+    return [mosaic[i::2, j::2].astype(float) for i in (0, 1) for j in (0, 1)]
+
+
+def test_counts_come_back_linear_above_black_without_interpolation(tmp_path):
+    exposure, warnings = read_sensor_image(write_dng(tmp_path / "y.dng"))
+    red, green, other, blue = (cell - 512 for cell in cells(MOSAIC))
+    expected = np.stack([red, (green + other) / 2, blue], axis=-1)
+    assert np.array_equal(exposure.values, expected) and warnings == ()
+    assert not exposure.saturated.any()
+
+
+def test_each_place_of_the_mosaic_has_its_own_black_level_and_colour(tmp_path):
+    path = write_dng(tmp_path / "y.dng", black=(500, 510, 520, 530), pattern=GBRG)
+    exposure, _ = read_sensor_image(path)
+    green, blue, red, other = (
+        cell - black for cell, black in zip(cells(MOSAIC), (500, 510, 520, 530), strict=True)
+    )
+    assert np.allclose(exposure.values, np.stack([red, (green + other) / 2, blue], axis=-1))
+
+
+def test_a_full_pixel_saturates_its_cell(tmp_path):
+    mosaic = MOSAIC.copy()
+    mosaic[11, 20] = WHITE  # a green one, which the mean of two would hide
+    exposure, _ = read_sensor_image(write_dng(tmp_path / "y.dng", mosaic))
+    assert np.argwhere(exposure.saturated).tolist() == [[5, 10]]
+
+
+@pytest.mark.parametrize(("turn", "quarters"), [(3, 2), (6, 3), (8, 1)])
+def test_a_turned_camera_gives_an_upright_picture(tmp_path, turn, quarters):
+    upright, _ = read_sensor_image(write_dng(tmp_path / "y.dng"))
+    turned, _ = read_sensor_image(write_dng(tmp_path / "z.dng", turn=turn))
+    assert np.array_equal(turned.values, np.rot90(upright.values, quarters))
+
+
+def test_noise_stays_white(tmp_path):
+    """Demosaicing by interpolation would correlate neighbours by a half or so."""
+    mosaic = RNG.normal(5000, 50, (256, 256)).round().astype(np.uint16)
+    exposure, _ = read_sensor_image(write_dng(tmp_path / "y.dng", mosaic))
+    noise = exposure.values - exposure.values.mean(axis=(0, 1))
+    for channel, deviation in zip(
+        np.moveaxis(noise, -1, 0), (50, 50 / np.sqrt(2), 50), strict=True
+    ):
+        beside = np.mean(channel[:, 1:] * channel[:, :-1]) / np.mean(channel**2)
+        assert abs(beside) < 5 / 128  # five standard errors
+        assert channel.std() == pytest.approx(deviation, rel=0.03)
+
+
+def test_photographs_of_the_right_size_are_read_directly(tmp_path):
+    path = write_dng(tmp_path / "y.dng")
+    assert read_photograph(path, (32, 48)).values.shape == (32, 48, 3)
+    with pytest.raises(PhotographError, match=r"32 x 48 pixels .*`periscopy prepare`"):
+        read_photograph(path, (16, 24))
+
+
+def test_a_file_cut_short_is_refused_by_one_line(tmp_path, capfd):
+    whole = write_dng(tmp_path / "y.dng").read_bytes()
+    for kept in (len(whole) - 1, len(whole) // 2, 300, 9):
+        (tmp_path / "z.dng").write_bytes(whole[:kept])
+        with pytest.raises(PhotographError) as caught:
+            read_sensor_image(tmp_path / "z.dng")
+        assert str(tmp_path / "z.dng") in str(caught.value) and "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_other_mosaics_and_plain_tiff_are_refused(tmp_path):
+    path = write_dng(tmp_path / "y.dng", pattern=(0, 1, 0, 2))
+    with pytest.raises(PhotographError, match=r"no Bayer pattern|cannot be read"):
+        read_sensor_image(path)
+    colour = np.ones((8, 8, 3), np.uint16)
+    tifffile.imwrite(tmp_path / "z.nef", colour, photometric="rgb")
+    with pytest.raises(PhotographError, match=r"z\.nef"):
+        read_sensor_image(tmp_path / "z.nef")
+
+
+def test_a_raw_file_is_no_mask(tmp_path):
+    from periscopy_sim.storage.photographs import read_mask
+
+    with pytest.raises(PhotographError, match="is camera raw"):
+        read_mask(write_dng(tmp_path / "y.dng"), (32, 48))
+
+
+def test_without_rawpy_it_is_named(tmp_path, monkeypatch):
+    path = write_dng(tmp_path / "y.dng")
+    found = builtins.__import__
+
+    def without(name, *rest):
+        if name == "rawpy":
+            raise ModuleNotFoundError(f"No module named '{name}'", name=name)
+        return found(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ModuleNotFoundError):
+        read_sensor_image(path)
