@@ -19,6 +19,8 @@ from .evaluation.sweep import Sweep, flips, run_sweep
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .photographs.defects import defective_pixels
+from .photographs.prepare import Prepared, develop, prepare
+from .photographs.wall_marks import WallPoints, WallTags
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
@@ -37,9 +39,10 @@ from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
-from .storage.photographs import read_mask, read_photograph
+from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
 from .storage.sequences.opening import open_frames
+from .storage.wall_marks import read_wall_points, read_wall_tags
 
 __all__ = [
     "Background",
@@ -54,6 +57,7 @@ __all__ = [
     "PeriscopyError",
     "PortableNoiseAware",
     "Preconditioner",
+    "Prepared",
     "Reconstruction",
     "Scenario",
     "Sensor",
@@ -61,12 +65,15 @@ __all__ = [
     "TorchDataset",
     "TruncatedSVD",
     "Video",
+    "WallPoints",
+    "WallTags",
     "add_noise",
     "analytic_transport",
     "build_laboratory",
     "calibrate",
     "composite",
     "defective_pixels",
+    "develop",
     "diagnose",
     "find_image",
     "find_method",
@@ -83,11 +90,15 @@ __all__ = [
     "paper_grid",
     "point_light_backgrounds",
     "point_light_response",
+    "prepare",
     "prox_total_variation",
     "psnr",
     "read_hidden_image",
     "read_mask",
     "read_photograph",
+    "read_sensor_image",
+    "read_wall_points",
+    "read_wall_tags",
     "registered",
     "render_background",
     "render_photograph",

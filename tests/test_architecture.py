@@ -196,9 +196,7 @@ def test_only_the_variant_module_sets_the_variant():
         or (isinstance(node, ast.Constant) and node.value == "set_variant")
         or (isinstance(node, ast.alias) and node.name == "set_variant")
     }
-    # What renders stand-ins knows nothing of the package.
-    standing_apart = "experiments.laboratories.making.render"
-    assert setters == {"periscopy_sim.rendering.variant", standing_apart}
+    assert setters == {"periscopy_sim.rendering.variant"}
 
 
 def test_importing_the_package_imports_no_heavy_library():

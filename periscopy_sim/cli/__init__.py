@@ -31,7 +31,8 @@ from periscopy_sim.cli import (
     transport,
     video,
 )
-from periscopy_sim.cli.arguments import EXTRAS, missing
+from periscopy_sim.cli.arguments import EXTRA_OF, missing
+from periscopy_sim.cli.laboratory import prepare
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
@@ -60,6 +61,7 @@ app.command("doctor")(doctor.doctor)
 app.command("transport")(transport.transport)
 app.command("lab")(lab.lab)
 app.command("photograph")(photograph.photograph)
+app.command("prepare")(prepare.prepare)
 app.command("ambient")(ambient.ambient)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
@@ -83,7 +85,7 @@ def main() -> None:
     except PeriscopyError as error:
         fail(str(error), 2)
     except ModuleNotFoundError as error:
-        if error.name not in EXTRAS:
+        if error.name not in EXTRA_OF:
             raise
         fail(missing(error.name), 2)
     except MemoryError as error:

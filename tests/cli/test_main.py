@@ -23,6 +23,10 @@ OPTIONS = {
         *("--ambient", "--sbr", "--snr", "--seed", "-D"),
         *("--electrons", "--read-noise", "--full-well", "--bits", "--frames"),
     },
+    "prepare": {
+        *("PHOTO...", "--scene", "--out", "--black", "--dark", "--flat", "--white", "--exposures"),
+        *("--points", "--tags", "--mask", "--bin", "--hidden", "-D"),
+    },
     "ambient": {"--scene", "--out", "[NAME]...", "--target", "--seed", "-D"},
     "reconstruct": {
         *("PHOTO", "--scene", "--hidden", "--out", "--method", "--samples", "--model"),

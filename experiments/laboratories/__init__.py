@@ -1,1 +1,0 @@
-"""Stand-in laboratories, and what the package's commands make of them."""

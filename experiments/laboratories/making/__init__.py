@@ -1,1 +1,0 @@
-"""Stand-in laboratories, by plain Mitsuba and Dr.Jit: nothing of the package renders them."""

@@ -1,0 +1,360 @@
+"""`periscopy prepare`: any camera's photograph in the pixels of a scene's camera."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli.output import progress, say, say_written, warn
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.outputs.staging import staged_file
+
+if TYPE_CHECKING:
+    from periscopy_sim.photographs.exposures import SensorImage
+    from periscopy_sim.photographs.film_size import FilmAdvice
+    from periscopy_sim.photographs.prepare import Prepared
+    from periscopy_sim.scenario import Scenario
+
+MASK = "wall_mask.png"
+"""Where the wall is measured, beside --out."""
+
+FILM_SIZES = (
+    ("height", "width"), ("rows", "columns"), ("film_height", "film_width"),
+    ("resolution_y", "resolution_x"), ("resolution",),
+)  # fmt: skip
+"""Names that a scene's <default>s for the rows and columns of its film may have."""
+
+Photos = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="PHOTO...",
+        help="Camera raw, TIFF, PNG, JPEG, EXR, NPY, NPZ (key photograph) or MATLAB raw, of any "
+        "size; several are averaged, or merged by --exposures.",
+    ),
+]
+
+
+def prepare(
+    photos: Photos,
+    scene: arguments.SceneOption,
+    out: arguments.OutFile,
+    black: Annotated[
+        float, option("VALUE", "The camera's black level, taken off. Raw files tell theirs.")
+    ] = 0.0,
+    dark: Annotated[
+        list[Path] | None,
+        option("FILE", "A photograph with the lens covered, taken off; repeatable, averaged."),
+    ] = None,
+    flat: Annotated[
+        list[Path] | None,
+        option(
+            "FILE",
+            "A photograph of an evenly lit white surface, same lens, to divide by; repeatable.",
+        ),
+    ] = None,
+    white: Annotated[
+        float | None,
+        option("VALUE", "Pixels are saturated from this value on. [default: as the file shows]"),
+    ] = None,
+    exposures: Annotated[
+        str | None,
+        option("T1,T2,...", "SensorImage times of the photographs, which are merged to one."),
+    ] = None,
+    points: Annotated[
+        Path | None,
+        option(
+            "FILE.csv",
+            "Rectify by points of the wall: rows column,row,x,y,z, pixels (the first one's centre "
+            "is 0.5,0.5) and metres; four or more, seven or more for the lens's distortion.",
+        ),
+    ] = None,
+    tags: Annotated[
+        Path | None,
+        option(
+            "FILE.csv",
+            "Rectify by AprilTag or ArUco markers on the wall: rows id,x,y,z,size, the middle and "
+            "the side of the black square in metres; two or more, turned in any way.",
+        ),
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        option(
+            "FILE", "A grey picture of the photograph's or the film's size, black what is not wall."
+        ),
+    ] = None,
+    bin_by: Annotated[
+        str | None,
+        option(
+            "auto|K",
+            "Set the scene's film so that a pixel covers K x K of the photograph, or as the "
+            "shadows need. [default: the film of the scene]",
+            "--bin",
+        ),
+    ] = None,
+    hidden: Annotated[
+        str, option("ROWSxCOLUMNS", "Patches that --bin auto and the advice are for.")
+    ] = "29x36",
+    define: arguments.Define = None,
+) -> None:
+    """Bring a camera's photograph to the scene's pixels.
+
+    It is written as an EXR file. Beside it, wall_mask.png leaves out what lies outside of the
+    photograph, what is saturated in every exposure, and the tags.
+    """
+    from periscopy_sim.photographs.film_size import advise
+    from periscopy_sim.photographs.prepare import prepare as prepared_from
+    from periscopy_sim.storage.formats.exr import write_exr
+    from periscopy_sim.storage.pictures import write_png
+
+    arguments.require_suffix(out, ".exr", "the photograph")
+    if points is not None and tags is not None:
+        raise PeriscopyError("--points and --tags both tell the view; give one of them")
+    patches = arguments.parse_size(hidden)
+    times = None if exposures is None else _times(exposures, photos)
+    factor = None if bin_by is None else _factor(bin_by)
+    mask_file = out.parent / MASK
+    with staged_file(out) as staged, staged_file(mask_file) as staged_mask:
+        with progress("reading the scene and the photograph") as report:
+            scenario = inputs.load(scene, "1x1", define)
+            light, used = _developed(photos, black, dark, flat, white, times, mask, report)
+        marks = _marks(points, tags)
+        advice = advise(scenario, patches)
+        given: dict[str, str] = {}
+        if factor is not None:
+            given = _film_definitions(
+                scenario, _film(light, scenario, advice, factor, marks), define
+            )
+            more = [f"{name}={value}" for name, value in given.items()]
+            scenario = inputs.load(scene, "1x1", [*(define or []), *more])
+        with progress("averaging its pixels"):
+            found = prepared_from(light, scenario, mask=used, **marks)
+        for warning in found.warnings:
+            warn(f"{photos[0]}: {warning}")
+        record = {
+            "photographs": ", ".join(map(str, photos)),
+            "photographs_sha256": ", ".join(map(_sha256, photos)),
+            "black": black, "dark": _listed(dark), "flat": _listed(flat), "white": white,
+            "exposures": exposures, "points": points, "tags": tags, "mask": mask, "bin": bin_by,
+            **_view_record(found),
+            **inputs.provenance_of(scenario, None),
+        }  # fmt: skip
+        text = as_text(record)
+        write_exr(staged, found.values, text)
+        write_png(staged_mask, np.repeat(found.mask[..., np.newaxis], 3, axis=2), text)
+    _tell(found, advice, light.size)
+    say_written(out, mask_file)
+    if given:
+        definitions = " ".join(f"-D {name}={value}" for name, value in given.items())
+        say(f"the scene's film has this size with {definitions}: give it with every command")
+
+
+def _developed(
+    photos: Sequence[Path],
+    black: float,
+    dark: Sequence[Path] | None,
+    flat: Sequence[Path] | None,
+    white: float | None,
+    times: Sequence[float] | None,
+    mask: Path | None,
+    report: Any,
+) -> tuple[SensorImage, inputs.Mask | None]:
+    """Read the photographs, and make one picture of linear light of them."""
+    from periscopy_sim.photographs.exposures import average
+    from periscopy_sim.photographs.prepare import develop
+    from periscopy_sim.storage.photographs import read_mask, read_sensor_image
+
+    count = len(photos) + len(dark or ()) + len(flat or ())
+    done = 0
+
+    def taken(paths: Sequence[Path]) -> Iterator[SensorImage]:
+        nonlocal done
+        for path in paths:
+            exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
+            for warning in warnings:
+                warn(warning)
+            done += 1
+            report(done / count)
+            yield exposure
+
+    offset = average(taken(dark), f"the dark frame {dark[-1]}") if dark else None
+    even = average(taken(flat), f"the flat field {flat[-1]}") if flat else None
+    first = next(iter(photographs := taken(photos)))
+    used = None if mask is None else read_mask(mask)
+    on_photograph = used if used is not None and used.shape == first.size else None
+
+    def all_of_them() -> Iterator[SensorImage]:
+        yield first
+        yield from photographs
+
+    light = develop(
+        all_of_them(), times=times, black=black, dark=offset, flat=even, mask=on_photograph
+    )
+    return light, used
+
+
+def _marks(points: Path | None, tags: Path | None) -> dict[str, Any]:
+    from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
+
+    if points is not None:
+        return {"points": read_wall_points(points)}
+    return {} if tags is None else {"tags": read_wall_tags(tags)}
+
+
+def _times(text: str, photos: Sequence[Path]) -> list[float]:
+    """Read exposure times, as many as there are photographs."""
+    try:
+        times = [float(each) for each in text.split(",")]
+    except ValueError:
+        times = []
+    if len(times) != len(photos) or not all(0 < time < np.inf for time in times):
+        raise PeriscopyError(
+            f"--exposures '{text}': give {len(photos)} positive times separated by commas, one for "
+            "each photograph"
+        )
+    return times
+
+
+def _factor(text: str) -> int:
+    """Read the side of a block; 0 stands for auto."""
+    if text == "auto":
+        return 0
+    if not (text.isascii() and text.isdigit() and 0 < int(text) < 10**4):
+        raise PeriscopyError(f"--bin '{text}' is neither auto nor a whole number; write --bin 8")
+    return int(text)
+
+
+# -- the film's size -----------------------------------------------------------------------------
+
+
+def _film(
+    light: SensorImage,
+    scenario: Scenario,
+    advice: FilmAdvice,
+    factor: int,
+    marks: Mapping[str, Any],
+) -> tuple[int, int]:
+    """Return the (rows, columns) of the film that was asked for."""
+    from periscopy_sim.photographs.film_size import films_of_blocks, films_of_shape
+    from periscopy_sim.photographs.prepare import pixels_covered
+
+    if marks:
+        side = np.sqrt(pixels_covered(light, scenario, **marks))
+        shapes = films_of_shape(scenario.photograph_shape, side)
+        wanted = scenario.photograph_shape[0] * side / (factor or 1)
+        nearest = min(shapes, key=lambda shape: abs(shape[0] - wanted))
+        return nearest if factor else advice.choose(shapes)
+    films = films_of_blocks(light.size)
+    if factor and factor not in films:
+        raise PeriscopyError(
+            f"--bin {factor}: blocks of that side do not fill {light.size[0]} x {light.size[1]} "
+            f"pixels; give one of {', '.join(map(str, films))}, or crop the photograph"
+        )
+    return films[factor] if factor else advice.choose(list(films.values()))
+
+
+def _film_definitions(
+    scenario: Scenario, shape: tuple[int, int], define: list[str] | None
+) -> dict[str, str]:
+    """Return the values of the scene's <default>s that give its film a size of (rows, columns)."""
+    from periscopy_sim.rendering.scene.document import read_document
+
+    declared = read_document(scenario.path).defaults
+    chosen = arguments.parse_definitions(define)
+    for names in FILM_SIZES:
+        if set(names) <= declared.keys() and (len(names) == 2 or shape[0] == shape[1]):
+            if set(names) & chosen.keys():
+                raise PeriscopyError(
+                    f"--bin sets {' and '.join(names)}, which -D sets, too; leave one of them out"
+                )
+            return dict(zip(names, map(str, shape), strict=False))
+    raise PeriscopyError(
+        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; write <default "
+        'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
+        "its film"
+    )
+
+
+# -- what is told --------------------------------------------------------------------------------
+
+
+def _tell(found: Prepared, advice: FilmAdvice, size: tuple[int, int]) -> None:
+    """Print how well the view is known, what was left out, and which film the shadows need."""
+    rows, columns = found.mask.shape
+    if found.view is not None:
+        view = found.view
+        on_wall = 1e3 * np.sqrt(np.mean(view.residuals_on_wall**2))
+        lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
+        fit = (
+            f"fit to {np.sqrt(np.mean(view.residuals**2)):.2f} pixels ({on_wall:.2g} mm on the "
+            f"wall) rms{lens}"
+            if view.freedom
+            else "are as many as the view needs: nothing checks them"
+        )
+        say(f"{len(view.marks)} marks {fit}")
+    reasons = {
+        "outside": found.outside, "saturated": found.saturated, "masked": found.masked,
+        "beneath tags": found.markers,
+    }  # fmt: skip
+    told = [f"{np.count_nonzero(each)} {why}" for why, each in reasons.items() if each.any()]
+    left_out = f"; left out {', '.join(told)}" if told else ""
+    single = f"; {found.defects} dead or hot ones left out" if found.defects else ""
+    say(
+        f"{size[0]}x{size[1]} pixels averaged to {rows}x{columns}, {found.coverage:.3g} in each"
+        f"{single}{left_out}"
+    )
+    say(_advised(advice, (rows, columns), found))
+
+
+def _advised(advice: FilmAdvice, shape: tuple[int, int], found: Prepared) -> str:
+    """Return the line that tells whether the film is as fine as the shadows need."""
+    megabytes = advice.size(shape) / 1e6
+    room = f"A takes {megabytes:.3g} MB" + ("" if advice.fits(shape) else ", too much here")
+    if advice.step is None:
+        return f"film: no mesh casts a shadow into the field of view; {room}"
+    pixels = advice.pixels_in_step(shape)
+    line = (
+        f"film: {pixels:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm from patch "
+        f"to patch); {room}"
+    )
+    from periscopy_sim.photographs.film_size import PIXELS_IN_STEP
+
+    if not advice.fits(shape) or pixels >= 2 * PIXELS_IN_STEP:
+        return f"{line}; coarser would do: --bin auto"
+    if pixels < PIXELS_IN_STEP and found.coverage >= 4:
+        return f"{line}; finer would show more: --bin auto"
+    return line
+
+
+def _view_record(found: Prepared) -> dict[str, Any]:
+    """Return what the metadata tell of the view and of what was left out."""
+    record: dict[str, Any] = {
+        "pixels_left_out": int(np.count_nonzero(~found.mask)),
+        "defects_left_out": found.defects,
+        "coverage": found.coverage,
+    }
+    if found.view is not None:
+        view = found.view
+        record |= {
+            "view_residual_pixels": float(np.sqrt(np.mean(view.residuals**2))),
+            "view_residual_metres": float(np.sqrt(np.mean(view.residuals_on_wall**2))),
+            "view_distortion": " ".join(map(repr, view.view.distortion)) or "none",
+            "view_homography": " ".join(map(repr, view.view.homography.ravel().tolist())),
+        }
+    return record
+
+
+def _listed(paths: Sequence[Path] | None) -> str | None:
+    return ", ".join(map(str, paths)) if paths else None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,160 @@
+"""How many pixels a photograph of the wall needs: what the shadows show, what memory allows.
+
+A patch of the hidden image that lies beside another casts the occluder's shadow beside the other's:
+by the patches' distance times the occluder's distance from the wall over that from the monitor.
+Pixels that are not finer than this step mix what distinguishes patches; much finer ones tell
+nothing more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import gcd
+
+import numpy as np
+
+from periscopy_sim.numerics.memory import fits_in_memory
+from periscopy_sim.photographs.homography import Array
+from periscopy_sim.scenario import Scenario, wall_frame
+
+PIXELS_IN_STEP = 2.0
+"""Pixels that a step of the shadows should have: its finest detail is then sampled twice."""
+
+SHARPEST = 10.0
+"""Percentile of the occluders' edges whose step counts: a corner that touches the wall does not."""
+
+_ON_EDGE = 8  # points looked at on each edge of a mesh
+_MOST_POINTS = 200_000
+_FULL = 4 * 3  # bytes of A's single precision, and of what methods make of it
+
+
+@dataclass(frozen=True)
+class FilmAdvice:
+    """Which film shows what a photograph tells of the hidden image.
+
+    Attributes
+    ----------
+    step
+        Metres on the wall by which the shadow moves from one patch to the next, where it is
+        sharpest; None where no mesh casts a shadow into the field of view.
+    pixel
+        Metres of the scene's own pixels on the wall, along their longer side.
+    """
+
+    step: float | None
+    pixel: float
+    shape: tuple[int, int]
+    patches: int
+
+    def pixels_in_step(self, shape: tuple[int, int]) -> float:
+        """Return how many pixels a step has on a film of (rows, columns)."""
+        assert self.step is not None
+        return self.step / self.pixel * shape[0] / self.shape[0]
+
+    def choose(self, shapes: list[tuple[int, int]]) -> tuple[int, int]:
+        """Return the coarsest film that is fine enough, of those that memory allows.
+
+        `shapes` are (rows, columns). If none is fine enough, that is the finest.
+        """
+        ordered = sorted(shapes)
+        allowed = [shape for shape in ordered if self.fits(shape)] or ordered[:1]
+        if self.step is None:
+            return min(allowed, key=lambda shape: abs(shape[0] - self.shape[0]))
+        enough = [each for each in allowed if self.pixels_in_step(each) >= PIXELS_IN_STEP]
+        return enough[0] if enough else allowed[-1]
+
+    def size(self, shape: tuple[int, int]) -> int:
+        """Return the bytes of A in single precision."""
+        return 4 * shape[0] * shape[1] * self.patches
+
+    def fits(self, shape: tuple[int, int]) -> bool:
+        """Return whether a method has room for A and what it makes of it."""
+        return fits_in_memory(self.size(shape) // 4 * _FULL)
+
+
+def advise(scenario: Scenario, hidden: tuple[int, int] | None = None) -> FilmAdvice:
+    """Return what a scene tells of the film that it needs for a hidden image of (rows, columns).
+
+    None takes the scenario's own hidden size.
+    """
+    hidden = hidden or scenario.hidden_shape
+    rows, columns = scenario.photograph_shape
+    grid = scenario.wall_points.reshape(rows, columns, 3)
+    sides = [
+        np.median(np.linalg.norm(np.diff(grid, axis=axis), axis=2))
+        for axis in (0, 1)
+        if grid.shape[axis] > 1
+    ]
+    step, pixel = shadow_step(scenario, hidden), float(max(sides, default=0))
+    return FilmAdvice(step, pixel, (rows, columns), hidden[0] * hidden[1])
+
+
+def shadow_step(scenario: Scenario, hidden: tuple[int, int]) -> float | None:
+    """Return by how many metres the sharpest shadow moves from a patch to the one beside it.
+
+    Each point of an occluder's edge is projected on the wall's plane from the middle of the
+    monitor, and from a patch beside it; the lesser of the moves for a patch across and a patch up
+    counts, of the points whose shadow falls into the field of view, at their `SHARPEST` percentile.
+    None where there is none.
+    """
+    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    axes = np.stack([frame.across, frame.up, frame.normal], axis=1)
+    wall = (scenario.wall_points - frame.center) @ axes
+    low, high = wall[:, :2].min(axis=0), wall[:, :2].max(axis=0)
+    middle = (scenario.patch_centers.mean(axis=0) - frame.center) @ axes
+    own = scenario.hidden_shape
+    across = scenario.patch_across.mean(axis=0) * (own[1] / hidden[1])
+    up = scenario.patch_up.mean(axis=0) * (own[0] / hidden[0])
+    half_across = scenario.patch_across.mean(axis=0) @ axes * own[1] / 2
+    half_up = scenario.patch_up.mean(axis=0) @ axes * own[0] / 2
+    sources = [middle + i * half_across + j * half_up for i in (-1, 1) for j in (-1, 1)]
+    steps = []
+    for points in _edge_points(scenario):
+        points = (points - frame.center) @ axes
+        between = points[(points[:, 2] > 0) & (points[:, 2] < middle[2])]
+        shadows = np.stack([_shadows(source, between) for source in (*sources, middle)])
+        falls = ((shadows >= low) & (shadows <= high)).all(axis=2).any(axis=0)
+        moves = [
+            np.linalg.norm(_shadows(middle + step @ axes, between) - shadows[-1], axis=1)
+            for step in (across, up)
+        ]
+        steps.append(np.minimum(*moves)[falls])
+    found = np.concatenate(steps) if steps else np.zeros(0)
+    return float(np.percentile(found, SHARPEST)) if found.size else None
+
+
+def _shadows(source: Array, points: Array) -> Array:
+    """Return where points cast their shadows on the plane at height 0, (n, 2)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stretch = source[2] / (source[2] - points[:, 2:])
+        return np.asarray(source[:2] + stretch * (points[:, :2] - source[:2]))
+
+
+def _edge_points(scenario: Scenario) -> Iterator[Array]:
+    """Yield points along the edges of each occluder's triangles, (n, 3)."""
+    part = (np.arange(_ON_EDGE) + 0.5) / _ON_EDGE
+    for occluder in scenario.occluders:
+        if occluder.vertices is None or occluder.faces is None:
+            continue
+        faces = occluder.faces[:: 1 + 3 * _ON_EDGE * len(occluder.faces) // _MOST_POINTS]
+        start, end = occluder.vertices[faces], occluder.vertices[np.roll(faces, -1, axis=1)]
+        along = start[:, :, np.newaxis] + part[:, np.newaxis] * (end - start)[:, :, np.newaxis]
+        yield along.reshape(-1, 3)
+
+
+def films_of_blocks(size: tuple[int, int]) -> dict[int, tuple[int, int]]:
+    """Return the films that whole square blocks of a photograph average to, by the blocks' side.
+
+    `size` is the photograph's (rows, columns).
+    """
+    common = gcd(*size)
+    return {k: (size[0] // k, size[1] // k) for k in range(1, common + 1) if common % k == 0}
+
+
+def films_of_shape(shape: tuple[int, int], finest: float) -> list[tuple[int, int]]:
+    """Return films of the proportions of one, (rows, columns), up to so many times as fine."""
+    common = gcd(*shape)
+    unit = shape[0] // common, shape[1] // common
+    most = max(int(common * finest), 1)
+    return [(n * unit[0], n * unit[1]) for n in range(1, most + 1)]

@@ -1,0 +1,266 @@
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.photographs import read_mask, read_photograph
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+RNG = np.random.default_rng(6)
+SCENE = ("--scene", "chair", "-D", "resolution=24")
+LIGHT = RNG.normal(3000, 20, (96, 96, 3)).round()
+MEANS = LIGHT.reshape(24, 4, 24, 4, 3).mean(axis=(1, 3))
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """A 14-bit TIFF with a black level of 512."""
+    return save(tmp_path / "y.tif", LIGHT + 512)
+
+
+def save(path, counts):
+    tifffile.imwrite(path, counts.astype(np.uint16), photometric="rgb")
+    return path.name
+
+
+def wall_points(count=8, seed=1):
+    """Points of the chair's wall, and where a camera that looks at it aslant shows them."""
+    rng = np.random.default_rng(seed)
+    across, up = rng.uniform(-0.2, 0.2, (2, count))
+    points = np.stack([0.7435 + across, np.full(count, 1.03), 0.2645 + up], axis=1)
+    depth = 1 + 0.4 * across
+    pixels = np.stack([48 + 190 * across / depth, 48 - 200 * up / depth], axis=1)
+    return np.hstack([pixels, points])
+
+
+def write_points(path, rows, header="column,row,x,y,z"):
+    lines = [",".join(f"{value:.6f}" for value in row) for row in rows]
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path.name
+
+
+def test_blocks_are_averaged_to_the_scenes_film(photo, succeeds, tmp_path):
+    told = succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "new/wall.exr")
+    assert "96x96 pixels averaged to 24x24, 16 in each\n" in told
+    assert told.endswith("wrote new/wall.exr, new/wall_mask.png\n")
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"wall.exr", "wall_mask.png"}
+    pixels, metadata = read_exr(tmp_path / "new" / "wall.exr")
+    assert np.allclose(pixels, MEANS, rtol=1e-6)
+    assert metadata["black"] == "512.0" and len(metadata["photographs_sha256"]) == 64
+    assert metadata["command"].startswith("periscopy prepare y.tif --scene chair")
+    assert metadata["pixels_left_out"] == "0" and len(metadata["scene_sha256"]) == 64
+    mask = np.asarray(Image.open(tmp_path / "new" / "wall_mask.png"))
+    assert mask.shape == (24, 24, 3) and (mask == 255).all()
+
+
+def test_what_is_prepared_is_read_by_the_other_commands(photo, succeeds, tmp_path):
+    succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
+    values = read_photograph(tmp_path / "wall.exr", (24, 24), read_mask(tmp_path / "wall_mask.png"))
+    assert np.allclose(values, MEANS, rtol=1e-6)
+
+
+def test_dark_frames_and_flat_fields_are_averaged_and_taken_off(succeeds, tmp_path):
+    for k, level in enumerate((500, 524)):
+        save(tmp_path / f"dark{k}.tif", np.full(LIGHT.shape, level))
+    fall = np.linspace(0.8, 1.2, 96)[:, None, None] * np.ones(LIGHT.shape)
+    save(tmp_path / "bright.tif", 512 + LIGHT * fall)
+    save(tmp_path / "flat.tif", 512 + 5000 * fall)
+    options = ("--dark", "dark0.tif", "--dark", "dark1.tif", "--flat", "flat.tif")
+    succeeds("prepare", "bright.tif", *SCENE, *options, "--out", "wall.exr")
+    pixels, _ = read_exr(tmp_path / "wall.exr")
+    assert np.allclose(pixels, MEANS, rtol=1e-3)
+
+
+def test_exposures_are_merged_and_what_saturates_in_all_is_masked(succeeds, tmp_path):
+    bright = LIGHT.copy()
+    bright[40:44, 40:44] = 1e5
+    save(tmp_path / "short.tif", np.minimum(bright + 512, 16383))
+    save(tmp_path / "long.tif", np.minimum(8 * bright + 512, 16383))
+    options = ("--exposures", "1,8", "--black", 512)
+    told = succeeds("prepare", "short.tif", "long.tif", *SCENE, *options, "--out", "wall.exr")
+    assert "left out 1 saturated" in told
+    pixels, _ = read_exr(tmp_path / "wall.exr")
+    mask = read_mask(tmp_path / "wall_mask.png")
+    assert np.argwhere(~mask).tolist() == [[10, 10]] and np.isnan(pixels[10, 10]).all()
+    assert np.allclose(pixels[mask], MEANS[mask], rtol=1e-4)
+    # Without the mask, the NaN of what was left out is refused wherever it is read.
+    with pytest.raises(ps.PeriscopyError, match="leave them out by a mask"):
+        read_photograph(tmp_path / "wall.exr", (24, 24))
+
+
+def test_points_rectify_and_their_fit_is_told(succeeds, tmp_path):
+    light = np.full((96, 96, 3), 2000.0) + RNG.normal(0, 10, (96, 96, 3))
+    save(tmp_path / "y.tif", light)
+    write_points(tmp_path / "p.csv", wall_points())
+    told = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
+    assert told.startswith("8 marks fit to 0.00 pixels")
+    pixels, metadata = read_exr(tmp_path / "wall.exr")
+    assert np.nanmean(pixels) == pytest.approx(2000, rel=1e-3)
+    assert metadata["view_distortion"] == "none"
+    assert len(metadata["view_homography"].split()) == 9
+    assert float(metadata["view_residual_pixels"]) < 1e-3
+
+
+def test_wall_outside_of_the_photograph_is_masked(succeeds, tmp_path):
+    save(tmp_path / "y.tif", LIGHT)
+    rows = wall_points()
+    rows[:, 0] += 30
+    write_points(tmp_path / "p.csv", rows)
+    told = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
+    mask = read_mask(tmp_path / "wall_mask.png")
+    assert f"left out {np.count_nonzero(~mask)} outside" in told
+    assert mask[:, :12].all() and not mask[:, 22:].any()
+
+
+def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
+    told = succeeds("prepare", photo, "--scene", "chair", "--bin", 8, "--out", "wall.exr")
+    assert told.endswith("with -D resolution=12: give it with every command\n")
+    pixels, metadata = read_exr(tmp_path / "wall.exr")
+    assert pixels.shape == (12, 12, 3) and "resolution" in metadata["parameters"]
+    told = succeeds("prepare", photo, "--scene", "chair", "--bin", "auto", "--hidden", "9x12",
+                    "--out", "wall.exr")  # fmt: skip
+    assert read_exr(tmp_path / "wall.exr")[0].shape == (48, 48, 3)
+    assert "film: 2.2 pixels in a step of the shadow (18 mm from patch to patch)" in told
+    write_points(tmp_path / "p.csv", wall_points())
+    told = succeeds("prepare", photo, *SCENE[:2], "--bin", 4, "--points", "p.csv",
+                    "--out", "wall.exr")  # fmt: skip
+    assert read_exr(tmp_path / "wall.exr")[0].shape == (20, 20, 3)
+
+
+def test_jpeg_is_decoded_with_its_warning(periscopy, tmp_path):
+    Image.new("RGB", (96, 96), (188, 99, 10)).save(tmp_path / "y.jpg", quality=100)
+    outcome = periscopy("prepare", "y.jpg", *SCENE, "--out", "wall.exr")
+    assert outcome.code == 0 and "8-bit JPEG" in outcome.err
+    pixels, _ = read_exr(tmp_path / "wall.exr")
+    assert np.allclose(pixels[..., 0], 0.5029, atol=5e-3)
+
+
+def test_stages_are_told_without_a_terminal(photo, periscopy):
+    stages = periscopy("prepare", photo, *SCENE, "--out", "wall.exr").stages
+    assert stages == ["reading the scene and the photograph", "averaging its pixels"]
+
+
+def test_a_plateau_is_told_of(periscopy, tmp_path):
+    save(tmp_path / "y.tif", np.minimum(RNG.normal(3000, 200, LIGHT.shape), 3100))
+    outcome = periscopy("prepare", "y.tif", *SCENE, "--out", "wall.exr")
+    assert "end in a plateau at 3100; if they are saturated, leave them out by --white 3100" in (
+        outcome.err
+    )
+    told = periscopy("prepare", "y.tif", *SCENE, "--white", 3100, "--out", "wall.exr")
+    assert told.code == 2 and "no pixel of the scene's camera measures the wall" in told.err
+
+
+def broken(kind, tmp_path):
+    """Options of a command that must be refused, and what is said of it."""
+    rows = wall_points()
+    if kind == "three points":
+        return ("--points", write_points(tmp_path / "p.csv", rows[:3])), "p.csv: 3 points do not"
+    if kind == "points on a line":
+        rows[:, 3] = rows[:, 2] * 0 + 1.03
+        rows[:, 4], rows[:, 1] = 0.2645, 48
+        return ("--points", write_points(tmp_path / "p.csv", rows)), "p.csv: the points lie on a l"
+    if kind == "a bad point":
+        rows[3, 0] += 9
+        return ("--points", write_points(tmp_path / "p.csv", rows)), "p.csv, line 5 at column"
+    if kind == "points off the wall":
+        rows[2, 3] = 1.3
+        return ("--points", write_points(tmp_path / "p.csv", rows)), "p.csv, line 4 lies 0.27 m off"
+    if kind == "a table without a column":
+        return ("--points", write_points(tmp_path / "p.csv", rows, "column,row,x,y,t")), "x,y,z"
+    if kind == "a word for a number":
+        (tmp_path / "p.csv").write_text("column,row,x,y,z\n1,2,3,4,5\n1,2,far,4,5\n")
+        return ("--points", "p.csv"), "p.csv, line 3: x 'far' is no number"
+    if kind == "an empty table":
+        (tmp_path / "p.csv").write_text("column,row,x,y,z\n")
+        return ("--points", "p.csv"), "p.csv: has no rows"
+    if kind == "no table":
+        return ("--points", "p.csv"), "p.csv: no such file"
+    if kind == "a picture for a table":
+        return ("--points", "y.tif"), "y.tif: "
+    if kind == "a tag listed twice":
+        (tmp_path / "t.csv").write_text("id,x,y,z,size\n1,0.7,1.03,0.2,0.1\n1,0.8,1.03,0.2,0.1\n")
+        return ("--tags", "t.csv"), "t.csv: tag 1 is listed twice"
+    if kind == "points and tags":
+        return ("--points", "p.csv", "--tags", "t.csv"), "give one of them"
+    if kind == "a dark frame of another size":
+        return ("--dark", save(tmp_path / "d.tif", LIGHT[:48])), "the dark frame"
+    if kind == "a dark frame and a black level":
+        return ("--dark", save(tmp_path / "d.tif", LIGHT), "--black", 3), "give one of the two"
+    if kind == "a flat field with zeros":
+        return ("--flat", save(tmp_path / "f.tif", LIGHT * (LIGHT > 2950))), "not positive"
+    if kind == "times for other photographs":
+        return ("--exposures", "1,2"), "give 1 positive times"
+    if kind == "blocks that do not fill it":
+        return ("--bin", 7), "give one of 1, 2, 3, 4, 6, 8"
+    if kind == "no blocks":
+        return ("--bin", "some"), "neither auto nor a whole number"
+    if kind == "a film that is set twice":
+        return ("--bin", 4, "-D", "resolution=24"), "leave one of them out"
+    if kind == "a size that does not divide":
+        return ("-D", "resolution=25"), "its film may have 96x96, 48x48, 32x32, 24x24"
+    assert kind == "a mask of another size"
+    Image.new("L", (5, 5), 255).save(tmp_path / "m.png")
+    return ("--mask", "m.png"), "the mask: 5 x 5 pixels"
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "three points", "points on a line", "a bad point", "points off the wall",
+        "a table without a column", "a word for a number", "an empty table", "no table",
+        "a picture for a table", "a tag listed twice", "points and tags",
+        "a dark frame of another size", "a dark frame and a black level", "a flat field with zeros",
+        "times for other photographs", "blocks that do not fill it", "no blocks",
+        "a film that is set twice", "a size that does not divide", "a mask of another size",
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_by_one_line(kind, photo, refused, tmp_path):
+    options, said = broken(kind, tmp_path)
+    scene = SCENE[:2] if "resolution" in str(options) or "--bin" in options else SCENE
+    assert said in refused("prepare", photo, *scene, *options, "--out", "out/wall.exr")
+
+
+def test_8_bit_files_have_no_black_level(refused, tmp_path):
+    Image.new("RGB", (96, 96), (188, 99, 10)).save(tmp_path / "y.jpg")
+    assert "encoded for screens" in refused(
+        "prepare", "y.jpg", *SCENE, "--black", 16, "--out", "wall.exr"
+    )
+
+
+def test_tags_are_found_rectified_and_left_out(succeeds, refused, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    picture = np.full((480, 480), 150, np.uint16)
+    rows = []
+    for number, (top, left) in enumerate(((30, 40), (350, 60), (60, 330), (340, 350))):
+        picture[top - 12 : top + 92, left - 12 : left + 92] = 230
+        picture[top : top + 80, left : left + 80] = (
+            cv2.aruco.generateImageMarker(dictionary, number, 80) * 0.9
+        )
+        x, z = 0.543 + (left + 40) / 480 * 0.401, 0.465 - (top + 40) / 480 * 0.401
+        rows.append(f"{number},{x},1.03,{z},{80 / 480 * 0.401}")
+    save(tmp_path / "y.tif", np.repeat(picture[..., None], 3, axis=2) * 100)
+    (tmp_path / "t.csv").write_text("\n".join(["id,x,y,z,size", *rows]) + "\n")
+    told = succeeds("prepare", "y.tif", *SCENE, "--tags", "t.csv", "--out", "wall.exr")
+    mask = read_mask(tmp_path / "wall_mask.png")
+    pixels, _ = read_exr(tmp_path / "wall.exr")
+    assert "beneath tags" in told and told.startswith("4 marks fit to 0.0")
+    assert not mask[2:5, 3:5].any() and mask[10:14].all()
+    assert np.allclose(pixels[mask], 15000, rtol=1e-3)
+    more = [*rows, rows[0].replace("0,", "9,", 1)]
+    (tmp_path / "t.csv").write_text("\n".join(["id,x,y,z,size", more[4]]) + "\n")
+    assert "t.csv: of the tags 9, 0 are seen" in refused(
+        "prepare", "y.tif", *SCENE, "--tags", "t.csv", "--out", "other.exr"
+    )
+
+
+def test_a_scene_without_a_film_size_to_set_is_refused(photo, refused, edited_scene):
+    scene = edited_scene(
+        ('<default name="resolution" value="126"/>', ""), ('value="$resolution"', 'value="24"')
+    )
+    assert "declares no <default> for its film's size" in refused(
+        "prepare", photo, "--scene", scene, "--bin", 4, "--out", "wall.exr"
+    )
