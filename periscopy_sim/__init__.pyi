@@ -6,7 +6,8 @@ from .analytic.point_light import (
     point_light_response,
 )
 from .analytic.transport import analytic_transport
-from .calibration.calibrate import Calibration, calibrate
+from .calibration.calibrate import calibrate
+from .calibration.result import Calibration
 from .dataset.archive.reading import open_dataset
 from .dataset.archive.torch_dataset import TorchDataset
 from .dataset.configuration.document import load_configuration

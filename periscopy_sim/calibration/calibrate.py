@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,24 @@ from periscopy_sim.calibration.consider_analysis import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.constraints import InFront
+from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.calibration.fisher_information import block_scores
 from periscopy_sim.calibration.global_search import explore, points_visited
-from periscopy_sim.calibration.levenberg_marquardt import descend, settle
-from periscopy_sim.calibration.parameters import start_values, steps_and_spreads
+from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
+from periscopy_sim.calibration.parameters import scales_and_spreads
+from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
+from periscopy_sim.calibration.residual_structure import residual_structure
 from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.result import Calibration, Parameter, Visited
+from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.reconstruction.background_photographs import (
+    Backgrounds,
+    check_background,
+    check_distinct,
+    named,
+)
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array
@@ -37,104 +48,33 @@ from the best."""
 ITERATIONS = (12, 6)
 """Of the descents, at most; the last of them gain little and take long."""
 
+NEAR = 4.0
+"""Scales of a parameter within which a descent needs no search before: where the ruler's error is
+no more."""
+
+STRUCTURED = 3.0
+"""Structure of what a descent leaves, from which a search is made after all; of white noise it is 1
+or so."""
+
+FALLEN = 0.7
+"""Part of the residual's structure, or less, after a descent that makes another worthwhile."""
+
+ROUNDS = 3
+"""Of descents, at most, each with the structure that the last left."""
+
 SHOWN = 100.0
 """Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter that was free.
-
-    Attributes
-    ----------
-    name
-        Of the scene's ``<default>``.
-    start, value
-        Before and after.
-    statistical_error
-        Standard error of the value in a scene that is otherwise right: from the evidence's
-        curvature and the spread of what stays unexplained.
-    standard_error
-        The same in a scene some of whose other parameters are uncertain.
-    scale
-        How far it must move to change the light transport by a twentieth, to a factor of 2.
-    spread
-        Half width of the box that was searched: where shadows have moved by about their own size,
-        or move no further.
-    """
-
-    name: str
-    start: float
-    value: float
-    statistical_error: float
-    standard_error: float
-    scale: float
-    spread: float
-
-    @property
-    def determined(self) -> bool:
-        """Whether the photograph determines it: to less than its scale."""
-        return self.standard_error < self.scale
-
-
-@dataclass(frozen=True, eq=False)
-class Visited:
-    """Points at which a level was looked at, in order."""
-
-    photograph_shape: tuple[int, int]
-    hidden_shape: tuple[int, int]
-    values: Array  # (K, P) of the parameters
-    evidence: Array  # (K,) infinite where they were not physical
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Parameters that explain a photograph.
-
-    Attributes
-    ----------
-    parameters
-        Those that were free.
-    uncertain
-        Those that were held, but may be wrong.
-    moves
-        (P, U) how far each free parameter would have ended elsewhere, had an uncertain one been a
-        standard error more.
-    correlation
-        (P, P) of the free parameters' standard errors.
-    path
-        What was visited, coarse to fine.
-    noise_before, noise
-        (3,) standard deviation of what the scene leaves unexplained of the photograph, over the
-        photograph's root mean square, at the start and at the end.
-    residual_before, residual
-        (rows, columns, 3) what is left, in the same unit; zero where masked.
-    """
-
-    parameters: tuple[Parameter, ...]
-    uncertain: UncertainParameters
-    moves: Array
-    correlation: Array
-    path: tuple[Visited, ...]
-    noise_before: Array
-    noise: Array
-    residual_before: Array
-    residual: Array
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The calibrated values, by name."""
-        return {parameter.name: parameter.value for parameter in self.parameters}
 
 
 def calibrate(
     photograph: NDArray[np.floating[Any]],
     scene: str | Path,
     hidden: tuple[int, int],
-    free: Sequence[str],
+    free: Free | None = None,
     *,
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
+    backgrounds: Backgrounds | None = None,
     mask: NDArray[np.bool_] | None = None,
     samples: int = 16,
     seed: int = 0,
@@ -143,8 +83,9 @@ def calibrate(
     """Find the values of a scene's parameters that explain a photograph best.
 
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
-    ambient light but that it comes from afar; see `evidence`. The search goes from
-    coarse to fine: many points about the start at a low resolution, then descents.
+    ambient light but that it comes from afar; see `evidence`. Of the parameters is known what the
+    ruler says, see `Prior`. Where that is little, many points about the start are tried at a low
+    resolution first; then come descents, coarse to fine.
 
     Parameters
     ----------
@@ -155,12 +96,18 @@ def calibrate(
     hidden
         (R, C) of the hidden image; of finer ones than 36 patches along a side a coarser one serves.
     free
-        Names of the ``<default>``s to find.
+        Names of the ``<default>``s to find, or a mapping of them to the ruler's errors: standard
+        deviations of where they start, None for the one that the scene declares, if it does. By
+        default, all whose error the scene declares as the ``<default>`` ``NAME_error``, but for
+        those in `uncertain`.
     parameters
         Values of ``<default>``s: where free ones start, where others are held.
     uncertain
         Standard errors of ``<default>``s that are held, independent of each other. They change no
         value, but its error: see `consider_analysis`.
+    backgrounds
+        Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
+        their names to them: their light joins that from afar.
     mask
         (rows, columns) pixels to use; None for all.
     samples
@@ -173,7 +120,7 @@ def calibrate(
     Returns
     -------
     Calibration
-        See there.
+        See there; look at `Calibration.trusted` first.
 
     Raises
     ------
@@ -186,74 +133,168 @@ def calibrate(
     """
     path = find_scene(scene)
     given = {name: str(value) for name, value in (parameters or {}).items()}
-    start = start_values(path, free, given)
-    held = uncertain_parameters(path, tuple(free), given, uncertain or {})
+    errors = free_parameters(path, free, given, uncertain or {})
+    names = tuple(errors)
+    start = start_values(path, names, given)
+    prior = Prior(start, np.array(list(errors.values())))
+    held = uncertain_parameters(path, names, given, uncertain or {})
     first = load_scenario(path, hidden, given)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
+    off = _monitor_off(named(backgrounds), y, first.photograph_shape, mask)
     in_front = InFront(first)
     resolutions = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))
-    coarse, middle, fine = (
-        ResolutionLevel(path, given, tuple(free), y, mask, hidden, resolution, seed, in_front.check)
+    levels = [
+        ResolutionLevel(
+            path, given, names, prior, y, off, mask, hidden, resolution, seed, in_front.check
+        )
         for resolution in resolutions
-    )
-    log = _Log(len(start), progress)
-    coarse.background(start)  # too few pixels are told of before anything is rendered
+    ]
+    levels[0].background(start)  # too few pixels are told of before anything is rendered
+    return calibrate_levels(levels, start, held, progress)
+
+
+def _monitor_off(
+    backgrounds: Mapping[str, NDArray[np.floating[Any]]],
+    photograph: Array,
+    shape: tuple[int, int],
+    mask: NDArray[np.bool_] | None,
+) -> list[Array]:
+    """Return photographs with the monitor off; a PhotographError names one that is none."""
+    used = ... if mask is None else mask
+
+    def planes(values: Array) -> Array:
+        return np.ascontiguousarray(values[used].reshape(-1, 3).T)
+
+    checked = [check_photograph(b, shape, name, mask) for name, b in backgrounds.items()]
+    try:
+        for name, values in zip(backgrounds, checked, strict=True):
+            check_background(planes(values), name)
+        if checked:
+            columns = np.hstack([planes(values).T for values in checked])
+            check_distinct(planes(photograph)[None], columns, list(backgrounds))
+    except ValueError as error:
+        raise PhotographError(str(error)) from None
+    return checked
+
+
+def calibrate_levels(
+    levels: Sequence[ResolutionLevel],
+    start: Values,
+    held: UncertainParameters,
+    progress: Callable[[float], None] | None = None,
+) -> Calibration:
+    """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
+
+    The three levels, coarse to fine, are of the same photograph, parameters and prior.
+    """
+    coarse, middle, fine = levels
+    names, prior = fine.names, fine.prior
     require_effect(coarse, start, held)
-    steps, spreads = steps_and_spreads(coarse, start)
-    values = explore(coarse, start, spreads, seed, log.at(coarse))
+    scales, spreads = scales_and_spreads(coarse, start)
+    steps = np.minimum(scales, prior.errors)
+    near = bool((prior.errors <= NEAR * scales).all())
+    log = _Log(len(start), near, progress)
+    visit = log.at(coarse)
+    values = start if near else explore(coarse, start, spreads, coarse.seed, visit)
     seen = coarse.explain(values)
+    visit(values, seen.evidence)
     if seen.darkness - seen.evidence < SHOWN:
         raise PhotographError(
             "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
             "can be learned from it"
         )
-    end = descend(middle, values, steps, 5 * steps, ITERATIONS[0], log.at(middle))
+    onward = log.at(middle)
+    middle, end = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
+    if near and middle.structure > STRUCTURED:
+        # Perhaps a descent ended in a dip beside the best.
+        values = explore(coarse.structured(middle.structure), start, spreads, coarse.seed, visit)
+        again, other = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
+        alike = min(middle, again, key=lambda level: level.structure)
+        if alike.evidence(other.values) < alike.evidence(end.values):
+            middle, end = again, other
     values, _ = settle(middle, end, steps)
     visit = log.at(fine)
-    end = descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], visit)
+    fine, end = _descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], visit)
     if end.unphysical is not None:
-        best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(free, end.values, strict=True))
+        best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
         raise SceneError(
             f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
             "the one that went too far by -D"
         )
     moves = sensitivity(fine, end, held)
     values, after = settle(fine, end, steps)
-    visit(values, after.evidence)
     before = fine.explain(start)
-    scores = block_scores(fine, end.explanation, end.curvature.jacobian)
+    known = learned(end.curvature)
+    gained = is_significant(before.evidence - after.evidence, known)
+    if not gained and np.isfinite(prior.errors).all():
+        values, after = start, before
+    visit(values, after.evidence)
+    why = doubts(names, values, spreads, prior, gained, known)
+    alone = end.curvature.covariance(block_scores(fine, end.explanation, end.curvature.jacobian))
     log.report(1.0)
-    alone = end.curvature.covariance(scores)
-    errors = alone + moves @ moves.T
-    deviations = np.sqrt(np.diag(errors))
-    columns = start, values, np.sqrt(np.diag(alone)), deviations, steps, spreads
+    covariance = alone + moves @ moves.T
+    deviations = np.sqrt(np.diag(covariance))
+    columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
     return Calibration(
         parameters=tuple(
-            Parameter(name, *(float(number) for number in numbers))
-            for name, *numbers in zip(free, *columns, strict=True)
+            Parameter(name, *(float(number) for number in numbers), trusted=not why)
+            for name, *numbers in zip(names, *columns, strict=True)
         ),
         uncertain=held,
         moves=moves,
-        correlation=errors / np.outer(deviations, deviations),
+        correlation=covariance / np.outer(deviations, deviations),
         path=log.path(),
         noise_before=before.noise / fine.scale,
         noise=after.noise / fine.scale,
         residual_before=fine.picture(before.residuals),
         residual=fine.picture(after.residuals),
+        structure=fine.structure,
+        moved=gained,
+        doubts=why,
     )
+
+
+def _descend(
+    level: ResolutionLevel,
+    start: Values,
+    steps: Values,
+    longest: Values,
+    iterations: int,
+    visit: Visit,
+) -> tuple[ResolutionLevel, Descent]:
+    """Descend, see `descend`, and again where less is left than the residual's structure said.
+
+    A misplaced scene leaves structured residuals; as it finds its place, they go. Returned is the
+    level with the structure of what is left at last.
+    """
+
+    def structured(explanation: Explanation) -> ResolutionLevel:
+        return level.structured(residual_structure(explanation, level.used, level.seed))
+
+    here = structured(level.explain(start))
+    for _ in range(ROUNDS):
+        end = descend(here, start, steps, longest, iterations, visit)
+        after = structured(end.explanation)
+        if after.structure > FALLEN * here.structure:
+            break
+        here, start = after, end.values
+    return here, end
 
 
 class _Log:
     """Keep what is visited, and report how much is done."""
 
-    def __init__(self, parameters: int, progress: Callable[[float], None] | None) -> None:
+    def __init__(
+        self, parameters: int, near: bool, progress: Callable[[float], None] | None
+    ) -> None:
         # In units of one point of the first level; a descent's visits each stand for an iteration,
         # and what follows the descents for one more.
         iteration = 4 * parameters + 2
         self._costs = (1.0, 12.0 * iteration, 25.0 * iteration)
-        points = (points_visited(parameters), *(count + 2 for count in ITERATIONS))
+        explored = 1 if near else 1 + points_visited(parameters)
+        points = (explored, *(count + 2 for count in ITERATIONS))
         self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]
         self._done = 0.0
         self.report = progress or (lambda _: None)

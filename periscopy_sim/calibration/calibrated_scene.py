@@ -15,15 +15,17 @@ _TAG = re.compile(r"<!--.*?-->|<(?:\"[^\"]*\"|'[^']*'|[^>\"'])*>", re.DOTALL)
 _ATTRIBUTE = re.compile(r"([\w:.-]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 
 
-def write_copy(path: Path, values: Mapping[str, str], copy: Path) -> None:
+def write_copy(path: Path, values: Mapping[str, str], copy: Path, remark: str = "") -> None:
     """Write a scene with other defaults, see `with_defaults`, to where it names the same files.
+
+    A remark becomes the first comment in it.
 
     Raises
     ------
     SceneError
         As `with_defaults`, or if a file beside the copy would be taken for one of the scene's.
     """
-    copy.write_text(with_defaults(path, values, copy.parent), encoding="utf-8")
+    copy.write_text(with_defaults(path, values, copy.parent, remark), encoding="utf-8")
     ours = [file.resolve() for file in read_document(copy).files[1:]]
     theirs = [file.resolve() for file in read_document(path, values).files[1:]]
     if ours != theirs:
@@ -31,12 +33,13 @@ def write_copy(path: Path, values: Mapping[str, str], copy: Path) -> None:
         raise SceneError(f"scene '{copy}' would take '{other}' for a file of '{path}'")
 
 
-def with_defaults(path: Path, values: Mapping[str, str], folder: Path) -> str:
+def with_defaults(path: Path, values: Mapping[str, str], folder: Path, remark: str = "") -> str:
     """Return the text of a scene file, UTF-8, with other values of its ``<default>``s, by name.
 
     One that only an included file declares is declared before it. `folder` is where the text will
     lie: if the scene names files and lies elsewhere, a ``<path>`` to its folder is added, relative
-    where that lies below, else absolute. A SceneError says that the file cannot be read.
+    where that lies below, else absolute. A remark is added as a comment. A SceneError says that
+    the file cannot be read.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -63,6 +66,8 @@ def with_defaults(path: Path, values: Mapping[str, str], folder: Path) -> str:
         place = os.fspath(home.relative_to(folder) if home.is_relative_to(folder) else home)
         dollars_escaped = place.replace("$", "\\$")
         added.insert(0, f"<path value={quoteattr(dollars_escaped)}/>")
+    if remark:
+        added.insert(0, f"<!-- {re.sub('-(?=-)', '- ', remark)} -->")
     root = next((m for m in _TAG.finditer(copied) if m[0].startswith("<scene")), None)
     end = len(copied) if root is None else root.end()
     return copied[:end] + "".join(f"\n    {tag}" for tag in added) + copied[end:]

@@ -18,7 +18,7 @@ import numpy as np
 
 from periscopy_sim.calibration.fisher_information import differentiate, information
 from periscopy_sim.calibration.levenberg_marquardt import Descent
-from periscopy_sim.calibration.parameters import start_values
+from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array

@@ -13,6 +13,12 @@ twice the negative logarithm of the evidence but for a constant; F is M less the
 are the generalized eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B)
 projected out. Each α_c is where E_c is least.
 
+That is so where errors n are white. Errors that neighbours share, of paint, tell less: if they are
+κ times as strong as white ones at the scale at which they are strongest (`residual_structure`), F
+above is (M less the rank of B) / κ, as of so many pixels that are independent (a likelihood raised
+to the power 1/κ: Ribatet, Cooley and Davison, Statistica Sinica 22, 2012), while S_c = (M less the
+rank of B) σ_c² as before.
+
 Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
 f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
 more often than a right one; without this the wrong one may win.
@@ -64,12 +70,18 @@ class Explanation:
     darkness: float
     images: Array  # (N, 3) the most probable hidden image, f̂ ≥ 0
     noise: Array  # (3,) σ_c, of what is left unexplained
+    structure: float  # κ, by which each error counts for less
     residuals: Array  # (M, 3) y⊥ − A⊥ f̂
     _projected: Array
     _background: Array
     _weights: Array
     _W: Array
     _hessians: tuple[Array, ...]
+
+    @property
+    def deviations(self) -> Array:
+        """(3,) σ_c κ^½: of white noise that tells as much as the errors do."""
+        return np.asarray(self.noise * np.sqrt(self.structure))
 
     @cached_property
     def _volume(self) -> Array:
@@ -89,25 +101,32 @@ class Explanation:
     def slope(self, change: Array) -> float:
         """Return the derivative of the evidence along a change dA of the matrix, (M, N).
 
-        dE = Σ_c −2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩, the α_c held; r and A⊥ have
-        no part in range(B), so dA's own does not matter.
+        dE = Σ_c −2 r_cᵀ dA f̂_c / (κ σ_c²) + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩, the α_c held; r and A⊥
+        have no part in range(B), so dA's own does not matter.
         """
-        misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.noise**-2)
+        misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.deviations**-2)
         return float(2 * (np.vdot(self._volume, change) - misfit))
 
     def jacobian(self, change: Array) -> Array:
-        """Return how the photograph moves along dA, J = dA f̂: J⊥ / σ, (M, 3)."""
+        """Return how the photograph moves along dA, J = dA f̂: J⊥ / (σ κ^½), (M, 3)."""
         moved = change @ self.images
         moved -= self._background @ (self._background.T @ moved)
-        return np.asarray(moved / self.noise)
+        return np.asarray(moved / self.deviations)
 
     def projected_jacobian(self, change: Array) -> Array:
         """Return how the photograph moves along dA, beyond what image and light could follow.
 
-        (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0. The
+        (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0. The
         information on two parameters is the product of one's J̃ and the other's `jacobian`.
         """
-        moved = self.jacobian(change)
+        return self._beyond_image(self.jacobian(change))
+
+    def left_of(self, errors: Array) -> Array:
+        """Return what image and light would leave of small errors, (M, 3), as they follow them."""
+        errors = errors - self._background @ (self._background.T @ errors)
+        return self._beyond_image(errors)
+
+    def _beyond_image(self, moved: Array) -> Array:
         response = np.zeros_like(self.images)
         for c, (positive, factor) in enumerate(self._positive):
             response[positive, c] = linalg.cho_solve(
@@ -116,13 +135,13 @@ class Explanation:
         return np.asarray(moved - self._projected @ response)
 
     def unabsorbed(self, pixels: NDArray[np.intp]) -> Array:
-        """Return residuals over σ at some pixels, (m, 3), raised by what image and light absorbed.
+        """Return residuals over σ κ^½ at some pixels, (m, 3), raised by what was absorbed of them.
 
-        Of white errors (I − L)^½ is left in residuals, L = Q Qᵀ + A⊥ H⁻¹ A⊥ᵀ at these pixels, H as
+        Of white errors image and light leave (I − L)^½, L = Q Qᵀ + A⊥ H⁻¹ A⊥ᵀ at these pixels, H as
         in `projected_jacobian`. This undoes it ("CR2": Bell and McCaffrey, Surv. Methodol. 28,
         2002).
         """
-        errors = self.residuals[pixels] / self.noise
+        errors = self.residuals[pixels] / self.deviations
         light = self._background[pixels]
         for c, (positive, factor) in enumerate(self._positive):
             image = self._projected[np.ix_(pixels, positive)]
@@ -136,11 +155,16 @@ class Explanation:
 
 
 def explain(
-    A: NDArray[np.floating[Any]], background: Array, y: Array, hidden_shape: tuple[int, int]
+    A: NDArray[np.floating[Any]],
+    background: Array,
+    y: Array,
+    hidden_shape: tuple[int, int],
+    structure: float = 1.0,
 ) -> Explanation:
     """Explain a photograph y, (M, 3) of any unit, by a transport matrix A, (M, N), with N = R C.
 
-    The background is an orthonormal basis of range(B), (M, r).
+    The background is an orthonormal basis of range(B), (M, r); the structure is κ, 1 of white
+    errors.
     """
     Q = background
     projected = A - Q @ (Q.T @ A)
@@ -152,9 +176,10 @@ def explain(
     μ, W = linalg.eigh(gram / unit, K, check_finite=False)
     μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
     z = W.T @ (projected.T @ rest)
-    freedom = len(y) - Q.shape[1]
+    values = len(y) - Q.shape[1]
+    freedom = values / structure
     # Without noise there still is finite precision.
-    energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
+    energy = np.einsum("mc,mc->c", rest, rest) + values * ROUNDING**2 * float(np.mean(y**2))
     evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
     images, hessians = np.empty_like(z), []
     for c in range(3):
@@ -173,7 +198,8 @@ def explain(
         evidence=evidence,
         darkness=float(freedom * np.log(energy[energy > 0]).sum()),
         images=images,
-        noise=np.sqrt(misfit / freedom),
+        noise=np.sqrt(misfit / values),
+        structure=structure,
         residuals=rest - projected @ images,
         _projected=projected,
         _background=Q,
@@ -212,7 +238,7 @@ def nonnegative(H: Array, h: Array, start: Array) -> Array:
         positive ^= wrong
 
 
-def _best_ratio(μ: Array, squared: Array, energy: float, freedom: int) -> tuple[float, float]:
+def _best_ratio(μ: Array, squared: Array, energy: float, freedom: float) -> tuple[float, float]:
     """Return the α at which a channel's E_c is least, and E_c there."""
 
     def evidence(log_ratio: float) -> float:

@@ -7,11 +7,14 @@ follow (Gauss and Newton's approximation; Kaufman, BIT 15, 1975).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Explanation
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -21,6 +24,9 @@ UNSEEN = 1e-4
 
 BLOCKS = 10
 """Along each side of the photograph: what stays unexplained is independent between blocks."""
+
+LARGER = (2, 3)
+"""Blocks along each side of a larger one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,21 +51,31 @@ class Curvature:
     """
 
     jacobian: Jacobian
-    slope: Array  # (P,) derivatives of half the evidence
+    slope: Array  # (P,) derivatives of half the evidence, the prior's penalty in it
     information: Array  # (P, P) Fisher information
     noisy_diagonal: Array  # (P,) of the information with the rendering's noise in it: more than it
     slope_errors: Array  # (P,)
+    prior: Prior
 
-    def damped(self, damping: float) -> Array:
-        """Return the information, negative eigenvalues (of noise) set to 0, plus damping."""
-        scale = 1 / np.sqrt(self.noisy_diagonal)
+    def damped(self, damping: float | Values) -> Array:
+        """Return the information, negative eigenvalues (of noise) set to 0, plus damping and prior.
+
+        The damping, of each parameter, is in parts of the information on it.
+        """
+        scale = self._scale
         values, vectors = np.linalg.eigh(self.information * np.outer(scale, scale))
-        damped = (vectors * (np.maximum(values, 0) + damping)) @ vectors.T
-        return np.asarray(damped / np.outer(scale, scale))
+        seen = (vectors * np.maximum(values, 0)) @ vectors.T + damping * np.eye(len(scale))
+        return np.asarray(seen / np.outer(scale, scale) + np.diag(self.prior.precision))
 
     def invertible(self) -> Array:
-        """Return the information, (P, P), raised to a little where there is none."""
-        return self.damped(UNSEEN)
+        """Return the information and the prior's, (P, P), a little where there is neither."""
+        return self.damped(np.where(self.prior.precision > 0, 0.0, UNSEEN))
+
+    @property
+    def _scale(self) -> Array:
+        """(P,) standard errors of each parameter alone: units in which none is large or small."""
+        unseen = self.noisy_diagonal == 0
+        return 1 / np.sqrt(np.where(unseen, self.prior.precision, self.noisy_diagonal))
 
     def step(self, damping: float, longest: Values) -> Values:
         """Return Newton's step to where the slope vanishes, shortened to the longest allowed."""
@@ -71,19 +87,21 @@ class Curvature:
         """Gain in evidence that the slope predicts for a whole step, undamped."""
         return float(self.slope @ np.linalg.solve(self.invertible(), self.slope))
 
-    def covariance(self, scores: Array) -> Array:
-        """Return the parameters' covariance, (P, P), from the `block_scores`, (blocks, P).
+    def covariance(self, partitions: Sequence[Array]) -> Array:
+        """Return the parameters' covariance, (P, P), from the `block_scores`.
 
         What the model leaves unexplained is no white noise, so its spread is taken from the
         photograph: blocks of pixels are independent, not pixels (the sandwich estimate: White,
-        Econometrica 50, 1982). It is never taken below that of white noise. What the rays add is
-        from the errors of the slope.
+        Econometrica 50, 1982). The partition into blocks with the largest spread counts, and none
+        below that of white noise. What the rays add is from the errors of the slope. The prior's
+        centre errs as its errors say.
         """
-        scale = 1 / np.sqrt(self.noisy_diagonal)
-        normalized = self.invertible() * np.outer(scale, scale)
-        inverse = np.linalg.inv(normalized)
-        spread = (scores * scale).T @ (scores * scale)
-        white, robust = np.diag(inverse), np.diag(inverse @ spread @ inverse)
+        scale = self._scale
+        inverse = np.linalg.inv(self.invertible() * np.outer(scale, scale))
+        spreads = [(scores * scale).T @ (scores * scale) for scores in partitions]
+        ruler = np.diag(self.prior.precision * scale**2)
+        white = np.diag(inverse)
+        robust = np.max([np.diag(inverse @ (s + ruler) @ inverse) for s in spreads], axis=0)
         growth = np.sqrt(np.maximum(robust / white, 1))
         by_rays = inverse @ (scale * self.slope_errors)
         covariance: Array = inverse * np.outer(growth, growth) + np.outer(by_rays, by_rays)
@@ -142,7 +160,7 @@ def curvature(
     jacobian = differentiate(level, values, explanation, np.diag(steps))
     return Curvature(
         jacobian=jacobian,
-        slope=jacobian.slopes.mean(axis=0),
+        slope=jacobian.slopes.mean(axis=0) + level.prior.slope(values),
         information=information(jacobian, jacobian),
         noisy_diagonal=np.mean(
             [
@@ -152,21 +170,33 @@ def curvature(
             axis=0,
         ),
         slope_errors=(jacobian.slopes[0] - jacobian.slopes[1]) / 2,
+        prior=level.prior,
     )
 
 
-def block_scores(level: ResolutionLevel, explanation: Explanation, jacobian: Jacobian) -> Array:
-    """Return what each square block of pixels adds to the slope of the misfit, (blocks, P).
+def block_scores(
+    level: ResolutionLevel, explanation: Explanation, jacobian: Jacobian
+) -> list[Array]:
+    """Return what each block of pixels adds to the slope of the misfit, (blocks, P) of a partition.
 
-    Residuals are those `unabsorbed`: hidden image and light follow errors in a block as well, and a
-    spread of what they leave, of 50 blocks, would be up to a seventh too small.
+    The partitions are into squares, into larger squares, rows and columns of them: errors may be
+    alike over any. Residuals are those `unabsorbed`: hidden image and light follow errors in a
+    block as well; a spread of what they leave, of 50 blocks, would be up to a seventh too small.
     """
     rows, columns = np.nonzero(level.used)
     height, width = level.photograph_shape
     block = (rows * BLOCKS // height) * BLOCKS + columns * BLOCKS // width
-    scores = []
-    for number in np.unique(block):
+    numbers = np.unique(block)
+    scores = np.empty((len(numbers), jacobian.projected.shape[1]))
+    for score, number in zip(scores, numbers, strict=True):
         pixels = np.flatnonzero(block == number)
         moved = jacobian.projected[:, :, pixels].mean(axis=0)
-        scores.append(np.einsum("imc,mc->i", moved, explanation.unabsorbed(pixels)))
-    return np.array(scores)
+        score[:] = np.einsum("imc,mc->i", moved, explanation.unabsorbed(pixels))
+    down, across = np.divmod(numbers, BLOCKS)
+    larger = [down // size * BLOCKS + across // size for size in LARGER]
+    return [scores, *(_summed(scores, group) for group in (*larger, down, across))]
+
+
+def _summed(scores: Array, group: NDArray[np.intp]) -> Array:
+    """Return the sums of the scores, (blocks, P), of each group."""
+    return np.array([scores[group == number].sum(axis=0) for number in np.unique(group)])

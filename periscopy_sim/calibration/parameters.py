@@ -1,15 +1,11 @@
-"""The parameters of a scene that are free, and how far the photograph feels each of them."""
+"""How far the photograph feels each of the parameters of a scene that are free."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Array
 
 STEP, SPREAD = 0.05, 0.4
@@ -19,79 +15,60 @@ the box that is searched, where shadows have moved by about their own size."""
 DOUBLINGS = 40
 """From a millionth of a unit: beyond, a parameter is not seen."""
 
+BOX = 3.0
+"""Ruler's errors beyond which nothing is searched."""
+
 GROWTH = 1.2
 """Of the change, by doubling, below which it grows no more: a turn comes round again."""
 
 
-def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Values:
-    """Return where parameters of a scene file start, (P,): as given, or at their defaults.
-
-    A SceneError says that none is free, one is not declared, named twice, or no finite number.
-    """
-    declared = read_document(path).defaults
-    numbers = {name: value for name, value in declared.items() if _number(value) is not None}
-    known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
-    if not free:
-        raise SceneError(f"no parameter is free; scene '{path}' declares {known}")
-    for name in free:
-        if name not in numbers:
-            what = "is no number" if name in declared else "is not declared"
-            raise SceneError(f"parameter '{name}' {what} in scene '{path}'; it declares {known}")
-        if free.count(name) > 1:
-            raise SceneError(f"parameter '{name}' is free twice")
-        if _number(given.get(name, "0")) is None:
-            raise SceneError(f"-D {name}={given[name]}: give a finite number to start from")
-    return np.array([float(given.get(name, numbers[name])) for name in free])
-
-
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None
-
-
-def steps_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, Values]:
+def scales_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, Values]:
     """Return how far each parameter must move from its start to change A by `STEP` and by `SPREAD`.
 
-    All are (P,). A SceneError is raised if the start is not physical, or a parameter changes
-    nothing that the photograph shows.
+    All are (P,). Where a ruler knows a parameter, its spread is at most `BOX` of the ruler's
+    errors, and its scale follows from what it changes there, infinite if nothing. A SceneError is
+    raised if the start is not physical, or where no ruler knows a parameter that changes nothing
+    that the photograph shows.
     """
     A = level.matrix(start)
-    steps, spreads = np.empty(len(start)), np.empty(len(start))
+    scales, spreads = np.empty(len(start)), np.empty(len(start))
     for k, name in enumerate(level.names):
+        farthest = BOX * level.prior.errors[k]
         offset = np.zeros(len(start))
         reached, spread = 0.0, np.nan
-        step = np.nan
+        scale = np.nan
         for doubling in range(DOUBLINGS):
-            offset[k] = 1e-6 * 2.0**doubling
+            offset[k] = min(1e-6 * 2.0**doubling, farthest)
             change = _change(level, A, start, offset)
             if change is None or (reached >= STEP and change < GROWTH * reached):
                 break
             reached, spread = change, offset[k]
-            if np.isnan(step) and change >= STEP:
-                step = offset[k]
-            if change >= SPREAD:
+            if np.isnan(scale) and change >= STEP:
+                scale = offset[k]
+            if change >= SPREAD or offset[k] == farthest:
                 break
-        if np.isnan(spread):
+        if np.isfinite(farthest):
+            # The ruler speaks where the photograph does not.
+            spread = farthest if np.isnan(spread) else spread
+            scale = (spread * STEP / reached if reached else np.inf) if np.isnan(scale) else scale
+        elif np.isnan(spread):
             raise SceneError(
                 f"scene '{level.path}': '{name}' cannot be moved from {start[k]:g}; leave it out "
                 "of --free, or start it elsewhere by -D"
             )
-        if reached == 0:
+        elif reached == 0:
             raise SceneError(
                 f"scene '{level.path}': the photograph cannot see '{name}', however it is moved "
                 f"from {start[k]:g}; start it elsewhere by -D, or leave it out of --free"
             )
-        if np.isnan(step):
+        elif np.isnan(scale):
             raise SceneError(
                 f"scene '{level.path}': the photograph cannot see '{name}': moved by up to "
                 f"{spread:.3g}, it changes the light transport by {100 * reached:.2g} %; leave it "
                 "out of --free"
             )
-        steps[k], spreads[k] = step, spread
-    return steps, spreads
+        scales[k], spreads[k] = scale, spread
+    return scales, spreads
 
 
 def _change(level: ResolutionLevel, A: Array, start: Values, offset: Values) -> float | None:

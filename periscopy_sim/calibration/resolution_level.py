@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import Explanation, explain
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.photographs.checking import blackened
 from periscopy_sim.reconstruction.background_subspace import background_basis
@@ -40,34 +41,48 @@ class Resolution:
 class ResolutionLevel:
     """A photograph, (rows, columns, 3), at one resolution, explained by a scene of some parameters.
 
-    Those in `names` vary, those in `fixed` stay. The seed, of the rays, is the same for all values,
-    so that noise does not hide differences. `check` raises a SceneError for a scenario that is not
-    physical. `used` are the coarse pixels that the mask leaves, `scale` is the photograph's root
-    mean square there.
+    Those in `names` vary, with a `prior`; those in `fixed` stay. The seed, of the rays, is the same
+    for all values, so that noise does not hide differences. `check` raises a SceneError for a
+    scenario that is not physical. Backgrounds, (rows, columns, 3) each, are photographs with the
+    monitor off. `used` are the coarse pixels that the mask leaves, `scale` is the photograph's root
+    mean square there, `structure` is that of what is left unexplained, see `residual_structure`.
     """
+
+    structure = 1.0
 
     def __init__(
         self,
         path: Path,
         fixed: Mapping[str, str],
         names: tuple[str, ...],
+        prior: Prior,
         photograph: Array,
+        backgrounds: Sequence[Array],
         mask: NDArray[np.bool_] | None,
         hidden: tuple[int, int],
         resolution: Resolution,
         seed: int,
         check: Callable[[Scenario], None],
     ) -> None:
-        self.path, self.names, self.resolution, self.seed = path, names, resolution, seed
+        self.path, self.names, self.prior = path, names, prior
+        self.resolution, self.seed = resolution, seed
         self._fixed, self._check = dict(fixed), check
         rows, columns = photograph.shape[:2]
         self.photograph_shape = fitted((rows, columns), resolution.photograph)
         self.hidden_shape = fitted(hidden, resolution.hidden)
+        # The larger the pixels of a small photograph, the more of their area counts.
+        finer = resolution.photograph // max(self.photograph_shape)
+        self._pixel_samples = resolution.pixel_samples * finer**2
         mask = np.ones((rows, columns), bool) if mask is None else mask
         coverage = area_average(mask[..., None], self.photograph_shape)
         self.used = coverage[..., 0] > COVERED
-        light = area_average(blackened(photograph, mask), self.photograph_shape)
-        self._y = light[self.used] / coverage[self.used]
+
+        def averaged(light: Array) -> Array:
+            means = area_average(blackened(light, mask), self.photograph_shape)
+            return np.asarray(means[self.used] / coverage[self.used])
+
+        self._y = averaged(photograph)
+        self._off = [averaged(background) for background in backgrounds]
         self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
         self._background: Array | None = None
 
@@ -75,6 +90,12 @@ class ResolutionLevel:
         """Return the same level with other parameters that vary."""
         other = copy(self)
         other.names = names
+        return other
+
+    def structured(self, structure: float) -> ResolutionLevel:
+        """Return the same level for residuals of another structure."""
+        other = copy(self)
+        other.structure = structure
         return other
 
     def scenario(self, values: Values) -> Scenario:
@@ -94,7 +115,7 @@ class ResolutionLevel:
         A = render_transport(
             self.scenario(values),
             samples=self.resolution.samples,
-            pixel_samples=self.resolution.pixel_samples,
+            pixel_samples=self._pixel_samples,
             seed=self.seed if seed is None else seed,
         )
         return A[self.used.ravel()].astype(np.float64)
@@ -102,12 +123,13 @@ class ResolutionLevel:
     def background(self, values: Values) -> Array:
         """Return an orthonormal basis of range(B), of ambient light, (used pixels, r).
 
-        That of the first values is taken for all: the camera's small moves hardly change it. A
+        The photographs with the monitor off are columns of B. The point lights as seen at the first
+        values are taken for all: the camera's small moves hardly change what they span. A
         PhotographError says that there are too few pixels to tell it from the signal.
         """
         if self._background is None:
             B = point_light_backgrounds(self.scenario(values))[self.used.ravel()]
-            basis = background_basis(B)
+            basis = background_basis(np.hstack([B, *self._off]))
             if len(basis) <= 2 * basis.shape[1]:
                 raise PhotographError(
                     f"at {self.photograph_shape[0]}x{self.photograph_shape[1]} pixels "
@@ -118,9 +140,13 @@ class ResolutionLevel:
         return self._background
 
     def explain(self, values: Values, seed: int | None = None) -> Explanation:
-        """Explain the photograph by the scene at some values; rays and errors as in `matrix`."""
+        """Explain the photograph by the scene at some values; rays and errors as in `matrix`.
+
+        The evidence is with the prior's penalty.
+        """
         A = self.matrix(values, seed)
-        return explain(A, self.background(values), self._y, self.hidden_shape)
+        found = explain(A, self.background(values), self._y, self.hidden_shape, self.structure)
+        return replace(found, evidence=found.evidence + self.prior.penalty(values))
 
     def picture(self, residuals: Array) -> Array:
         """Return the used pixels' residuals over the scale, (rows, columns, 3), 0 elsewhere."""

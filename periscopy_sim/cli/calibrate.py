@@ -10,18 +10,37 @@ import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option, parse_definitions, parse_size
-from periscopy_sim.cli.output import Stopwatch, progress, say, say_written, warn, write_json
+from periscopy_sim.cli.output import (
+    Stopwatch,
+    progress,
+    say,
+    say_written,
+    warn,
+    warn_boxed,
+    write_json,
+)
 from periscopy_sim.errors import OutputError, SceneError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
-    from periscopy_sim.calibration.calibrate import Calibration
+    from periscopy_sim.calibration.result import Calibration, Parameter
 
 
 MOST = 0.3
 """Part of a parameter's standard error from which an uncertain parameter is named for it."""
+
+STRUCTURED = 3.0
+"""Times the strength of white noise from which what is left unexplained is called none."""
+
+DISTRUSTED = (
+    "Look at the picture, and at what stays unexplained there. A photograph with the monitor off "
+    "(--background) and a mask tell paint, lamps and posters from shadows. Free fewer parameters "
+    "(--free), or measure again what is named above. Until then the scene as measured is the "
+    "better guess."
+)
+"""What to do with a calibration that is not to be trusted."""
 
 TIED = 0.8
 """Correlation from which a parameter is named for another that is not determined."""
@@ -31,13 +50,6 @@ def calibrate(
     photo: arguments.PhotoArgument,
     scene: arguments.SceneOption,
     hidden: arguments.Hidden,
-    free: Annotated[
-        str,
-        option(
-            "NAME,...",
-            "The scene's <default>s to find, such as occluder_dx,occluder_dy,occluder_dz.",
-        ),
-    ],
     out: Annotated[
         Path,
         option(
@@ -46,6 +58,15 @@ def calibrate(
             "not at all.",
         ),
     ],
+    free: Annotated[
+        str | None,
+        option(
+            "NAME[=ERROR],...",
+            "The scene's <default>s to find, such as occluder_dx,occluder_dz=0.005: ERROR is the "
+            "ruler's, a standard deviation in the unit of NAME; without it, that of the <default> "
+            "NAME_error if there is one. Default: all that have one.",
+        ),
+    ] = None,
     uncertain: Annotated[
         list[str] | None,
         option(
@@ -55,14 +76,16 @@ def calibrate(
         ),
     ] = None,
     samples: arguments.Samples = 16,
+    background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
     """Find the parameters of a scene that explain a photograph.
 
-    They start from their defaults, or from -D. The scene is written anew, and beside it a JSON file
-    (values, uncertainties, the way there) and a picture.
+    They start from their defaults, or from -D, and stay within what the ruler's errors allow. The
+    scene is written anew, and beside it a JSON file (values, uncertainties, the way there) and a
+    picture. A result that is not to be trusted is written too, and says so.
     """
     from periscopy_sim.calibration.calibrate import calibrate as search
     from periscopy_sim.figures.calibration import draw_calibration
@@ -70,20 +93,21 @@ def calibrate(
 
     arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), parse_definitions(define)
-    files = [photo, path, *([mask] if mask else [])]
+    files = [photo, path, *(background or []), *([mask] if mask else [])]
     if out.exists() and out.samefile(path):
         raise OutputError(f"--out {out} is the scene itself, which stays as it is; name another")
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
     for beside in (record, picture):
         if any(beside.exists() and file.exists() and beside.samefile(file) for file in files):
             raise OutputError(f"--out {out}: {beside.name} beside it is an input; name another")
-    names = [name.strip() for name in free.split(",") if name.strip()]
-    errors = _numbers(parse_definitions(uncertain, "--uncertain"))
+    freed = None if free is None else _freed(free)
+    errors = _numbers(parse_definitions(uncertain, "--uncertain"), "--uncertain")
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         scenario = inputs.load(scene, hidden, define)
         used = inputs.read_mask(mask, scenario)
         given_photograph = inputs.read_photograph(photo, scenario, used)
+        dark = inputs.read_backgrounds(background, scenario, used)
         _write_copy(scene_file, path, given, hidden, out)  # proves now that it can be written
         defects = inputs.look_for_defects(given_photograph.values, used, str(photo))
         warnings = [*given_photograph.warnings, *defects.warnings]
@@ -92,24 +116,26 @@ def calibrate(
                 given_photograph.values,
                 path,
                 parse_size(hidden),
-                names,
+                freed,
                 parameters=given,
                 uncertain=errors,
+                backgrounds=dark,
                 mask=used,
                 samples=samples,
                 seed=seed,
                 progress=report,
             )
         values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
-        _write_copy(scene_file, path, values, hidden, out)
+        _write_copy(scene_file, path, values, hidden, out, _remark(found))
         provenance = inputs.provenance_of(scenario, seed)
         summary = {
             "photograph": str(photo),
             "scene": str(path),
             "hidden_shape": scenario.hidden_shape,
             **inputs.mask_record(mask, used),
+            "backgrounds": list(dark),
             "samples": samples,
-            "warnings": warnings,
+            "warnings": [*warnings, *found.doubts],
             **_told(found),
             "seconds": timed.seconds,
             "provenance": provenance,
@@ -119,28 +145,50 @@ def calibrate(
         draw_calibration(png, seen, found, as_text(provenance))
     _say(found)
     say_written(out, record, picture)
+    if found.doubts:
+        warn_boxed("this calibration is not to be trusted", found.doubts, DISTRUSTED)
 
 
-def _numbers(definitions: Mapping[str, str]) -> dict[str, float]:
+def _freed(text: str) -> dict[str, float | None]:
+    """Read the names of free parameters, each with its ruler's error if one is given."""
+    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
+    names = [entry.partition("=")[0].strip() for entry in entries]
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(f"parameter '{name}' is free twice")
+    alone = {name: None for name, entry in zip(names, entries, strict=True) if "=" not in entry}
+    errors = parse_definitions([entry for entry in entries if "=" in entry], "--free")
+    numbers = _numbers({name.strip(): error for name, error in errors.items()}, "--free")
+    return {name: (alone | numbers)[name] for name in names}
+
+
+def _numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]:
     """Read standard errors."""
     errors = {}
     for name, text in definitions.items():
         try:
             errors[name] = float(text)
         except ValueError:
-            raise SceneError(f"--uncertain {name}={text}: give a number") from None
+            raise SceneError(f"{flag} {name}={text}: give a number") from None
     return errors
 
 
+def _remark(found: Calibration) -> str:
+    """Return what the scene's file says of a calibration that is not to be trusted."""
+    if not found.doubts:
+        return ""
+    return "periscopy calibrate: NOT TO BE TRUSTED: " + "; ".join(found.doubts)
+
+
 def _write_copy(
-    staged: Path, scene: Path, values: Mapping[str, str], hidden: str, out: Path
+    staged: Path, scene: Path, values: Mapping[str, str], hidden: str, out: Path, remark: str = ""
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
     from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
-        write_copy(scene, values, staged)
+        write_copy(scene, values, staged, remark)
         load_scenario(staged, parse_size(hidden))
     except SceneError as error:
         why = str(error).replace(str(staged), str(out))
@@ -154,13 +202,17 @@ def _told(found: Calibration) -> dict[str, Any]:
     """Return a calibration as it is written to JSON."""
     held = found.uncertain
     return {
+        "trusted": found.trusted,
+        "doubts": found.doubts,
+        "better_than_start": found.moved,
         "parameters": {
             p.name: {
                 "start": p.start,
                 "value": p.value,
                 "statistical_error": p.statistical_error,
                 "standard_error": p.standard_error,
-                "scale": p.scale,
+                "ruler_error": _finite(p.ruler_error),
+                "scale": _finite(p.scale),
                 "half_width_searched": p.spread,
                 "determined": p.determined,
             }
@@ -182,6 +234,7 @@ def _told(found: Calibration) -> dict[str, Any]:
         },
         "unexplained_before": found.noise_before,
         "unexplained": found.noise,
+        "structure": found.structure,
         "path": [
             {
                 "photograph_shape": visited.photograph_shape,
@@ -194,17 +247,23 @@ def _told(found: Calibration) -> dict[str, Any]:
     }
 
 
+def _finite(value: float) -> float | None:
+    """Return a number as JSON has it, which knows no infinite ones."""
+    return value if np.isfinite(value) else None
+
+
 def _say(found: Calibration) -> None:
-    """Print the parameters, and warn of those that the photograph leaves open."""
+    """Print the parameters, and warn of those that neither photograph nor ruler knows."""
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
         blame = _largest(found, k)
         alone = f" (± {p.statistical_error:.2g} alone" + (f"; most by {blame})" if blame else ")")
+        ruler = f" ± {p.ruler_error:.2g} by the ruler" if np.isfinite(p.ruler_error) else ""
         say(
             f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}"
-            f"{alone if found.uncertain.names else ''}, from {p.start:.4g}"
+            f"{alone if found.uncertain.names else ''}, from {p.start:.4g}{ruler}: {_standing(p)}"
         )
-        if not p.determined:
+        if not p.determined and not ruler:
             warn(_open(found, k, blame))
     if not found.uncertain.names:
         say("these errors hold if all else in the scene is right; see --uncertain")
@@ -212,6 +271,22 @@ def _say(found: Calibration) -> None:
         100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
     )
     say(f"unexplained: {before:.2f} % of the photograph at the start, {after:.2f} % now")
+    if found.structure > STRUCTURED:
+        say(
+            f"that is no noise: at some scale it is {found.structure:.0f} times as strong as noise "
+            "would be (uneven paint, or something in the scene); the errors above count it"
+        )
+    if not found.moved:
+        say("no other values explain it better than those at the start, which stay")
+
+
+def _standing(p: Parameter) -> str:
+    """Return who knows a parameter."""
+    if p.determined:
+        return "by the photograph"
+    if not p.trusted:
+        return "not to be trusted"
+    return "as the ruler said" if np.isfinite(p.ruler_error) else "not determined"
 
 
 def _largest(found: Calibration, k: int) -> str:

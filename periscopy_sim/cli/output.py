@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
@@ -38,6 +38,20 @@ def say(message: str) -> None:
 def warn(message: str) -> None:
     """Print one warning line."""
     print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
+
+
+def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
+    """Print a warning that nobody overlooks, with its reasons and what to do."""
+    import textwrap
+
+    lines = [title.upper(), ""]
+    for reason in reasons:
+        lines += textwrap.wrap(f"- {reason}", 92, subsequent_indent="  ")
+    lines += ["", *textwrap.wrap(advice, 92)]
+    print("#" * 96, file=sys.stderr)
+    for line in lines:
+        print(f"# {line:92} #", file=sys.stderr)
+    print("#" * 96, file=sys.stderr, flush=True)
 
 
 def fail(message: str, code: int) -> NoReturn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from periscopy_sim.storage.formats.srgb import srgb_encode
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from periscopy_sim.calibration.calibrate import Calibration
+    from periscopy_sim.calibration.result import Calibration
 
 
 def draw_calibration(
@@ -39,10 +40,14 @@ def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
     count = len(calibration.parameters)
     below = -(-count // 4)
     columns = -(-count // below)
-    figure = Figure(figsize=(3.1 * max(3, columns), 3.4 + 2.3 * below), layout="constrained")
-    heights = [3.0, 0.4 + 2.3 * below]
+    warned = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
+    heights = [3.0 + warned, 0.4 + 2.3 * below]
+    figure = Figure(figsize=(3.1 * max(3, columns), sum(heights)), layout="constrained")
     above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     _draw_residuals(above, photograph, calibration)
+    if calibration.doubts:
+        reasons = "\n".join(textwrap.fill(doubt, 100) for doubt in calibration.doubts)
+        above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d", fontsize=9)
     axes = beneath.subplots(below, columns, squeeze=False)
     for k, ax in enumerate(axes.flat):
         if k < count:

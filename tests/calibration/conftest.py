@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.evidence import explain
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 
@@ -44,6 +45,7 @@ class SlatLevel:
         self.photograph_shape = (rows, PIXELS)
         self.used = np.ones(self.photograph_shape, bool)
         self.scale = np.ones(3)
+        self.prior = Prior.none(2)
         grains = random.standard_normal((rows // grain[0], PIXELS // grain[1], 3))
         errors = np.repeat(np.repeat(grains, grain[0], axis=0), grain[1], axis=1)
         self.y = np.tile(clean, (rows, 1)) + noise * errors.reshape(-1, 3)

@@ -10,6 +10,7 @@ from periscopy_sim.calibration.consider_analysis import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.levenberg_marquardt import descend
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import NEAREST, TRUTH, SlatLevel
@@ -23,6 +24,10 @@ class HeldSlat(SlatLevel):
 
     names = ("middle",)
     held = TRUTH[1]
+
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+        self.prior = Prior.none(1)
 
     def varying(self, names):
         other = copy(self)
@@ -59,6 +64,15 @@ def test_values_move_as_when_another_number_is_changed_and_all_is_found_again():
     expected = (ends[1] - ends[0]) / 2
     assert abs(expected) > 1e-4
     np.testing.assert_allclose(moves, [[expected]], rtol=0.15)
+
+
+def test_values_that_a_ruler_holds_move_less():
+    error = 0.01
+    level = HeldSlat(noise=1e-3, seed=0)
+    free = found(level)
+    level.prior = Prior(TRUTH[:1], free.curvature.information[0] ** -0.5)
+    ruled = sensitivity(level, found(level), distance(error))
+    np.testing.assert_allclose(ruled, sensitivity(level, free, distance(error)) / 2, rtol=0.15)
 
 
 def test_without_uncertain_parameters_nothing_is_added():

@@ -7,11 +7,13 @@ import pytest
 
 from periscopy_sim.calibration.fisher_information import (
     BLOCKS,
+    LARGER,
     Curvature,
     block_scores,
     curvature,
 )
 from periscopy_sim.calibration.levenberg_marquardt import descend, settle
+from periscopy_sim.calibration.prior import Prior
 from tests.calibration.conftest import NEAREST, PIXELS, TRUTH, transport
 
 STEPS = np.array([0.01, 0.01])
@@ -37,9 +39,22 @@ def test_scores_are_summed_over_squares_of_the_photograph(slat_level):
             down * height : (down + 1) * height, round(across * width) : round((across + 1) * width)
         ] = 1
         within = explanation.residuals * within.ravel()[:, None]
-        scores = block_scores(level, replace(explanation, residuals=within), jacobian)
+        scores, *_ = block_scores(level, replace(explanation, residuals=within), jacobian)
         assert scores.shape == (BLOCKS**2, 2)
         assert list(np.flatnonzero(scores.any(axis=1))) == [down * BLOCKS + across]
+
+
+def test_larger_blocks_hold_the_sums_of_smaller_ones(slat_level):
+    level = slat_level(0.01, seed=0, rows=BLOCKS)
+    explanation = level.explain(TRUTH)
+    jacobian = curvature(level, TRUTH, explanation, STEPS).jacobian
+    squares, *larger, rows, columns = block_scores(level, explanation, jacobian)
+    squares = squares.reshape(BLOCKS, BLOCKS, 2)
+    np.testing.assert_allclose(rows, squares.sum(axis=1))
+    np.testing.assert_allclose(columns, squares.sum(axis=0))
+    for size, sums in zip(LARGER, larger, strict=True):
+        assert len(sums) == (-(-BLOCKS // size)) ** 2
+        np.testing.assert_allclose(sums[0], squares[:size, :size].sum(axis=(0, 1)))
 
 
 def test_blocks_that_the_mask_covers_have_no_scores(slat_level):
@@ -47,14 +62,14 @@ def test_blocks_that_the_mask_covers_have_no_scores(slat_level):
     explanation = level.explain(TRUTH)
     jacobian = curvature(level, TRUTH, explanation, STEPS).jacobian
     level.used[: BLOCKS // 2] = False
-    assert block_scores(level, explanation, jacobian).shape == (BLOCKS**2 // 2, 2)
+    assert block_scores(level, explanation, jacobian)[0].shape == (BLOCKS**2 // 2, 2)
 
 
 def test_each_parameter_has_its_own_derivatives(slat_level):
     level = slat_level(0.01, seed=0)
     explanation = level.explain(TRUTH)
     about = curvature(level, TRUTH, explanation, STEPS / 4)
-    scores = block_scores(level, explanation, about.jacobian)
+    scores, *_ = block_scores(level, explanation, about.jacobian)
     pixels = np.arange(-(-PIXELS // BLOCKS))
     errors = explanation.unabsorbed(pixels)
     changes = [
@@ -83,7 +98,7 @@ def test_noise_of_the_rendering_is_not_taken_for_information(slat_level):
 
 def told(information, **known):
     """Return a curvature of two parameters of which only this is known."""
-    zeros = {"slope": np.zeros(2), "slope_errors": np.zeros(2)}
+    zeros = {"slope": np.zeros(2), "slope_errors": np.zeros(2), "prior": Prior.none(2)}
     return Curvature(
         **{"jacobian": None, "information": information, "noisy_diagonal": np.diag(information)}
         | zeros
@@ -94,7 +109,7 @@ def told(information, **known):
 def test_what_rays_add_is_in_the_errors():
     about = told(np.diag([4.0, 9.0]), slope_errors=np.array([6.0, 0.0]))
     expected = np.diag([1 / 4 + (6 / 4) ** 2, 1 / 9])
-    np.testing.assert_allclose(about.covariance(np.zeros((1, 2))), expected, rtol=1e-3)
+    np.testing.assert_allclose(about.covariance([np.zeros((1, 2))]), expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
@@ -104,7 +119,7 @@ def test_errors_are_those_of_white_noise_or_of_the_blocks_if_larger(spread, unit
     scores = np.sqrt(unit) * spread * np.random.default_rng(0).standard_normal((50, 2))
     white = np.linalg.inv(information)
     sandwich = white @ scores.T @ scores @ white
-    covariance = told(information).covariance(scores)
+    covariance = told(information).covariance([np.zeros((1, 2)), scores])
     np.testing.assert_allclose(
         np.diag(covariance), np.maximum(np.diag(white), np.diag(sandwich)), rtol=1e-3
     )
@@ -112,6 +127,26 @@ def test_errors_are_those_of_white_noise_or_of_the_blocks_if_larger(spread, unit
         matrix[0, 1] / np.sqrt(matrix[0, 0] * matrix[1, 1]) for matrix in (covariance, white)
     ]
     assert correlations[0] == pytest.approx(correlations[1], rel=1e-3)
+
+
+def test_a_ruler_and_a_photograph_tell_more_than_either():
+    prior = Prior(np.zeros(2), np.array([0.5, np.inf]))
+    information = np.array([[4.0, 3.0], [3.0, 9.0]])
+    covariance = told(information, prior=prior).covariance([np.zeros((1, 2))])
+    expected = np.linalg.inv(information + np.diag([4.0, 0]))
+    np.testing.assert_allclose(covariance, expected, rtol=1e-3)
+
+
+def test_where_nothing_is_seen_the_rulers_error_stays():
+    prior = Prior(np.zeros(2), np.array([0.5, 3.0]))
+    for information in (
+        np.zeros((2, 2)),
+        np.diag([-1e-3, 0.0]),
+    ):  # noise of the rays may be negative
+        about = told(information, prior=prior, noisy_diagonal=np.array([1e-3, 0.0]))
+        covariance = about.covariance([np.zeros((1, 2))])
+        np.testing.assert_allclose(covariance, np.diag([0.25, 9.0]), rtol=1e-2)
+        assert (about.step(0.0, np.ones(2)) == 0).all()
 
 
 @pytest.mark.parametrize("longest", [1.0, 2.0, 10.0])
@@ -162,6 +197,15 @@ def test_slopes_are_taken_to_one_side_at_a_border(slat_level):
     assert about.slope[1] == pytest.approx(numeric, rel=0.2)
 
 
+def test_a_ruler_draws_the_slope_to_itself(slat_level):
+    level = slat_level(0.01, seed=0)
+    explanation = level.explain(TRUTH)
+    alone = curvature(level, TRUTH, explanation, STEPS)
+    level.prior = Prior(TRUTH - [0.02, 0.0], np.array([0.01, 0.1]))
+    ruled = curvature(level, TRUTH, explanation, STEPS)
+    np.testing.assert_allclose(ruled.slope - alone.slope, [0.02 / 0.01**2, 0])
+
+
 @pytest.mark.parametrize(("rows", "grain", "noise"), [(1, (1, 1), 0.002), (10, (1, 6), 0.002)])
 def test_standard_errors_cover_the_truth(slat_level, rows, grain, noise):
     # 68 % of normal errors are within one standard error, and their squares average to 1. Of 60,
@@ -198,5 +242,6 @@ def test_errors_are_as_large_of_50_blocks_as_of_many(slat_level):
         summed = np.array([moved[:, block == b].sum(axis=1) for b in range(50)])
         inverse = np.linalg.inv(about.information)
         exact = inverse @ np.einsum("bic,bjc->ij", summed, summed) @ inverse
-        ratios.append(np.diag(covariance(level, explanation, about)) / np.diag(exact))
+        blocks = block_scores(level, explanation, about.jacobian)
+        ratios.append(np.diag(about.covariance(blocks[:1])) / np.diag(exact))
     assert 0.94 < np.mean(ratios) < 1.1, np.mean(ratios, axis=0)

@@ -3,7 +3,8 @@ import pytest
 
 from periscopy_sim.calibration import parameters
 from periscopy_sim.calibration.calibrated_scene import with_defaults
-from periscopy_sim.calibration.parameters import SPREAD, STEP, start_values, steps_and_spreads
+from periscopy_sim.calibration.parameters import BOX, SPREAD, STEP, scales_and_spreads
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
@@ -19,35 +20,9 @@ def level(names, path=CHAIR, photograph=None, mask=None):
     photograph = np.ones((126, 126, 3)) if photograph is None else photograph
     resolution = Resolution(18, 6, 4, 4)
     return ResolutionLevel(
-        path, {}, names, photograph, mask, (29, 36), resolution, 0, anything_goes
-    )
-
-
-def test_parameters_start_at_their_defaults_or_as_given():
-    free = ["occluder_dx", "vertical_exponent"]
-    np.testing.assert_array_equal(start_values(CHAIR, free, {"occluder_dx": "-0.05"}), [-0.05, 18])
-
-
-@pytest.mark.parametrize(
-    ("free", "given", "message"),
-    [
-        ([], {}, "no parameter is free"),
-        (["occluder_dx", "sofa_dx"], {}, r"'sofa_dx' is not declared .*occluder_dx \(0\)"),
-        (["occluder_dx", "occluder_dx"], {}, "free twice"),
-        (["occluder_dx"], {"occluder_dx": "left"}, "-D occluder_dx=left"),
-        (["occluder_dx"], {"occluder_dx": "nan"}, "-D occluder_dx=nan"),
-    ],
-)
-def test_what_cannot_be_free_is_refused(free, given, message):
-    with pytest.raises(SceneError, match=message):
-        start_values(CHAIR, free, given)
-
-
-def test_a_text_is_no_parameter(tmp_path):
-    path = tmp_path / "scene.xml"
-    path.write_text('<scene version="3.0.0"><default name="mesh" value="chair.ply"/></scene>')
-    with pytest.raises(SceneError, match=r"'mesh' is no number .* declares none"):
-        start_values(path, ["mesh"], {})
+        path, {}, names, Prior.none(len(names)), photograph, [], mask, (29, 36), resolution, 0,
+        anything_goes,
+    )  # fmt: skip
 
 
 class Lamp:
@@ -56,8 +31,9 @@ class Lamp:
     names = ("dimmer",)
     path = "lamp.xml"
 
-    def __init__(self, change, below=np.inf, above=np.inf):
+    def __init__(self, change, below=np.inf, above=np.inf, ruler=np.inf):
         self.change, self.below, self.above = change, below, above
+        self.prior = Prior(np.array([2.0, 2.0]), np.array([ruler, ruler]))
 
     def matrix(self, values):
         moved = values[0] - 2.0
@@ -71,8 +47,8 @@ def linear(moved):
 
 
 @pytest.mark.parametrize("above", [np.inf, 0.0])
-def test_steps_and_spreads_are_the_first_doublings_that_change_enough(above):
-    (step,), (spread,) = steps_and_spreads(Lamp(linear, above=above), np.array([2.0]))
+def test_scales_and_spreads_are_the_first_doublings_that_change_enough(above):
+    (step,), (spread,) = scales_and_spreads(Lamp(linear, above=above), np.array([2.0]))
     assert STEP <= step < 2 * STEP and SPREAD <= spread < 2 * SPREAD
     assert np.log2(step / 1e-6) % 1 == pytest.approx(0, abs=1e-9)
     assert spread / step == 8
@@ -85,7 +61,7 @@ def test_each_parameter_is_moved_alone():
         def matrix(self, values):
             return super().matrix(2 + np.abs(values - 2) @ [[1], [0.25]])
 
-    steps, spreads = steps_and_spreads(TwoLamps(linear), np.array([2.0, 2.0]))
+    steps, spreads = scales_and_spreads(TwoLamps(linear), np.array([2.0, 2.0]))
     assert steps[1] == 4 * steps[0] and spreads[1] == 4 * spreads[0]
 
 
@@ -98,7 +74,7 @@ def test_each_parameter_is_moved_alone():
     ],
 )
 def test_spreads_end_where_a_change_does(lamp, low, high):
-    (step,), (spread,) = steps_and_spreads(lamp, np.array([2.0]))
+    (step,), (spread,) = scales_and_spreads(lamp, np.array([2.0]))
     assert STEP <= lamp.change(step) < 2 * STEP
     assert low < spread <= high
 
@@ -113,7 +89,21 @@ def test_spreads_end_where_a_change_does(lamp, low, high):
 )
 def test_why_a_parameter_cannot_be_found_is_told(lamp, message):
     with pytest.raises(SceneError, match=message):
-        steps_and_spreads(lamp, np.array([2.0]))
+        scales_and_spreads(lamp, np.array([2.0]))
+
+
+@pytest.mark.parametrize("ruler", [0.01, 0.03])
+def test_nothing_is_searched_where_no_ruler_errs_so_far(ruler):
+    (scale,), (spread,) = scales_and_spreads(Lamp(linear, ruler=ruler), np.array([2.0]))
+    assert spread == BOX * ruler
+    assert STEP <= scale < 2 * STEP  # within the box, or beyond it as follows from its border
+
+
+def test_what_the_photograph_cannot_see_is_left_to_the_ruler():
+    unseen, border = Lamp(lambda moved: 0 * moved, ruler=0.1), Lamp(linear, 0, 0, ruler=0.1)
+    for lamp in (unseen, border):
+        (scale,), (spread,) = scales_and_spreads(lamp, np.array([2.0]))
+        assert (scale, spread) == (np.inf, pytest.approx(0.3))
 
 
 @pytest.mark.usefixtures("jit")
@@ -127,13 +117,13 @@ def test_ambient_light_is_not_seen(tmp_path, monkeypatch):
     )
     scene.write_text(text, encoding="utf-8")
     with pytest.raises(SceneError, match="cannot see 'gain'"):
-        steps_and_spreads(level(("gain",), path=scene), np.array([1.0]))
+        scales_and_spreads(level(("gain",), path=scene), np.array([1.0]))
 
 
 @pytest.mark.usefixtures("jit")
 def test_a_whole_number_cannot_be_moved():
     with pytest.raises(SceneError, match="'resolution' cannot be moved from 126"):
-        steps_and_spreads(level(("resolution",)), np.array([126.0]))
+        scales_and_spreads(level(("resolution",)), np.array([126.0]))
 
 
 @pytest.mark.usefixtures("jit")

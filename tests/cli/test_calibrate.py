@@ -41,7 +41,8 @@ def near_search(monkeypatch):
 def test_a_chair_that_is_far_off_is_found(photograph, succeeds, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
     start = ("-D", "occluder_dx=0.06", "-D", "occluder_dz=-0.05")
-    succeeds("calibrate", "y.npy", *SCENE, *start, "--free", ",".join(MOVED), "--out", "found.xml")
+    free = ",".join(f"{name}=inf" for name in MOVED)  # no ruler is so wrong
+    succeeds("calibrate", "y.npy", *SCENE, *start, "--free", free, "--out", "found.xml")
     record = json.loads((tmp_path / "found.json").read_text())
     for name, truth in MOVED.items():
         told = record["parameters"][name]
@@ -98,6 +99,11 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
         (("--free", "occluder_dy", "-D", "occluder_dy=0.37"), "through the wall"),
         (("--free", "occluder_dx", "--out", "found.json"), "written as .xml"),
         (("--free", "occluder_dx", "-D", "monitor_dx=far"), "could not parse"),
+        (("--free", "occluder_dx=near"), "--free occluder_dx=near: give a number"),
+        (("--free", "occluder_dx=0"), "ruler's error 0 of 'occluder_dx': give a positive"),
+        (("--free", "occluder_dx=0.1,occluder_dx"), "'occluder_dx' is free twice"),
+        (("-D", "occluder_dx_error=-1"), "'occluder_dx_error' is -1; give a standard deviation"),
+        (("--free", "occluder_dx", "--background", "y.npy"), "is the photograph itself"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx"), "--uncertain 'monitor_dx' is not"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx=a"), "give a number"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx=0"), "give a positive number"),
@@ -210,7 +216,7 @@ def test_why_a_parameter_is_open_is_told(alone, correlation, why):
 
 def test_progress_leaps_over_what_ended_early_and_never_goes_back():
     told = []
-    log = _Log(2, told.append)
+    log = _Log(2, False, told.append)
     for visits in (3, 2, 2):
         visit = log.at(None)
         for _ in range(visits):
@@ -218,3 +224,47 @@ def test_progress_leaps_over_what_ended_early_and_never_goes_back():
     assert told == sorted(told) and 0 < told[0] < told[-1] < 1
     # A visit of a later level costs more; the levels before count as done.
     assert told[3] - told[2] > 2 * (told[2] - told[1]) and told[5] - told[4] > told[4] - told[3]
+
+
+HELD = [
+    f"{name}_error=0"
+    for name in (
+        "occluder_dy", "monitor_dx", "monitor_dy", "monitor_dz", "camera_dx", "camera_dz",
+        "occluder_stretch_x", "occluder_stretch_y", "occluder_stretch_z", "occluder_turn",
+        "monitor_turn", "monitor_stretch", "camera_stretch",
+    )
+]  # fmt: skip
+"""Of what the chair's scene declares, all but two."""
+
+
+def test_what_a_ruler_does_not_know_is_free_by_default(photograph, periscopy, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    rulers = [word for error in HELD for word in ("-D", error)]
+    outcome = periscopy("calibrate", "y.npy", *SCENE, *rulers, "--out", "found.xml")
+    assert (outcome.code, outcome.err) == (0, "")
+    record = json.loads((tmp_path / "found.json").read_text())
+    assert record["trusted"] and record["doubts"] == [] and record["better_than_start"]
+    assert set(record["parameters"]) == set(MOVED)
+    for name, truth in MOVED.items():
+        told = record["parameters"][name]
+        assert told["ruler_error"] == 0.005 and told["determined"]
+        assert told["value"] == pytest.approx(truth, abs=1.5e-3)
+    assert "± 0.005 by the ruler: by the photograph" in outcome.out
+
+
+def test_what_leaves_the_ruler_is_not_to_be_trusted_and_nobody_overlooks_it(
+    photograph, periscopy, tmp_path
+):
+    np.save(tmp_path / "y.npy", photograph)
+    outcome = periscopy(
+        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx=0.001,occluder_dz=0.001",
+        "--out", "found.xml",
+    )  # fmt: skip
+    assert outcome.code == 0
+    assert "THIS CALIBRATION IS NOT TO BE TRUSTED" in outcome.err
+    assert outcome.err.count("of the ruler's errors from where the ruler has it") >= 1
+    record = json.loads((tmp_path / "found.json").read_text())
+    assert not record["trusted"] and record["doubts"] == record["warnings"]
+    assert not any(told["determined"] for told in record["parameters"].values())
+    assert "NOT TO BE TRUSTED: occluder_dx ended" in (tmp_path / "found.xml").read_text()
+    assert ps.load_scenario(tmp_path / "found.xml", (6, 7)).photograph_shape == (32, 32)

@@ -34,6 +34,7 @@ def calibration(before, after):
         residual=np.repeat(after[..., None], 3, axis=2),
         noise_before=np.array([0.0, 0.04, 0.03]),
         noise=np.full(3, 0.01),
+        doubts=(),
     )
 
 
@@ -77,6 +78,14 @@ def test_each_parameter_is_shown_on_its_path(axes, residuals):
         np.testing.assert_allclose([band.get_y(), band.get_y() + band.get_height()], [low, high])
         labels = [label.get_text() for label in ax.get_xticklabels()]
         assert labels == ["4 x 4", "8 x 9", "16 x 18"]
+
+
+def test_a_calibration_that_is_not_to_be_trusted_says_so(residuals):
+    doubted = calibration(*residuals)
+    assert calibration_figure(np.full((16, 18, 3), 0.5), doubted).subfigs[0].get_suptitle() == ""
+    doubted.doubts = ("dx ended 18.0 of the ruler's errors from there",)
+    above, _ = calibration_figure(np.full((16, 18, 3), 0.5), doubted).subfigs
+    assert above.get_suptitle() == f"NOT TO BE TRUSTED\n{doubted.doubts[0]}"
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 5, 7])

@@ -24,6 +24,9 @@ MOST_FILES = 100
 DEEPEST = 100
 """Nodes within nodes. Mitsuba descends by recursion, and a stack ends."""
 
+RULER_ERROR = "_error"
+"""Ends the name of a ``<default>`` that says how well the one before that ending is known."""
+
 LONGEST = 1 << 20
 """Characters of a value whose ``$names`` are filled in: defaults may double and double again."""
 
@@ -41,6 +44,12 @@ class SceneDocument:
     files: tuple[Path, ...]
     folders: tuple[Path, ...]  # where the files of plugins are searched, in this order
     missing: tuple[str, ...]  # names of includes, spectra and folders that are nowhere
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """The ``<default>``s that tell a ruler's errors, each with the one that it is of."""
+        ends = {name: name.removesuffix(RULER_ERROR) for name in self.defaults}
+        return {name: of for name, of in ends.items() if of != name and of in self.defaults}
 
     def find(self, name: str) -> Path | None:
         """Return the file that a plugin's ``filename`` stands for, None if there is none."""

@@ -47,6 +47,8 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     # Merging meshes would lose their ids.
     config.merge_meshes = False
     config.merge_equivalent = False
+    if document.errors.keys() & set(parameters):  # no plugin reads what a ruler's errors are
+        config.unused_parameters = mi.LogLevel.Debug
     values = {name: str(value) for name, value in parameters.items()}
     try:
         with searching(path.parent):

@@ -1,0 +1,135 @@
+"""What a ruler says of a scene's parameters: where they are, and how well it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import RULER_ERROR, read_document
+
+Array = NDArray[np.float64]
+Free = Sequence[str] | Mapping[str, float | None]
+"""Names of parameters that are free, or names with a ruler's errors; see `free_parameters`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent normal distributions of some parameters before the photograph is looked at.
+
+    An infinite error says that nothing is known.
+    """
+
+    centers: Array  # (P,)
+    errors: Array  # (P,) standard deviations
+
+    @classmethod
+    def none(cls, parameters: int) -> Self:
+        """Return the prior of some parameters of which nothing is known."""
+        return cls(np.zeros(parameters), np.full(parameters, np.inf))
+
+    @property
+    def precision(self) -> Array:
+        """(P,) reciprocals of the variances."""
+        return self.errors**-2.0
+
+    def distance(self, values: Array) -> Array:
+        """Return how far values, (P,), are from the centres, in errors."""
+        return np.asarray((values - self.centers) / self.errors)
+
+    def penalty(self, values: Array) -> float:
+        """Return twice the negative logarithm of the density at values, (P,), less a constant."""
+        return float(np.sum(self.distance(values) ** 2))
+
+    def slope(self, values: Array) -> Array:
+        """Return the derivatives, (P,), of half the penalty."""
+        return np.asarray(self.distance(values) / self.errors)
+
+
+def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Array:
+    """Return where parameters of a scene file start, (P,): as given, or at their defaults.
+
+    A SceneError says that none is free, one is not declared, named twice, or no finite number.
+    """
+    document = read_document(path)
+    declared = {n: text for n, text in document.defaults.items() if n not in document.errors}
+    numbers = {name: text for name, text in declared.items() if _number(text) is not None}
+    known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
+    if not free:
+        raise SceneError(
+            f"no parameter is free; name some by --free, or declare how well the ruler knows them, "
+            f'such as <default name="NAME{RULER_ERROR}" value="0.005"/>; scene \'{path}\' declares '
+            f"{known}"
+        )
+    for name in free:
+        if name not in numbers:
+            what = "is no number" if name in declared else "is not declared"
+            raise SceneError(f"parameter '{name}' {what} in scene '{path}'; it declares {known}")
+        if free.count(name) > 1:
+            raise SceneError(f"parameter '{name}' is free twice")
+        if _number(given.get(name, "0")) is None:
+            raise SceneError(f"-D {name}={given[name]}: give a finite number to start from")
+    return np.array([float(given.get(name, numbers[name])) for name in free])
+
+
+def declared_errors(path: Path, given: Mapping[str, str]) -> dict[str, float]:
+    """Return the ruler's errors that a scene file declares, or that are given instead, by name.
+
+    A SceneError says that one is no number from 0 on, or of nothing that the scene declares.
+    """
+    document = read_document(path)
+    errors = {}
+    for name, text in document.defaults.items():
+        if not name.endswith(RULER_ERROR):
+            continue
+        if name not in document.errors:
+            raise SceneError(
+                f"scene '{path}' declares '{name}', but no '{name.removesuffix(RULER_ERROR)}' that "
+                "it were the error of; correct its name"
+            )
+        error = _number(given.get(name, text))
+        if error is None or error < 0:
+            raise SceneError(
+                f"scene '{path}': '{name}' is {given.get(name, text)}; give a standard deviation "
+                f"in the unit of '{document.errors[name]}', or 0 where it stays"
+            )
+        errors[document.errors[name]] = error
+    return errors
+
+
+def free_parameters(
+    path: Path, free: Free | None, given: Mapping[str, str], held: Collection[str] = ()
+) -> dict[str, float]:
+    """Return the names of the parameters that are free, each with its ruler's error.
+
+    Those named have the error that is named with them, else the one that the scene declares, else
+    an infinite one. If `free` is None, all are free whose error the scene declares, but for those
+    in `held` and those of an error of 0. A SceneError says that an error is not positive.
+    """
+    declared = {name: e for name, e in declared_errors(path, given).items() if e > 0}
+    if free is None:
+        return {name: error for name, error in declared.items() if name not in held}
+    named = free if isinstance(free, Mapping) else dict.fromkeys(free)
+    if len(named) < len(free):
+        raise SceneError(
+            f"parameter '{next(n for n in free if list(free).count(n) > 1)}' is free twice"
+        )
+    errors = {}
+    for name, error in named.items():
+        errors[name] = declared.get(name, np.inf) if error is None else float(error)
+        if not errors[name] > 0:
+            raise SceneError(f"ruler's error {errors[name]:g} of '{name}': give a positive number")
+    return errors
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None

@@ -1,0 +1,66 @@
+"""When a calibration is not to be believed, however small its errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from periscopy_sim.calibration.fisher_information import Curvature
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.scenario import Array
+
+FARTHEST = 3.0
+"""Ruler's errors within which a ruler errs: all but 3 of 1000 times."""
+
+CHANCE = 0.01
+"""Of gaining as much where the ruler is right."""
+
+LEARNED = 0.5
+"""Of one parameter, in variance: a photograph that tells less than this of all tells nothing."""
+
+
+def learned(about: Curvature) -> float:
+    """Return how many parameters the photograph rather than the ruler determines, from 0 to P.
+
+    The trace of I (I + Λ)⁻¹, of the information and the ruler's precision.
+    """
+    of_ruler = np.linalg.solve(about.invertible(), np.diag(about.prior.precision))
+    return float(len(of_ruler) - np.trace(of_ruler))
+
+
+def is_significant(gain: float, parameters: float) -> bool:
+    """Tell whether a gain in evidence, over the start, is more than errors of the residual give.
+
+    Where the start is right the gain of so many parameters has the χ² distribution (Wilks).
+    """
+    from scipy.stats import chi2
+
+    return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))
+
+
+def doubts(
+    names: Sequence[str], values: Array, spreads: Array, prior: Prior, gained: bool, known: float
+) -> tuple[str, ...]:
+    """Return why parameters, (P,), are not to be believed; empty where nothing says so.
+
+    `spreads` are the half widths of what was searched, `gained` whether they explain more than
+    the start does, `known` how many of them the photograph determines.
+    """
+    found = []
+    for name, value, center, spread, distance in zip(
+        names, values, prior.centers, spreads, prior.distance(values), strict=True
+    ):
+        if abs(distance) > FARTHEST:
+            found.append(
+                f"{name} ended {abs(distance):.1f} of the ruler's errors from where the ruler has "
+                "it: the ruler, its error or the scene is wrong"
+            )
+        elif np.isinf(prior.errors).any() and abs(value - center) > spread:
+            found.append(f"{name} ended outside of what was searched, {center:.4g} ± {spread:.2g}")
+    if not gained and known < LEARNED:
+        found.append(
+            "the photograph tells less of the parameters than the ruler does: what it leaves "
+            "unexplained hides them"
+        )
+    return tuple(found)
