@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn, Protocol
 
 import typer
 
@@ -28,13 +28,27 @@ from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.outputs.staging import staged_file
 
-Experiment = Callable[[Setting], Section]
+Experiment = Callable[..., Section]
+"""Takes the page's `Inputs`; most take a `Setting`."""
 
 Out = Annotated[Path, typer.Option(help="Folder to write.")]
 Real = Annotated[Path | None, typer.Option(help="A real photograph of the chair scene, NPZ.")]
 Rendered = Annotated[
     Path | None, typer.Option(help="Folder of what is rendered once; OUT/rendered unless given.")
 ]
+
+
+class Inputs(Protocol):
+    """What every experiment of a page gets, as a `Setting` is."""
+
+    out: Path
+    """Folder of the run."""
+
+    seed: int
+    """Of all that is drawn."""
+
+    def identity(self) -> bytes:
+        """Return what tells these inputs from others; a PeriscopyError where they are no use."""
 
 
 @dataclass(frozen=True)
@@ -76,31 +90,46 @@ class Page:
 
     def command(self) -> Callable[..., None]:
         """Return the page's command, for typer."""
-        known = ", ".join(self.names)
 
         def main(
             out: Out,
-            only: Annotated[
-                str, typer.Option(help=f"Run these alone, and anew, by comma: {known}.")
-            ] = "",
+            only: Annotated[str, self.choice()] = "",
             real: Real = None,
             rendered: Rendered = None,
         ) -> None:
-            names = [name for name in self.names if name not in self.on_demand]
-            chosen = [name.strip() for name in only.split(",")] if only else names
-            with one_line_errors():
-                for name in chosen:
-                    if name not in self.names:
-                        raise ps.PeriscopyError(f"no experiment '{name}'; there are {known}")
-                failures = run(self, chosen, Setting(out, real, rendered), anew=bool(only))
-            print(f"wrote {out / 'index.html'}")
-            raise typer.Exit(1 if failures else 0)
+            self.carry_out(only, lambda: Setting(out, real, rendered))
 
         main.__doc__ = f"{self.title}: run the experiments and write the page."
         return main
 
+    def choice(self) -> typer.models.OptionInfo:
+        """Return the option that names the experiments to run."""
+        known = ", ".join(self.names)
+        option: typer.models.OptionInfo = typer.Option(
+            help=f"Run these alone, and anew, by comma: {known}."
+        )
+        return option
 
-def run(page: Page, names: Sequence[str], setting: Setting, *, anew: bool = False) -> int:
+    def carry_out(self, only: str, inputs: Callable[[], Inputs]) -> NoReturn:
+        """Run all experiments, or those named, by comma, and end the command.
+
+        Its exit code is 0, or 1 if an experiment failed, or 2, with one line, for what a user can
+        fix; `inputs` may raise a PeriscopyError too.
+        """
+        names = [name for name in self.names if name not in self.on_demand]
+        chosen = [name.strip() for name in only.split(",")] if only else names
+        with one_line_errors():
+            for name in chosen:
+                if name not in self.names:
+                    known = ", ".join(self.names)
+                    raise ps.PeriscopyError(f"no experiment '{name}'; there are {known}")
+            given = inputs()
+            failures = run(self, chosen, given, anew=bool(only))
+        print(f"wrote {given.out / 'index.html'}")
+        raise typer.Exit(1 if failures else 0)
+
+
+def run(page: Page, names: Sequence[str], setting: Inputs, *, anew: bool = False) -> int:
     """Run experiments, and renew the page after each.
 
     Parameters
@@ -122,7 +151,7 @@ def run(page: Page, names: Sequence[str], setting: Setting, *, anew: bool = Fals
     Raises
     ------
     PeriscopyError
-        If the real photograph cannot be read; no experiment has run then.
+        If the inputs cannot be used, such as a real photograph; no experiment has run then.
     """
     made_from = _digest(setting)
     record = _record(page, setting)
@@ -165,7 +194,7 @@ def write_report(page: Page, out: Path, record: Mapping[str, str]) -> None:
         file.write_text(json.dumps(summary, indent=2, ensure_ascii=False) + "\n", "utf-8")
 
 
-def timed(experiment: Experiment, setting: Setting) -> Section:
+def timed(experiment: Experiment, setting: Inputs) -> Section:
     """Run an experiment and note how long it took, and the processors' time in all."""
     start, work = time.perf_counter(), processor_seconds()
     with styled():
@@ -224,7 +253,7 @@ def one_line_errors() -> Iterator[None]:
         raise typer.Exit(2) from None
 
 
-def _attempt(page: Page, name: str, setting: Setting) -> Section:
+def _attempt(page: Page, name: str, setting: Inputs) -> Section:
     try:
         return timed(page.load(name), setting)
     except Exception as error:  # one that fails must not cost the others
@@ -236,12 +265,10 @@ def _section_file(out: Path, name: str) -> Path:
     return out / "sections" / f"{name}.json"
 
 
-def _digest(setting: Setting) -> str:
+def _digest(setting: Inputs) -> str:
     """Return the SHA-256 of all code, scenes and photographs that a section is made from."""
     digest = hashlib.sha256(str(setting.seed).encode())
-    if setting.real is not None:
-        setting.measured  # noqa: B018 (an unreadable photograph is refused before hours of work)
-        digest.update(setting.real.read_bytes())
+    digest.update(setting.identity())
     for folder in (Path(ps.__file__).parent, Path(__file__).parent, scenes_folder()):
         for file in sorted(folder.rglob("*")):
             if file.is_file() and "__pycache__" not in file.parts:
@@ -249,7 +276,7 @@ def _digest(setting: Setting) -> str:
     return digest.hexdigest()
 
 
-def _record(page: Page, setting: Setting) -> dict[str, str]:
+def _record(page: Page, setting: Inputs) -> dict[str, str]:
     command = ["python", "-m", page.package, *sys.argv[1:]]
     made = provenance(ps.find_scene("chair"), ps.use_variant(), setting.seed, command)
     return as_text({**made, "processors": os.cpu_count()})

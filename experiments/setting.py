@@ -62,25 +62,43 @@ class Measured:
     real: bool
 
 
-class Chair:
-    """The chair scene at one resolution, and what is made from it, each when first asked.
+class FittedScene:
+    """A scene at one resolution, and what is made from it, each when first asked.
 
     Parameters
     ----------
+    scene
+        Its file, or a shipped one's name.
     hidden
         (R, C) of the hidden image.
     seed
         Of the shadow rays.
+    parameters
+        Values of the scene's ``<default>``s.
+    photograph
+        (rows, columns) of the photograph; None for the film's own.
     """
 
-    def __init__(self, hidden: tuple[int, int], seed: int = 0) -> None:
+    def __init__(
+        self,
+        scene: str | Path,
+        hidden: tuple[int, int],
+        seed: int = 0,
+        parameters: Mapping[str, str | float] | None = None,
+        photograph: tuple[int, int] | None = None,
+    ) -> None:
+        self.scene = scene
         self.hidden = hidden
         self.seed = seed
+        self.parameters = parameters
+        self.photograph_shape = photograph
 
     @cached_property
     def scenario(self) -> Scenario:
         """The scene as arrays."""
-        return ps.load_scenario(ps.find_scene("chair"), self.hidden)
+        return ps.load_scenario(
+            find_scene(self.scene), self.hidden, self.parameters, photograph=self.photograph_shape
+        )
 
     @cached_property
     def A(self) -> NDArray[np.float32]:  # noqa: N802 (the paper's name)
@@ -111,6 +129,13 @@ class Chair:
             hidden_shape=self.hidden,
             channel_gain=self.scenario.channel_gain,
         )
+
+
+class Chair(FittedScene):
+    """The chair scene at one resolution; see `FittedScene`."""
+
+    def __init__(self, hidden: tuple[int, int], seed: int = 0) -> None:
+        super().__init__("chair", hidden, seed)
 
 
 class Setting(Chair):
@@ -151,6 +176,13 @@ class Setting(Chair):
             return self.synthetic
         signal = ps.read_photograph(self.real, self.scenario.photograph_shape).values
         return Measured(signal, ps.read_hidden_image(self.real, self.hidden), real=True)
+
+    def identity(self) -> bytes:
+        """Return the real photograph's bytes; one that cannot be read is a PhotographError."""
+        if self.real is None:
+            return b""
+        self.measured  # noqa: B018 (it is refused before hours of work)
+        return self.real.read_bytes()
 
     def backgrounds(self, names: Sequence[str] = REALISTIC) -> dict[str, Array]:
         """Photographs of the board under ambient light: the realistic conditions, or others."""

@@ -1,0 +1,1 @@
+"""Stand-in laboratories, and what the package's commands make of them."""

@@ -1,0 +1,130 @@
+"""The stand-in's light against closed forms and plain path tracing by Mitsuba."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+mi = pytest.importorskip("mitsuba")
+pytestmark = pytest.mark.skipif(
+    "llvm_ad_rgb" not in mi.variants(), reason="the stand-ins are rendered with LLVM"
+)
+
+
+@pytest.fixture(scope="module")
+def modules():
+    dr = pytest.importorskip("drjit")
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        pytest.skip("needs LLVM")
+    mi.set_variant("llvm_ad_rgb")
+    from experiments.laboratories.making import bounces, light, render
+    from experiments.laboratories.making.laboratories import LABORATORIES
+
+    return light, bounces, render, LABORATORIES
+
+
+def world_of(modules, name, folder, film, **changes):
+    _, _, render, laboratories = modules
+    laboratory = replace(laboratories[name], **changes)
+    (folder / "meshes").mkdir(exist_ok=True)
+    for file, build in laboratory.meshes.items():
+        build().export(folder / "meshes" / f"{file}.ply")
+    return render.World(laboratory, folder, film)
+
+
+def polygon_irradiance(point, normal, corners):
+    """Lambert's formula for the irradiance of a uniform polygon of radiance 1, all of it above."""
+    to = corners - point
+    to /= np.linalg.norm(to, axis=1, keepdims=True)
+    total = np.zeros(3)
+    for a, b in zip(to, np.roll(to, -1, axis=0), strict=True):
+        cross = np.cross(a, b)
+        total += np.arccos(np.clip(a @ b, -1, 1)) * cross / np.linalg.norm(cross)
+    return abs(total @ normal) / 2
+
+
+def test_straight_light_of_a_rectangle_is_lamberts_closed_form(modules):
+    light = modules[0]
+    scene = mi.load_dict({"type": "scene"})
+    across, up = np.array([-0.4, 0.05, 0]), np.array([0, 0.02, 0.3])
+    normal = np.cross(across, up) / np.linalg.norm(np.cross(across, up))
+    source = light.Source(np.array([0.2, 0, 0.1]), across, up, normal, np.full((3, 4, 3), 2.0))
+    assert source.normal[1] > 0
+    points = np.array([[0.0, 1.0, 0.2], [0.7, 0.9, -0.1], [-0.5, 0.4, 0.6]])
+    wall = np.array([0.0, -1.0, 0.0])
+    found = light.direct_irradiance(
+        scene, mi.Point3f(points.T.astype(np.float32)), mi.Vector3f(0, -1, 0), source, (128, 128), 3
+    )
+    corners = source.corner + np.array([0 * across, across, across + up, up])
+    known = [2 * polygon_irradiance(p + light.OFFSET * wall, wall, corners) for p in points]
+    # Light varies by less than 5 times its mean across the source, so by 5 / 128 in a stratum:
+    # 16384 strata leave at most 5 / 128 / sqrt(12 * 16384), 9e-5, as one standard deviation.
+    np.testing.assert_allclose(found, np.repeat(np.array(known)[:, None], 3, 1), rtol=3e-4)
+
+
+def test_the_falloff_is_the_power_of_each_angles_cosine(modules):
+    light = modules[0]
+    tiny = 1e-3
+    source = light.Source(
+        np.array([tiny / 2, 0, -tiny / 2]), np.array([-tiny, 0, 0]), np.array([0, 0, tiny]),
+        np.array([0.0, 1, 0]), np.ones((1, 1, 3)), (6.0, 2.0),
+    )  # fmt: skip
+    scene = mi.load_dict({"type": "scene"})
+    points = np.array([[0.0, 1, 0.7], [0.6, 1, 0], [0.4, 1, -0.5]])
+    found = light.direct_irradiance(
+        scene, mi.Point3f(points.T.astype(np.float32)), mi.Vector3f(0, -1, 0), source, (4, 4), 0
+    )[:, 0]
+    x, y, z = points.T
+    d2 = x**2 + y**2 + z**2
+    known = tiny**2 * (y**2 / d2) / d2
+    known *= np.cos(np.arctan2(z, y)) ** 6 * np.cos(np.arctan2(x, y)) ** 2
+    np.testing.assert_allclose(found, known, rtol=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lamp", "bottle"])
+def test_all_light_together_equals_plain_path_tracing(modules, name, tmp_path, monkeypatch):
+    """Up to six bounces, of the monitor's picture and of the room, within Monte Carlo error.
+
+    The lens of `bottle` is taken as straight, as Mitsuba's is.
+    """
+    render, laboratories = modules[2:]
+    monkeypatch.setattr(render, "PATHS", 4096)
+    camera = replace(laboratories[name].camera, distortion=0.0)
+    film = (24, 16) if name == "bottle" else (16, 24)
+    world = world_of(modules, name, tmp_path, film, camera=camera, block=8)
+    made = world.light()
+    shown = np.ascontiguousarray(np.flipud(world.hidden)).astype(np.float32)
+    mi.Bitmap(shown).write(str(tmp_path / "shown.exr"))
+    bitmap = (
+        '<texture type="bitmap" name="radiance"><string name="filename" value="shown.exr"/>'
+        '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
+    )
+    white, text = '<rgb name="radiance" value="1"/>', world.laboratory.room
+    assert text.count(white) == 1
+    lights = re.compile(r'(?<=<emitter type="area"><rgb name="radiance" value=")[^"]+')
+    assert len(lights.findall(text)) == len(world.lights)
+    scenes = {
+        "monitor": lights.sub("0", text).replace(white, bitmap),
+        "room": text.replace(white, white.replace("1", "0")),
+    }
+    replicas = 16
+    for kind, scene in scenes.items():
+        (tmp_path / "plain.xml").write_text(scene)
+        plain = mi.load_file(str(tmp_path / "plain.xml"), height=film[0], width=film[1])
+        path = mi.load_dict({"type": "path", "max_depth": render.BOUNCES + 1, "rr_depth": 1000})
+        seen = np.array(
+            [mi.render(plain, integrator=path, spp=1024, seed=k).numpy() for k in range(replicas)],
+            float,
+        )
+        mean, error = seen.mean(0), seen.std(0, ddof=1) / replicas**0.5
+        found = render.averaged(world.reflectance * getattr(made, kind), 8)
+        if kind == "room":  # made to an SBR
+            found *= mean.mean() / found.mean()
+        # Errors of a mean of 16, each by its own spread: Student's t with 15 degrees of freedom
+        # has the variance 15/13. The stand-in's own errors are a tenth of these.
+        strays = (found - mean) / error
+        assert found.mean() == pytest.approx(mean.mean(), rel=3e-3)
+        assert np.sqrt((strays**2).mean()) < 1.1 * np.sqrt(15 / 13)
+        assert abs(strays.mean()) < 0.15

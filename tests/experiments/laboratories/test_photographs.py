@@ -1,0 +1,96 @@
+"""A stand-in's files, made small: light kept, noise as asked, geometry against the scene's own."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tifffile
+
+mi = pytest.importorskip("mitsuba")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    dr = pytest.importorskip("drjit")
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        pytest.skip("the stand-ins are rendered with LLVM")
+    pytest.importorskip("trimesh")
+    from experiments.laboratories.making import render
+    from experiments.laboratories.making.laboratories import LABORATORIES
+
+    out = tmp_path_factory.mktemp("laboratories")
+    small = replace(LABORATORIES["lamp"], block=2, rulers=2, points=(2, 3))
+    patch = pytest.MonkeyPatch()
+    patch.setattr(render, "PATHS", 256)
+    patch.setattr(render, "MONITOR_RAYS", 1)
+    patch.setattr(render, "LIGHT_RAYS", 4)
+    folder = render.make(small, out)
+    yield small, folder, out
+    patch.undo()
+
+
+def test_the_sbr_is_the_one_asked_and_paint_has_its_unevenness(made):
+    laboratory, folder, _ = made
+    monitor, room = (np.load(folder / "truth" / f"{name}.npy") for name in ("monitor", "room"))
+    assert monitor.mean() / room.mean() == pytest.approx(laboratory.sbr, rel=1e-5)
+    assert monitor.shape == (100, 150, 3)
+
+
+def test_two_photographs_with_the_monitor_off_differ_by_noise_alone(made):
+    _, folder, _ = made
+    both = [
+        tifffile.imread(folder / f"{name}.tiff").astype(float)
+        for name in ("monitor_off", "monitor_off_2")
+    ]
+    assert both[0].shape == (200, 300, 3)
+    photograph = tifffile.imread(folder / "photograph.tiff").astype(float) - 512
+    noise = (both[0] - both[1]).std() / np.sqrt(2)
+    room = np.mean(both[0]) - 512
+    # Shot noise: its variance follows the light. Averaged over blocks of 2 x 2 it is 60 dB below
+    # the photograph's root mean square; a few per cent go to the poster and the corners.
+    scaled = noise / 2 * np.sqrt(photograph.mean() / room)
+    assert scaled / np.sqrt((photograph**2).mean()) == pytest.approx(1e-3, rel=0.05)
+
+
+def test_points_lie_on_the_wall_where_the_truth_sees_them(made):
+    """By a pinhole's formula, from the scene file's numbers; six draws of a click and a ruler."""
+    laboratory, folder, _ = made
+    with (folder / "points.csv").open() as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    assert len(rows) == 6
+    from experiments.laboratories.making.ruler import declared
+
+    true = declared(laboratory.scene)
+    origin = np.array([true[f"camera_{axis}"] for axis in "xyz"])
+    ahead = np.array([true["aim_x"], 1.1, true["aim_z"]]) - origin
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0, 0.7, 0.71])
+    right /= np.linalg.norm(right)
+    down = np.cross(ahead, right)
+    focal = 150 / np.tan(np.radians(11))
+    for row in rows:
+        assert row["y"] == pytest.approx(1.1)
+        to = np.array([row["x"], row["y"], row["z"]]) - origin
+        seen = np.array([150, 100]) + focal * np.array([to @ right, to @ down]) / (to @ ahead)
+        # 0.3 pixels of the click and 1 mm of the ruler, here at most a pixel.
+        assert np.hypot(*(seen - [row["column"], row["row"]])) < 4 * np.hypot(0.3, 0.6)
+
+
+def test_making_again_does_nothing(made):
+    from experiments.laboratories.making.render import make
+
+    laboratory, folder, out = made
+    before = (folder / "photograph.tiff").stat().st_mtime_ns
+    make(laboratory, out)
+    assert (folder / "photograph.tiff").stat().st_mtime_ns == before
+
+
+def test_the_truth_lies_in_its_own_folder(made):
+    _, folder, _ = made
+    assert (folder / "truth" / "scene.xml").is_file()
+    true = 'name="occluder_x" value="0.507"'
+    assert true in (folder / "truth" / "scene.xml").read_text()
+    scenes = sorted(folder.glob("*.xml"))
+    assert len(scenes) == 4
+    assert not any(true in scene.read_text() for scene in scenes)
