@@ -22,7 +22,7 @@ from PIL import Image
 
 from experiments.laboratories.making import bounces, light, ruler
 from experiments.laboratories.making.camera import averaged, write_jpeg, write_tiff
-from experiments.laboratories.making.laboratory import Laboratory, plain
+from experiments.laboratories.making.laboratory import Laboratory
 from experiments.laboratories.making.wall import Seen, film_size, pixel_centres, seen_by
 
 Array = NDArray[np.float64]
@@ -221,7 +221,7 @@ def make(laboratory: Laboratory, out: Path) -> Path:
     _write_truth(world, radiance, truth)
     rulers = [_measure(world, number, folder) for number in range(laboratory.rulers)]
     _write_points(world, folder)
-    _write_mask(world.scene, world, folder / "mask.png")
+    _write_poster(world, folder / "poster.png")
     values = {
         "made_from": made_from,
         "true": ruler.declared(laboratory.scene),
@@ -294,10 +294,6 @@ def _measure(world: World, number: int, folder: Path) -> dict[str, float]:
     (folder / f"ruler_camera{ending}.xml").write_text(text, "utf-8")
     rectified = ruler.without_errors(text, laboratory.measured_camera)
     (folder / f"ruler{ending}.xml").write_text(rectified, "utf-8")
-    bare = folder / f"bare{ending}.xml"
-    bare.write_text(plain(rectified), "utf-8")
-    _write_mask(mi.load_file(str(bare)), world, folder / f"mask_rectified{ending}.png")
-    bare.unlink()
     return read
 
 
@@ -320,22 +316,12 @@ def _write_points(world: World, folder: Path) -> None:
     (folder / "points.csv").write_text("\n".join(["column,row,x,y,z", *lines]) + "\n", "utf-8")
 
 
-def _write_mask(scene: Any, world: World, file: Path) -> None:
-    """Write what a person paints over: the poster, with a margin, as a camera's film sees it."""
-    poster, camera = world.laboratory.poster, world.laboratory.camera
-    film = film_size(scene)
-    lens = camera if scene is world.scene else type(camera)()
-    fine = (8 * film[0], 8 * film[1])
-    used = np.ones((*fine, 1))
+def _write_poster(world: World, file: Path) -> None:
+    """Write what a person paints over in the photograph: the poster, with a margin."""
+    poster, used = world.laboratory.poster, np.ones(world.size, bool)
     if poster:
-        seen = seen_by(scene, lens, pixel_centres(fine), fine)
-        middle = world.seen(np.array([[world.size[1] / 2, world.size[0] / 2]]))
-        wall = light.source_of(world.shapes["wall"], np.ones((1, 1, 3)))
-        axes = [axis / np.linalg.norm(axis) for axis in (wall.across, wall.up)]
-        places = (seen.points - middle.points) @ np.transpose(axes)
-        used = 1.0 - poster.covers(places, margin=0.012).reshape(*fine, 1)
-    mask = np.where(averaged(used, 8)[..., 0] == 1, 255, 0).astype(np.uint8)
-    Image.fromarray(mask).save(file)
+        used = ~poster.covers(world.centres.places, margin=0.012).reshape(world.size)
+    Image.fromarray(np.where(used, 255, 0).astype(np.uint8)).save(file)
 
 
 def encoded(linear: Array) -> Array:

@@ -57,9 +57,7 @@ def test_what_a_user_gets_does_not_hold_the_truth(name):
 def test_values_are_written_where_they_are_declared_and_nowhere_else():
     text = LABORATORIES["lamp"].scene
     changed = ruler.with_values(text, {"occluder_x": 0.123456789})
-    lines = [
-        (a, b) for a, b in zip(text.splitlines(), changed.splitlines(), strict=True) if a != b
-    ]
+    lines = [(a, b) for a, b in zip(text.splitlines(), changed.splitlines(), strict=True) if a != b]
     assert lines == [
         (
             '    <default name="occluder_x" value="0.507"/>',

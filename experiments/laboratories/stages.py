@@ -1,0 +1,328 @@
+"""A laboratory taken the way that a user goes, with the picture after each step.
+
+Each person's ruler gives a scene. Before it stand the photograph as it comes (only averaged to the
+scene's film), the same rectified by points of the wall, that with a photograph of the monitor off,
+and that before the calibrated scene. The first columns have the true scene and an even wall.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.drawing import PAGE, drawn
+from experiments.laboratories.commands import CommandError, User
+from experiments.laboratories.making.laboratory import Laboratory
+from experiments.page import described
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.setting import package_sha256
+from periscopy_sim.storage.outputs.staging import staged_file
+
+TRUE, TRUE_OFF = "true scene, even wall", "the same, monitor off"
+AS_IT_COMES, PREPARED = "as it comes", "prepare"
+BACKGROUND, CALIBRATED = "--background", "calibrate"
+STAGES = (TRUE, TRUE_OFF, AS_IT_COMES, PREPARED, BACKGROUND, CALIBRATED)
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What the stages are made from, and where.
+
+    Attributes
+    ----------
+    out
+        Folder of the run.
+    rendered
+        Folder of the laboratories.
+    rulers
+        How many persons measure each.
+    seed
+        Of the commands.
+    """
+
+    out: Path
+    rendered: Path
+    rulers: int
+    seed: int = 0
+
+    def identity(self) -> bytes:
+        """Return what tells these inputs from others."""
+        return f"{self.rendered} {self.rulers}".encode()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A picture after a step.
+
+    Attributes
+    ----------
+    name
+        Of the step.
+    folder
+        Of the reconstruction.
+    psnr, registered
+        dB, as it stands and after the best shift.
+    unexplained
+        Part of the photograph.
+    failure
+        What the command said if it failed; the numbers are NaN then.
+    """
+
+    name: str
+    folder: str = ""
+    psnr: float = float("nan")
+    registered: float = float("nan")
+    unexplained: float = float("nan")
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter that calibration was to find.
+
+    Attributes
+    ----------
+    name, ruler, value, error, true
+        As the ruler had it, as told with its standard error, as it is.
+    determined
+        Whether it is told as determined.
+    """
+
+    name: str
+    ruler: float
+    value: float
+    error: float
+    true: float
+    determined: bool
+
+    @property
+    def strays(self) -> float:
+        """Told errors between told and true."""
+        return abs(self.value - self.true) / self.error if self.error else float("inf")
+
+
+@dataclass(frozen=True)
+class Way:
+    """What one person's ruler led to."""
+
+    laboratory: str
+    ruler: int
+    stages: Sequence[Stage]
+    parameters: Sequence[Parameter] = ()
+    trusted: bool = False
+    doubts: Sequence[str] = ()
+
+    def psnr(self, stage: str) -> float:
+        """Return dB after a step; NaN where it failed."""
+        return next(found.psnr for found in self.stages if found.name == stage)
+
+
+def run(laboratory: Laboratory, place: Workplace) -> Section:
+    """Photograph a laboratory, go the way with each ruler, and tell of it."""
+    ways = [way(laboratory, number, place) for number in range(place.rulers)]
+    pictures = [_draw(each, place) for each in ways]
+    return Section(
+        name=laboratory.name,
+        title=f"The laboratory “{laboratory.name}”",
+        text=described(__doc__ + "\n\n"),
+        claims=list(claims(ways)),
+        pictures=pictures,
+        tables=[_stages_table(laboratory, ways), _parameters_table(ways)],
+    )
+
+
+def way(laboratory: Laboratory, number: int, place: Workplace) -> Way:
+    """Go the way with one ruler, or read where it led the same package before."""
+    from experiments.laboratories.making.render import make
+
+    folder = make(laboratory, place.rendered)
+    values = json.loads((folder / "truth" / "values.json").read_text("utf-8"))
+    made_from = f"{values['made_from']} {package_sha256()}"
+    out = place.out / "ways" / laboratory.name
+
+    def kept(name: str, go: Callable[[User], Way]) -> Way:
+        file = out / name / "way.json"
+        if file.is_file():
+            record = json.loads(file.read_text("utf-8"))
+            if record.pop("made_from") == made_from:
+                return _read(record)
+        patches = "x".join(map(str, laboratory.hidden))
+        gone = go(User(folder, patches, laboratory.camera.black, out / name))
+        with staged_file(file) as staged:
+            record = {"made_from": made_from, **asdict(gone)}
+            staged.write_text(json.dumps(record, indent=2) + "\n", "utf-8")
+        return gone
+
+    true = kept("true", lambda user: _with_the_truth(laboratory, user))
+    gone = kept(f"ruler_{number}", lambda user: _go(laboratory, number, user, values["true"]))
+    return replace(gone, stages=[*true.stages, *gone.stages])
+
+
+def _read(record: dict[str, Any]) -> Way:
+    stages = [Stage(**stage) for stage in record.pop("stages")]
+    parameters = [Parameter(**parameter) for parameter in record.pop("parameters")]
+    return Way(**record, stages=stages, parameters=parameters)
+
+
+def _with_the_truth(laboratory: Laboratory, user: User) -> Way:
+    """Reconstruct before the true scene, a wall of even paint."""
+    scene = user.folder / "truth" / "scene.xml"
+    points = laboratory.camera.distortion != 0  # a scene's camera has no such lens
+
+    @cache
+    def prepared(name: str) -> Path:
+        return user.prepare(f"{name}_even.tiff", scene, name, points=points)
+
+    photograph, off = partial(prepared, "photograph"), partial(prepared, "monitor_off")
+    stages = [
+        _stage(TRUE, user, lambda: (photograph(), scene, [])),
+        _stage(TRUE_OFF, user, lambda: (photograph(), scene, [off()])),
+    ]
+    return Way(laboratory.name, 0, stages)
+
+
+def _go(laboratory: Laboratory, number: int, user: User, true: Mapping[str, float]) -> Way:
+    """Take every step; one that fails costs only those that need it."""
+    ending = f"_{number}" if number else ""
+    camera, ruler = (user.folder / f"{name}{ending}.xml" for name in ("ruler_camera", "ruler"))
+    told: dict[str, Any] = {}
+
+    @cache
+    def rectified(name: str) -> Path:
+        return user.prepare(f"{name}.tiff", ruler, name, points=True)
+
+    def calibrated() -> Path:
+        off = [rectified("monitor_off")]
+        scene, found = user.calibrate(rectified("photograph"), ruler, off, "calibrated")
+        told.update(found)
+        return scene
+
+    def as_it_comes() -> Path:
+        return user.prepare("photograph.tiff", camera, "as_it_comes", points=False)
+
+    photograph, off = partial(rectified, "photograph"), partial(rectified, "monitor_off")
+    stages = [
+        _stage(AS_IT_COMES, user, lambda: (as_it_comes(), camera, [])),
+        _stage(PREPARED, user, lambda: (photograph(), ruler, [])),
+        _stage(BACKGROUND, user, lambda: (photograph(), ruler, [off()])),
+        _stage(CALIBRATED, user, lambda: (photograph(), calibrated(), [off()])),
+    ]
+    parameters = [
+        Parameter(
+            name, one["start"], one["value"], one["standard_error"], true[name], one["determined"]
+        )
+        for name, one in told.get("parameters", {}).items()
+    ]
+    doubts = [str(doubt) for doubt in told.get("doubts", ())]
+    return Way(laboratory.name, number, stages, parameters, bool(told.get("trusted")), doubts)
+
+
+def _stage(name: str, user: User, given: Callable[[], tuple[Path, Path, list[Path]]]) -> Stage:
+    folder = "".join(letter if letter.isalnum() else "_" for letter in name)
+    try:
+        told = user.reconstruct(*given(), folder)
+    except CommandError as error:
+        return Stage(name, failure=str(error))
+    return Stage(
+        name,
+        str(user.out / folder / "picture"),
+        told["psnr"],
+        told["psnr_registered"],
+        told["unexplained"],
+    )
+
+
+def claims(ways: Sequence[Way]) -> Iterator[Claim]:
+    """Return what was asked of the pictures beside what came out."""
+    lost = np.array([way.psnr(TRUE_OFF) - way.psnr(CALIBRATED) for way in ways])
+    won = np.array([way.psnr(CALIBRATED) - way.psnr(BACKGROUND) for way in ways])
+    median, worst = float(np.median(lost)), float(np.min(won))
+    yield Claim(
+        "what the calibrated scene's picture loses on the true scene's with an even wall, median "
+        f"over {len(ways)} rulers",
+        "at most 4 dB",
+        f"{median:.1f} dB",
+        Verdict.of(median <= 4),
+        "from " + " to ".join(f"{lost.min():.1f} {lost.max():.1f} dB".split(" ", 1)),
+    )
+    yield Claim(
+        "what calibration wins on the ruler's scene, worst of the rulers",
+        "at least -0.3 dB",
+        f"{worst:.1f} dB",
+        Verdict.of(worst >= -0.3),
+        f"best {won.max():.1f} dB",
+    )
+
+
+def _stages_table(laboratory: Laboratory, ways: Sequence[Way]) -> Table:
+    def cell(stage: Stage) -> str:
+        if stage.failure:
+            return stage.failure
+        return f"{stage.psnr:.1f} ({stage.registered:.1f}), {100 * stage.unexplained:.2f} %"
+
+    return Table(
+        f"Gain-matched PSNR in dB as it stands (after the best shift), and what stays unexplained; "
+        f"paint uneven by {100 * laboratory.unevenness['']:.1f} %, SBR {laboratory.sbr:g}",
+        ["ruler", *STAGES],
+        [[str(way.ruler), *map(cell, way.stages)] for way in ways],
+    )
+
+
+def _parameters_table(ways: Sequence[Way]) -> Table:
+    def cell(parameter: Parameter) -> str:
+        told = f"{parameter.value:.4g} ± {parameter.error:.2g}"
+        mark = ", determined" if parameter.determined else ""
+        return f"{parameter.ruler:.4g}, {told}{mark}"
+
+    names = [parameter.name for parameter in ways[0].parameters]
+    rows = []
+    for index, name in enumerate(names):
+        found = [way.parameters[index] if way.parameters else None for way in ways]
+        true = f"{ways[0].parameters[index].true:.4g}"
+        rows.append([name, true, *(cell(each) if each else "failed" for each in found)])
+    return Table(
+        "Parameters: true, then for each ruler what it read and what calibration told",
+        ["parameter", "true", *(f"ruler {way.ruler}" for way in ways)],
+        rows,
+    )
+
+
+def _draw(gone: Way, place: Workplace) -> Picture:
+    """Draw the pictures and what is left of the photographs, one column a step."""
+    import matplotlib.image as mpl_image
+
+    from periscopy_sim.evaluation.metrics import gain_matched
+    from periscopy_sim.storage.formats.srgb import srgb_encode
+
+    name = f"{gone.laboratory}_{gone.ruler}"
+    truth = np.load(place.rendered / gone.laboratory / "truth" / "hidden.npy")
+    columns = len(gone.stages) + 1
+    aspect = truth.shape[0] / truth.shape[1]
+    height = PAGE / columns * (aspect + 1.0) + 0.5
+    with drawn(place.out, name, PAGE, height) as figure:
+        axes = figure.subplots(2, columns, height_ratios=[aspect, 0.7])
+        for ax in axes.flat:
+            ax.set_axis_off()
+        axes[0, 0].imshow(np.clip(srgb_encode(truth), 0, 1), interpolation="nearest")
+        axes[0, 0].set_title("hidden image", fontsize=6)
+        for column, stage in enumerate(gone.stages, start=1):
+            axes[0, column].set_title(f"{stage.name}\n{stage.psnr:.1f} dB", fontsize=6)
+            if stage.failure:
+                continue
+            image = np.load(Path(stage.folder) / "reconstruction.npy").astype(float)
+            shown = np.clip(srgb_encode(gain_matched(image, truth)), 0, 1)
+            axes[0, column].imshow(shown, interpolation="nearest")
+            residual = Path(stage.folder) / "residual.png"
+            if residual.is_file():
+                axes[1, column].imshow(mpl_image.imread(residual))
+    return Picture(
+        place.out / f"{name}.png",
+        f"Ruler {gone.ruler}: the picture after each step, gain-matched, and below it what the "
+        "scene leaves unexplained.",
+    )
