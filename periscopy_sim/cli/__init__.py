@@ -24,7 +24,6 @@ from periscopy_sim.cli import (
     dataset,
     demo,
     doctor,
-    lab,
     photograph,
     reconstruct,
     sweep,
@@ -32,7 +31,7 @@ from periscopy_sim.cli import (
     video,
 )
 from periscopy_sim.cli.arguments import EXTRA_OF, missing
-from periscopy_sim.cli.laboratory import prepare
+from periscopy_sim.cli.laboratory import draw, lab, prepare
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
@@ -59,6 +58,7 @@ def _periscopy(
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
 app.command("transport")(transport.transport)
+app.command("draw")(draw.draw)
 app.command("lab")(lab.lab)
 app.command("photograph")(photograph.photograph)
 app.command("prepare")(prepare.prepare)

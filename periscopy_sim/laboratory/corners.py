@@ -106,7 +106,8 @@ def corners_seen(
     """Return x and z of the wall's points in the corners of a pinhole camera's picture, (4, 2).
 
     The wall is y = `distance`. The field of view, in degrees, is that of the picture's width; a
-    positive roll turns the camera clockwise as it looks. The order is that of `aim_at_corners`.
+    positive roll turns the camera clockwise as it looks. The order is that of `aim_at_corners`. A
+    `ConfigurationError` says that the picture does not end on the wall.
     """
     ahead = np.array([target_x, distance, target_z]) - position
     ahead /= np.linalg.norm(ahead)
@@ -122,6 +123,11 @@ def corners_seen(
     tall = half * film[0] / film[1]
     rays = ahead + np.array([[-half], [half], [half], [-half]]) * right
     rays += np.array([[tall], [tall], [-tall], [-tall]]) * up
+    if rays[:, 1].min() <= 1e-3 * np.linalg.norm(rays, axis=1).max():
+        raise ConfigurationError(
+            "camera: a corner of its picture shows what is beyond the wall's horizon; turn it more "
+            "towards the wall, or make its field of view smaller"
+        )
     reach = (distance - position[1]) / rays[:, 1:2]
     return np.asarray((position + reach * rays)[:, [0, 2]])
 

@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.corners import Aim, aim_at_corners
+from periscopy_sim.laboratory.corners import Aim, aim_at_corners, corners_seen
 from periscopy_sim.laboratory.document import (
     Box,
     CornersCamera,
@@ -27,9 +27,13 @@ from periscopy_sim.laboratory.document import (
 )
 from periscopy_sim.laboratory.quantities import Measured
 from periscopy_sim.laboratory.scene_text import SceneText, axes, film_of, paint, transform
+from periscopy_sim.scenario import Array
 
-HALF_WALL = 10.0
-"""Metres to each side of the origin that the wall reaches, farther than anybody's photograph."""
+LEAST_WALL = 1.0
+"""Metres that the wall reaches, at least, to each side of the middle of what the camera sees."""
+
+BEYOND = 1.5
+"""Times what the camera sees of the wall that it reaches: numbers may change."""
 
 CYLINDER = "cylinder"
 """Name of the mesh that cylinders share."""
@@ -44,13 +48,13 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     `meshes` maps the name of each occluder that is a mesh, and `CYLINDER`, to its file beside the
     scene. A number without an error, or corners that no camera sees, is a `ConfigurationError`.
     """
-    scene = SceneText(laboratory)
-    _add_wall(scene, laboratory)
-    camera = laboratory.camera
+    scene, camera = SceneText(laboratory), laboratory.camera
+    aim = aim_of(laboratory)
+    _add_wall(scene, laboratory, _seen(laboratory, aim))
     if isinstance(camera, RectifiedCamera):
         _add_rectified(scene, camera)
     else:
-        _add_camera(scene, camera, aim_of(laboratory))
+        _add_camera(scene, camera, aim)
     _add_monitor(scene, laboratory)
     for occluder in laboratory.occluders:
         _add_occluder(scene, occluder, meshes)
@@ -59,7 +63,9 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
 
 def aim_of(laboratory: Laboratory) -> Aim | None:
     """Return what the corners say of the camera; None of a camera that has no corners."""
-    camera = laboratory.camera
+    camera, distance = laboratory.camera, laboratory.wall.distance.value
+    if not isinstance(camera, RectifiedCamera) and camera.position[1].value >= distance:
+        raise ConfigurationError("camera.position: it lies behind the wall; its y is too large")
     if not isinstance(camera, CornersCamera):
         return None
     general = 0.0 if laboratory.errors.length is None else laboratory.errors.length.value
@@ -70,9 +76,6 @@ def aim_of(laboratory: Laboratory) -> Aim | None:
     named = camera.corners
     corners = (named.top_left, named.top_right, named.bottom_right, named.bottom_left)
     position = np.array([each.value for each in camera.position])
-    distance = laboratory.wall.distance.value
-    if position[1] >= distance:
-        raise ConfigurationError("camera.position: it lies behind the wall; its y is too large")
     return aim_at_corners(
         position,
         distance,
@@ -83,17 +86,47 @@ def aim_of(laboratory: Laboratory) -> Aim | None:
     )
 
 
-def _add_wall(scene: SceneText, laboratory: Laboratory) -> None:
+def _seen(laboratory: Laboratory, aim: Aim | None) -> Array:
+    """Return x and z of the wall's points in the corners of the picture, (4, 2)."""
+    camera, distance = laboratory.camera, laboratory.wall.distance.value
+    if isinstance(camera, RectifiedCamera):
+        x, z = (each.value for each in camera.bottom_left)
+        width, height = camera.width.value, camera.height.value
+        return np.array([(x, z + height), (x + width, z + height), (x + width, z), (x, z)])
+    position = np.array([each.value for each in camera.position])
+    if aim is not None:
+        return corners_seen(position, distance, camera.film, *aim.values.values())
+    assert isinstance(camera, PerspectiveCamera)
+    if camera.target is not None:
+        x, z = (each.value for each in camera.target)
+    else:
+        turn, tilt = (
+            np.radians(0.0 if angle is None else angle.value)
+            for angle in (camera.turn, camera.tilt)
+        )
+        ahead = np.array([-np.sin(turn) * np.cos(tilt), np.cos(turn) * np.cos(tilt), np.sin(tilt)])
+        if ahead[1] < 1e-3:
+            raise ConfigurationError("camera.turn: it looks away from the wall; 0 looks at it")
+        x, _, z = position + (distance - position[1]) / ahead[1] * ahead
+    roll, angle = camera.roll.value, camera.field_of_view.value
+    return corners_seen(position, distance, camera.film, x, z, roll, angle)
+
+
+def _add_wall(scene: SceneText, laboratory: Laboratory, seen: Array) -> None:
+    """Add a wall that reaches beyond what the camera sees of it."""
     wall = laboratory.wall
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    x, z = map(float, np.round((low + high) / 2, 2))
+    half = max(LEAST_WALL, float(np.ceil(100 * BEYOND * np.max(high - low) / 2) / 100))
     scene.section("The wall: its y.")
     distance = scene.declare("wall_distance", wall.distance, "length", "wall.distance")
     scene.add(
         [
             '<shape type="rectangle" id="wall">',
             *transform(
-                f'<scale value="{HALF_WALL}"/>',
+                f'<scale value="{half!r}"/>',
                 '<rotate x="1" angle="90"/>',
-                f'<translate y="{distance}"/>',
+                f'<translate x="{x!r}" y="{distance}" z="{z!r}"/>',
             ),
             *paint(wall.reflectance),
             "</shape>",

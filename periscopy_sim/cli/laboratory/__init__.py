@@ -1,1 +1,1 @@
-"""Commands that bring a laboratory into the package: its photographs."""
+"""Commands that bring a laboratory into the package: its scene, its photographs."""

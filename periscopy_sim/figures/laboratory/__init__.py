@@ -1,0 +1,1 @@
+"""A laboratory drawn to scale, from a scene."""

@@ -1,0 +1,146 @@
+"""What a drawing of a laboratory shows, and how its things are named and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from textwrap import wrap
+
+import numpy as np
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.survey import Solid, Survey
+from periscopy_sim.scenario import Array, Scenario
+
+LARGE = 2.5
+"""Times the laboratory's size: a larger shape (a floor, a room) is drawn where it is in sight."""
+
+MOST_TOLD, CHARACTERS = 5, 138
+"""Occluders whose distances are told, and characters of a line."""
+
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
+
+@dataclass(frozen=True)
+class WorldAxes:
+    """World axes as panels show them: across the wall, towards it, up; with their directions.
+
+    `signs` are -1 where the axis runs to the left (across), or away from the wall (towards).
+    """
+
+    axes: tuple[int, int, int]
+    signs: tuple[int, int, int]
+
+    def label(self, k: int) -> str:
+        """Return the name of an axis, and its unit."""
+        return f"{'xyz'[self.axes[k]]} / m"
+
+
+def world_axes(scenario: Scenario, survey: Survey) -> WorldAxes:
+    """Take the world's axes; depth is the horizontal one along which the wall is faced.
+
+    A wall that lies more than it stands is a `SceneError`.
+    """
+    ahead = -scenario.wall_normals.mean(axis=0)
+    depth = int(np.argmax(np.abs(ahead[:2])))
+    if abs(ahead[depth]) < abs(ahead[2]):
+        raise SceneError(
+            f"scene '{scenario.path}': its wall lies; only one that stands (z up) can be drawn"
+        )
+    rightwards = (survey.view_points[1] - survey.view_points[0])[1 - depth]
+    return WorldAxes(
+        (1 - depth, depth, 2), (1 if rightwards >= 0 else -1, 1 if ahead[depth] >= 0 else -1, 1)
+    )
+
+
+def drawn_box(survey: Survey) -> tuple[Array, Array]:
+    """Return the box of what is to be drawn, with a margin."""
+    core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
+    size = float(np.max(np.ptp(core, axis=0)))
+    kept = [s.points for s in survey.solids if np.ptp(s.points, axis=0).max() < LARGE * size]
+    points = np.concatenate([core, *kept])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.09 * float(np.max(high - low))
+    return low - margin, high + margin
+
+
+def groups_of(solids: Sequence[Solid]) -> dict[str, Array]:
+    """Return points of the solids by name; those whose names share a stem are one."""
+    names = [solid.name for solid in solids]
+    stems = [name.rpartition("_")[0] or name for name in names]
+    groups: dict[str, list[Array]] = {}
+    for solid, stem in zip(solids, stems, strict=True):
+        together = stems.count(stem) > 1 and stem not in names
+        groups.setdefault(stem if together else solid.name, []).append(solid.points)
+    return {name: np.concatenate(points) for name, points in groups.items()}
+
+
+def facts(scenario: Scenario, survey: Survey) -> list[str]:
+    """Return lines of distances and sizes."""
+    normal = scenario.wall_normals.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    middle = survey.view_points[4]
+    corners = survey.view_points[:4]
+    wide = (np.linalg.norm(corners[1] - corners[0]) + np.linalg.norm(corners[2] - corners[3])) / 2
+    high = (np.linalg.norm(corners[3] - corners[0]) + np.linalg.norm(corners[2] - corners[1])) / 2
+    sight = survey.view_origins[4] - middle
+    away = float(np.linalg.norm(sight))
+    slant = np.degrees(np.arccos(np.clip(sight @ normal / away, -1, 1)))
+    across, up = _monitor_size(scenario)
+    before = float((scenario.patch_centers.mean(axis=0) - middle) @ normal)
+    facing = np.degrees(np.arccos(np.clip(-scenario.patch_normals.mean(axis=0) @ normal, -1, 1)))
+    where = "parallel rays" if survey.parallel else f"{in_words(away)} from the wall"
+    seen = f"{in_words(float(wide))} x {in_words(float(high))}"
+    lines = [
+        f"Camera: {where}, {slant:.0f}° off its normal; sees {seen} of it (width x height).",
+        f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} before the wall, turned "
+        f"{facing:.0f}° from facing it squarely.",
+    ]
+    told = []
+    for name, points in groups_of(survey.solids).items():
+        heights = (points - middle) @ normal
+        distance = float(heights.min() + heights.max()) / 2
+        if 0 < distance < before:
+            stretch = distance / (before - distance)
+            penumbra = f"{in_words(across * stretch, 2)} x {in_words(up * stretch, 2)}"
+            told.append(f"{name} {in_words(distance)} ({penumbra})".replace(" ", NO_BREAK))
+    if told:
+        shown = ", ".join(told[:MOST_TOLD]) + (", ..." if told[MOST_TOLD:] else "")
+        lines.append(
+            "Middles before the wall (and how wide an edge's penumbra is from there, across x up): "
+            f"{shown}."
+        )
+    return [line for long in lines for line in wrap(long, CHARACTERS)]
+
+
+def _monitor_size(scenario: Scenario) -> tuple[float, float]:
+    rows, columns = scenario.hidden_shape
+    across = np.linalg.norm(scenario.patch_across, axis=1).mean() * columns
+    return float(across), float(np.linalg.norm(scenario.patch_up, axis=1).mean() * rows)
+
+
+def in_words(length: float, digits: int = 3) -> str:
+    """Return a length, in metres, as a person writes it."""
+    return f"{length:.2f} m" if length >= 0.995 else f"{100 * length:.{digits}g} cm"
+
+
+def hull(points: Array) -> Array:
+    """Return the corners of the convex hull of points in a plane; of a line its two ends."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        return points[list(extremes(points))]
+
+
+def extremes(points: Array) -> tuple[int, int]:
+    """Return which two of points in a plane lie farthest out, where they reach farthest."""
+    along = (points - points.mean(axis=0)) @ _direction(points)
+    return int(np.argmin(along)), int(np.argmax(along))
+
+
+def _direction(points: Array) -> Array:
+    values, axes = np.linalg.eigh(np.cov(points.T))
+    return np.asarray(axes[:, np.argmax(values)])

@@ -1,0 +1,216 @@
+"""A laboratory's wall, plan and side view, to scale."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.figures.laboratory.geometry import WorldAxes, extremes, groups_of, hull, in_words
+from periscopy_sim.figures.laboratory.labels import Labels
+from periscopy_sim.figures.panels import OKABE_ITO
+from periscopy_sim.rendering.survey import Survey
+from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.scenario import Array, Scenario
+
+VIEWED, MONITOR, OCCLUDER = OKABE_ITO[0], OKABE_ITO[1], "0.25"
+
+GRID = {True: 150, False: 40}
+"""Points of the wall along its panel's width; fewer where one ray is traced after the other."""
+
+DARKEST = -0.5
+"""Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
+
+
+def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
+    """Show how much of the monitor each point of the wall sees, and what the camera sees of it."""
+    from matplotlib.patches import Polygon
+
+    h, v = frame.axes[0], frame.axes[2]
+    (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
+    columns = GRID[is_vectorized()]
+    x = np.linspace(left, right, columns)
+    z = np.linspace(bottom, top, max(2, round(columns * (top - bottom) / (right - left))))
+    share = _share(scenario, survey, frame, x, z)
+    ax.imshow(
+        share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=DARKEST, vmax=1,
+        interpolation="bilinear", zorder=0,
+    )  # fmt: skip
+    if np.ptp(share) > 0.05:
+        ax.contour(x, z, share, levels=[0.02], colors="black", linewidths=0.8)
+        ax.contour(x, z, share, levels=[0.98], colors="black", linewidths=0.6, linestyles=":")
+    labels = Labels(ax)
+    for points, colour, text in (
+        (survey.view_points[:4], VIEWED, "seen by the camera"),
+        (hull(survey.monitor_points[:, [h, v]]), MONITOR, "monitor"),
+    ):
+        outline = points[:, [h, v]] if points.shape[1] == 3 else points
+        style = "-" if colour == VIEWED else "--"
+        ax.add_patch(Polygon(outline, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style))
+        labels.add(text, outline, colour)
+    ax.set_xlim(*((left, right) if frame.signs[0] > 0 else (right, left)))
+    ax.set_ylim(bottom, top)
+    labels.place()
+
+
+def draw_projection(
+    ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes, shown: tuple[int, int]
+) -> None:
+    """Draw everything onto two axes: the camera and what it sees, monitor, occluders, shadows."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.patches import Polygon
+
+    h, v = (frame.axes[k] for k in shown)
+    limits = ax.get_xlim(), ax.get_ylim()
+    labels = Labels(ax)
+    middle, eye = survey.view_points[4], survey.view_origins[4]
+    cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
+    ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
+    seen = survey.view_points[:4][:, [h, v]]
+    _draw_wall_line(ax, scenario, survey, frame, shown)
+    ax.plot(
+        *seen[list(extremes(seen))].T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4
+    )
+    _draw_shadow_rays(ax, survey, scenario, (h, v))
+    for solid in survey.solids:
+        if solid.faces is None:
+            outlines = [hull(solid.points[:, [h, v]])]
+        else:
+            outlines = list(solid.points[:, [h, v]][solid.faces])
+        look: dict[str, Any] = {"facecolor": OCCLUDER, "edgecolor": OCCLUDER, "linewidth": 0.4}
+        ax.add_collection(PolyCollection(outlines, zorder=5, **look))
+    for name, points in groups_of(survey.solids).items():
+        labels.add(name, points[:, [h, v]], "black")
+    monitor = hull(survey.monitor_points[:, [h, v]])
+    ax.add_patch(Polygon(monitor, facecolor=MONITOR, edgecolor=MONITOR, linewidth=2.4, zorder=6))
+    labels.add("monitor", monitor, MONITOR)
+    size = 0.05 * float(np.ptp(limits[0]) + np.ptp(limits[1]))
+    screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
+    _arrow(ax, screen, facing, size, (h, v), MONITOR)
+    normal = scenario.wall_normals.mean(axis=0)
+    _arrow(ax, middle, normal, size, (h, v), "0.45")
+    labels.add("normal", (middle + size * normal)[None, [h, v]], "0.45")
+    sight = middle - eye
+    _arrow(ax, eye, sight, min(1.0, size / float(np.linalg.norm(sight))), (h, v), VIEWED)
+    ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
+    labels.add("camera", eye[None, [h, v]], VIEWED)
+    labels.avoid(seen)
+    labels.avoid(np.stack([middle, middle + size * normal])[:, [h, v]])
+    if shown == (0, 1):
+        _draw_scale_bar(ax)
+    else:
+        _draw_distances(ax, scenario, survey, frame)
+    ax.set_xlim(limits[0])
+    ax.set_ylim(limits[1])
+    labels.place()
+
+
+def _draw_wall_line(
+    ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes, shown: tuple[int, int]
+) -> None:
+    """Draw the wall as a strip, as dark as it is at the height (or place) of the view's middle."""
+    k = 0 if shown == (0, 1) else 2  # the axis along the wall
+    axis, depth = frame.axes[k], frame.axes[1]
+    middle = survey.view_points[4]
+    ends = ax.get_xlim() if k == 0 else ax.get_ylim()
+    along = np.linspace(min(ends), max(ends), 3 * GRID[is_vectorized()])
+    fixed = np.array([middle[frame.axes[2 - k]]])
+    x, z = (along, fixed) if k == 0 else (fixed, along)
+    share = _share(scenario, survey, frame, x, z).ravel()
+    normal = scenario.wall_normals.mean(axis=0)
+    plane = middle[depth] - (along - middle[axis]) * normal[axis] / normal[depth]
+    thick = 0.05 * float(np.ptp(ax.get_ylim() if k == 0 else ax.get_xlim())) * frame.signs[1]
+    near = np.stack([along, plane], axis=1)
+    far = np.stack([along, plane + thick], axis=1)
+    order = [0, 1] if k == 0 else [1, 0]
+    from matplotlib.collections import PolyCollection
+
+    pieces = np.stack([near[:-1], near[1:], far[1:], far[:-1]], axis=1)[..., order]
+    grey = ((share[:-1] - DARKEST) / (1 - DARKEST)).astype(str)
+    look: dict[str, Any] = {"facecolors": grey, "edgecolors": grey, "linewidths": 0.5}
+    ax.add_collection(PolyCollection(list(pieces), zorder=2, **look))
+    ax.plot(*near.T[order], color="black", linewidth=0.8, zorder=3)
+
+
+def _share(
+    scenario: Scenario, survey: Survey, frame: WorldAxes, x: Array, z: Array
+) -> NDArray[np.float64]:
+    """Return the share of the monitor that points of the wall's plane see, (z, x)."""
+    normal, middle = scenario.wall_normals.mean(axis=0), survey.view_points[4]
+    grid = np.empty((len(z), len(x), 3))
+    h, d, v = frame.axes
+    grid[..., h], grid[..., v] = x, z[:, None]
+    slope = (grid[..., h] - middle[h]) * normal[h] + (grid[..., v] - middle[v]) * normal[v]
+    grid[..., d] = middle[d] - slope / normal[d]
+    points = grid.reshape(-1, 3) + 1e-4 * normal
+    return survey.lit_share(points, scenario.patch_centers).reshape(len(z), len(x))
+
+
+def _draw_shadow_rays(ax: Any, survey: Survey, scenario: Scenario, axes: tuple[int, int]) -> None:
+    """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
+    h, v = axes
+    middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
+    points = np.concatenate([s.points for s in survey.solids]) if survey.solids else None
+    if points is None:
+        return
+    before = (survey.monitor_points - middle) @ normal
+    height = (points - middle) @ normal
+    points = points[(height > 1e-3) & (height < before.min() - 1e-3)]
+    flat = survey.monitor_points[:, [h, v]]
+    ends = flat[list(extremes(flat))]
+    wall, facing = middle[[h, v]], normal[[h, v]]
+    for end in ends:
+        to = points[:, [h, v]] - end
+        reach = (wall - end) @ facing / (to @ facing)
+        hits = end + reach[:, None] * to
+        along = hits @ np.array([-facing[1], facing[0]])
+        for extreme in (np.argmin(along), np.argmax(along)) if len(along) else ():
+            ray = np.stack([end, hits[extreme]])
+            ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
+
+
+def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
+    """Draw dimension lines along the depth: from the monitor to each thing and to the wall."""
+    depth = frame.axes[1]
+    monitor, wall = scenario.patch_centers.mean(axis=0)[depth], survey.view_points[4][depth]
+    bottom, top = ax.get_ylim()
+    groups = groups_of(survey.solids).values()
+    between = sorted({round(float(points.mean(axis=0)[depth]), 2) for points in groups})
+    inside = [at for at in between if min(monitor, wall) + 0.02 < at < max(monitor, wall) - 0.02]
+    stops = [monitor, *(inside if len(inside) < 3 else [float(np.mean(inside))]), wall]
+    level = bottom + 0.07 * (top - bottom)
+    for start, end in pairwise(stops):
+        look = {"arrowstyle": "<->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", (start, level), (end, level), arrowprops=look, zorder=6)
+        ax.text(
+            (start + end) / 2, level, in_words(abs(end - start)), fontsize=7, ha="center",
+            va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8}, zorder=7,
+        )  # fmt: skip
+
+
+def _draw_scale_bar(ax: Any) -> None:
+    """Draw a bar of a round length in the lower right corner."""
+    wide, tall = abs(np.ptp(ax.get_xlim())), abs(np.ptp(ax.get_ylim()))
+    length = max(n for n in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if n < 0.3 * wide)
+    right = max if ax.get_xlim()[1] > ax.get_xlim()[0] else min
+    end = right(ax.get_xlim()) - 0.04 * np.ptp(ax.get_xlim())
+    level = min(ax.get_ylim()) + 0.04 * tall
+    ends = [end - np.sign(np.ptp(ax.get_xlim())) * length, end]
+    ax.plot(ends, [level, level], color="black", linewidth=3, solid_capstyle="butt", zorder=6)
+    ax.text(
+        float(np.mean(ends)), level + 0.015 * tall, in_words(length), fontsize=7, ha="center",
+        va="bottom", zorder=7,
+    )  # fmt: skip
+
+
+def _arrow(
+    ax: Any, start: Array, direction: Array, size: float, axes: tuple[int, int], colour: str
+) -> None:
+    tip = (start + size * direction)[list(axes)]
+    ax.annotate(
+        "", tip, start[list(axes)],
+        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1, "shrinkA": 0, "shrinkB": 0},
+        zorder=7, annotation_clip=False,
+    )  # fmt: skip

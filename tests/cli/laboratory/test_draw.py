@@ -1,0 +1,20 @@
+import pytest
+from PIL import Image
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+
+def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path):
+    out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
+    assert out == "wrote deep/lab.png\n"
+    with Image.open(tmp_path / "deep" / "lab.png") as picture:
+        assert picture.size[0] == 1600
+        assert picture.text["command"] == "periscopy draw plate -D occluder_dx=0.03"
+        assert "scene_sha256" in picture.text
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["lab.png"]
+
+
+def test_what_cannot_be_drawn_is_refused(refused):
+    assert "lab.jpg: the drawing is written as .png" in refused("draw", "plate", "--out", "lab.jpg")
+    assert "does not exist" in refused("draw", "none.xml", "--out", "lab.png")
+    assert "'height'" in refused("draw", "plate", "-D", "height=1", "--out", "lab.png")

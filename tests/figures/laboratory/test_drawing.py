@@ -1,0 +1,163 @@
+"""What a drawing shows, read off the finished figure."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+from PIL import Image
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.figures.laboratory import drawing
+from periscopy_sim.figures.laboratory.drawing import draw_laboratory, laboratory_figure
+from periscopy_sim.figures.laboratory.geometry import NO_BREAK, facts, groups_of
+from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.survey import Solid, Survey
+from periscopy_sim.rendering.variant import examine_variants
+from periscopy_sim.shipped import find_scene
+
+pytestmark = pytest.mark.skipif(
+    not any(r.works for r in examine_variants() if not r.name.startswith("scalar")),
+    reason="the pictures are coarser without LLVM or CUDA",
+)
+TITLES = ("the wall as the camera faces it", "from the side", "plan", "overview")
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario(find_scene("plant"), (6, 8), photograph=(16, 16))
+
+
+@pytest.fixture(scope="module")
+def figure(scenario):
+    return laboratory_figure(scenario)
+
+
+@pytest.fixture(scope="module")
+def panels(figure):
+    found = {ax.get_title().partition(";")[0]: ax for ax in figure.axes}
+    assert tuple(found) == TITLES
+    return found
+
+
+def test_the_three_views_have_one_scale(figure, panels):
+    scales = []
+    for title in TITLES[:3]:
+        box = panels[title].get_window_extent()
+        scales += [box.width / np.ptp(panels[title].get_xlim())]
+        scales += [box.height / np.ptp(panels[title].get_ylim())]
+    np.testing.assert_allclose(scales, scales[0], rtol=1e-3)
+    assert figure.get_size_inches()[0] * figure.dpi == 1600
+
+
+def test_views_line_up_as_a_draughtsman_has_it(panels):
+    wall, side, plan, _ = (panels[title] for title in TITLES)
+    assert wall.get_xlim() == plan.get_xlim() and wall.get_ylim() == side.get_ylim()
+    assert plan.get_ylim() == side.get_xlim()
+    assert wall.get_position().x0 == pytest.approx(plan.get_position().x0)
+    assert wall.get_position().y0 == pytest.approx(side.get_position().y0)
+    assert [ax.get_xlabel() for ax in (wall, side, plan)] == ["x / m", "y / m", "x / m"]
+    assert [ax.get_ylabel() for ax in (wall, side, plan)] == ["z / m", "z / m", "y / m"]
+
+
+def lines_of(ax, colour):
+    return [line for line in ax.lines if to_rgba(line.get_color()) == to_rgba(colour)]
+
+
+def test_camera_stands_where_the_scene_says(panels):
+    """At (1.65, 0.15, 0.42), looking at (0.76, 1.03, 0.27)."""
+    for title, place in (("plan", (1.65, 0.15)), ("from the side", (0.15, 0.42))):
+        dots = [line for line in lines_of(panels[title], VIEWED) if line.get_marker() == "o"]
+        assert len(dots) == 1
+        np.testing.assert_allclose(dots[0].get_xydata()[0], place, atol=1e-3)
+
+
+def test_monitor_is_turned_as_the_scene_says(panels):
+    """By -12 degrees: clockwise from above."""
+    (monitor,) = [
+        patch
+        for patch in panels["plan"].patches
+        if to_rgba(patch.get_edgecolor()) == to_rgba(MONITOR)
+    ]
+    corners = monitor.get_xy()
+    left, right = corners[corners[:, 0].argmin()], corners[corners[:, 0].argmax()]
+    np.testing.assert_allclose(right - left, 0.4016 * np.array([0.97815, -0.20791]), atol=1e-3)
+
+
+def test_shadow_of_the_wall_is_no_lighter_than_full_light_and_dark_somewhere(panels, scenario):
+    share = panels[TITLES[0]].images[0].get_array()
+    assert share.max() == 1 and share.min() < 0.5
+    left, right, bottom, top = panels[TITLES[0]].images[0].get_extent()
+    rows, columns = share.shape
+    # Behind the pedestal, as seen from the monitor's middle.
+    eye, pedestal = scenario.patch_centers.mean(axis=0), np.array([0.52, 0.58, 0.14])
+    hit = eye + (1.03 - eye[1]) / (pedestal[1] - eye[1]) * (pedestal - eye)
+    row = int((hit[2] - bottom) / (top - bottom) * rows)
+    column = int((hit[0] - left) / (right - left) * columns)
+    assert share[row, column] < 0.6
+
+
+def test_labels_name_everything_and_do_not_overlap(figure, panels):
+    for title in TITLES:
+        texts = [t for t in panels[title].texts if t.get_transform() is not None and t.get_text()]
+        names = {text.get_text() for text in texts}
+        assert "monitor" in names
+        if title in TITLES[1:3]:
+            assert {"camera", "plant", "pedestal", "normal"} <= names
+    canvas = figure.canvas
+    canvas.draw()
+    for title in TITLES[:3]:
+        named = {"monitor", "camera", "plant", "pedestal", "normal", "seen by the camera"}
+        boxes = [
+            text.get_window_extent() for text in panels[title].texts if text.get_text() in named
+        ]
+        for k, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[:k])
+
+
+def test_distances_are_those_of_the_scene(figure, scenario, panels):
+    """The camera stands 1.26 m from the wall, by Pythagoras, 45.7 degrees off its normal."""
+    (text,) = [text.get_text().replace(NO_BREAK, " ") for text in figure.texts]
+    assert "Camera: 1.26 m from the wall, 46° off its normal" in text
+    assert "Monitor: 40.2 cm x 30.6 cm, 1.03 m before the wall, turned 12° from" in text
+    assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
+    told = {text.get_text() for text in panels["from the side"].texts}
+    assert {"58 cm", "45 cm"} <= told
+    lines = " ".join(facts(scenario, Survey(scenario)))
+    assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
+
+
+def test_scale_bar_is_as_long_as_it_says(panels):
+    (bar,) = [
+        line
+        for line in panels["plan"].lines
+        if line.get_linewidth() == 3 and line.get_color() == "black"
+    ]
+    length = np.ptp(bar.get_xdata())
+    assert f"{100 * length:g} cm" in {text.get_text() for text in panels["plan"].texts}
+
+
+def test_file_holds_its_metadata_and_is_1600_pixels_wide(scenario, figure, tmp_path, monkeypatch):
+    monkeypatch.setattr(drawing, "laboratory_figure", lambda _: figure)
+    draw_laboratory(tmp_path / "lab.png", scenario, metadata={"Source": "plant"})
+    with Image.open(tmp_path / "lab.png") as picture:
+        assert picture.size[0] == 1600 and picture.text["Source"] == "plant"
+
+
+def test_shapes_whose_names_share_a_stem_are_named_once():
+    names = ("frame_left", "frame_right", "lamp", "lamp_foot", "stem_1")
+    solids = [Solid(name, np.zeros((k + 1, 3)), None) for k, name in enumerate(names)]
+    groups = groups_of(solids)
+    assert {name: len(points) for name, points in groups.items()} == {
+        "frame": 3, "lamp": 3, "lamp_foot": 4, "stem_1": 5,
+    }  # fmt: skip
+
+
+def test_wall_that_lies_is_refused(tmp_path):
+    text = find_scene("plate").read_text()
+    text = text.replace('value="meshes/', f'value="{find_scene("plate").parent}/meshes/')
+    for kind in ("rectangle", "sensor"):
+        assert kind in text
+    turned = text.replace("</transform>", '<rotate x="1" angle="90"/></transform>')
+    (tmp_path / "lying.xml").write_text(turned)
+    with pytest.raises(SceneError, match="its wall lies"):
+        laboratory_figure(load_scenario(tmp_path / "lying.xml", (2, 2), photograph=(8, 8)))

@@ -1,0 +1,72 @@
+import numpy as np
+
+from periscopy_sim.rendering.survey import Survey
+
+CUBE = (
+    '<shape type="cube" id="box"><transform name="to_world"><scale x="0.05" y="0.01" z="0.04"/>'
+    '<translate x="0.45" y="0.5" z="0.3"/></transform></shape>'
+)
+PERSPECTIVE = (
+    '<sensor type="perspective" id="camera"><float name="fov" value="20"/><transform '
+    'name="to_world"><lookat origin="1.2, 0.1, 0.5" target="0.7, 1, 0.3" up="0, 0, 1"/></transform>'
+    '<film type="hdrfilm"><integer name="height" value="6"/><integer name="width" value="6"/>'
+    "</film></sensor>"
+)
+
+
+def test_parallel_rays_begin_beside_each_other(room):
+    survey = Survey(room.load())
+    assert survey.parallel
+    x, z = [0.5, 0.9, 0.9, 0.5, 0.7], np.array([1, 1, -1, -1, 0]) * 0.2 * 5 / 6 + 0.3
+    # The corners lie a thousandth of the picture within it.
+    np.testing.assert_allclose(survey.view_points[:, 0], x, atol=5e-4)
+    np.testing.assert_allclose(survey.view_points[:, 2], z, atol=5e-4)
+    np.testing.assert_allclose(survey.view_points[:, 1], 1, atol=1e-5)
+    np.testing.assert_allclose(
+        survey.view_origins[:, [0, 2]], survey.view_points[:, [0, 2]], atol=1e-6
+    )
+
+
+def test_rays_of_a_pinhole_come_from_its_place(room):
+    """Mitsuba lets them begin a centimetre before it."""
+    survey = Survey(room.load(camera=PERSPECTIVE))
+    assert not survey.parallel
+    np.testing.assert_allclose(survey.view_origins, np.tile([1.2, 0.1, 0.5], (5, 1)), atol=1e-4)
+    np.testing.assert_allclose(survey.view_points[4], [0.7, 1, 0.3], atol=1e-4)
+
+
+def test_points_of_the_monitor_are_its_patches_corners(room):
+    points = Survey(room.load(hidden=(2, 3))).monitor_points
+    low, high = points.min(axis=0), points.max(axis=0)
+    np.testing.assert_allclose([low, high], [(0, 0, 0.15), (0.4, 0, 0.45)], atol=1e-6)
+    assert len(np.unique(np.round(points, 5), axis=0)) == 12
+
+
+def test_solids_reach_as_far_as_their_shapes(room):
+    ball = room.blocker("0.45, 0.5, 0.3", 0.06)
+    survey = Survey(room.load(CUBE, ball))
+    found = {solid.name: solid for solid in survey.solids}
+    assert set(found) == {"box", "ball"}
+    assert found["box"].faces is not None and found["ball"].faces is None
+    box, ball = found["box"].points, found["ball"].points
+    np.testing.assert_allclose(np.ptp(box, axis=0), [0.1, 0.02, 0.08], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(ball - [0.45, 0.5, 0.3], axis=1), 0.06, rtol=1e-3)
+    np.testing.assert_allclose(np.ptp(ball, axis=0), 0.12, rtol=0.02)
+
+
+def test_share_of_the_monitor_is_that_of_rays_that_miss_the_box(room):
+    scenario = room.load(CUBE, hidden=(9, 12), camera=room.camera((12, 12)))
+    survey = Survey(scenario)
+    points = np.array([(x, 1 - 1e-4, z) for x in (0.5, 0.65, 0.72, 1.3) for z in (0.2, 0.31, 0.5)])
+    targets = scenario.patch_centers
+    expected = []
+    for point in points:
+        path = targets - point
+        # Slabs: where the ray enters and leaves the box along each axis.
+        with np.errstate(divide="ignore"):
+            ends = (np.array([[(0.4, 0.49, 0.26)], [(0.5, 0.51, 0.34)]]) - point) / path
+        enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        expected.append(np.mean(enter > leave))
+    share = survey.lit_share(points, targets)
+    assert min(expected) < 0.9 < max(expected) == 1
+    np.testing.assert_allclose(share, expected, atol=1e-12)
