@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from periscopy_sim.reconstruction.method import Method
+    from periscopy_sim.reconstruction.residual.residual import Residual
     from periscopy_sim.scenario import Array
 
 
@@ -56,6 +57,7 @@ def reconstruct(
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation.methods import find_method, fit_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
+    from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.photographs.checking import blackened
     from periscopy_sim.storage.pictures import write_png
 
@@ -85,9 +87,11 @@ def reconstruct(
         ):
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, solved, scenario.hidden_shape)
+            told = _told(fitted, seen, solved, scenario.hidden_shape)
         inputs.warn_without_record(matrix)
         _write_told(folder, told, image, seen, text)
+        if told.residual is not None:
+            draw_residual(folder / "residual.png", seen, told.residual, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         defects.suggest_mask(folder, text)
         shown = panels.enlarged(panels.displayable(image))
@@ -142,12 +146,13 @@ class _Told:
 
     stages: Sequence[tuple[str, Array]] = ()
     standard_errors: Array | None = None
+    residual: Residual | None = None
     remark: str = ""
     doubts: Sequence[str] = ()
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _told(method: Any, found: Any, shape: tuple[int, int]) -> _Told:
+def _told(method: Any, photograph: Array, found: Any, shape: tuple[int, int]) -> _Told:
     """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
     from periscopy_sim.evaluation.methods import promised
     from periscopy_sim.figures.panels import displayable
@@ -158,13 +163,17 @@ def _told(method: Any, found: Any, shape: tuple[int, int]) -> _Told:
     stages = list(method.stages(found))
     for _, image in stages:
         promised(image, shape)
-    numbers = dict(method.told(found))
+    residual = method.residual(photograph, found)
+    numbers = {**method.told(found), **(residual.told() if residual else {})}
     as_json(numbers)
+    remarks = [residual.remark if residual else "", str(method.remark(found))]
+    warnings = [str(method.doubt(found)), residual.warning if residual else ""]
     return _Told(
         [(str(title), displayable(image)) for title, image in stages],
         None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),
-        str(method.remark(found)),
-        [str(doubt)] if (doubt := method.doubt(found)) else [],
+        residual,
+        "; ".join(filter(None, remarks)),
+        list(filter(None, warnings)),
         numbers,
     )
 

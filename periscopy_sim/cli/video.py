@@ -100,6 +100,7 @@ def video(
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.evaluation.methods import fit_method
     from periscopy_sim.figures import video as drawing
+    from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.shipped import find_image
     from periscopy_sim.storage.sequences.hidden_frames import decoded_truth
     from periscopy_sim.storage.sequences.opening import decoded_photographs, open_frames
@@ -158,12 +159,16 @@ def video(
                 solved = video_metrics.timed_solutions(recovery, photographs, batch)
                 for k, (solution, seconds) in enumerate(solved):
                     write(solution.image)
+                    if k == 0:
+                        residual = still.residual(photographs[0], solution)
                     told = solution.told()
                     if doubt := still.doubt(solution):
                         doubts[sequence.names[k]] = doubt
                     records.append(video_metrics.record_of(k, sequence.names[k], seconds, told))
                     frame_done(k + 1, len(names))
         doubted = _counted(str(frames), doubts)
+        if residual is not None and residual.warning:
+            doubted.append(f"{first}: {residual.warning}")
         for doubt in doubted:
             warn(doubt)
         images = mapped_stack(folder / "frames.npy")
@@ -183,6 +188,8 @@ def video(
                 drawing.draw_video(
                     folder / "video.png", photographs, images, known, white, rate, text, report
                 )
+        if residual is not None:
+            draw_residual(folder / "residual.png", photographs[0], residual, text)
         defects.suggest_mask(folder, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
@@ -196,6 +203,7 @@ def video(
             "method": method,
             **settings,
             **still.fitted(),
+            "first_frame": {} if residual is None else residual.told(),
             "coupling": coupling,
             "batch": batch,
             "rate": rate,
@@ -210,6 +218,8 @@ def video(
             "provenance": provenance,
         }
         write_json(folder / "summary.json", summary)
+    if residual is not None:
+        say(f"first frame, {residual.remark}")
     say(
         f"{len(records)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
         f"{rates['live']:.1f} one at a time"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.observation import Mask, observation_of
+
+if TYPE_CHECKING:
+    from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
+    from periscopy_sim.reconstruction.residual.residual import Residual
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -185,18 +189,51 @@ class StillMethod(ABC, Generic[Precision]):
         """Return how well the scene and a solution explain the photograph; None if not known."""
         return None
 
+    def residual(self, photograph: Image, found: Any) -> Residual | None:
+        """Return what scene and solution leave of a photograph, and whether it is noise.
+
+        Parameters
+        ----------
+        photograph
+            As `solve` took it.
+        found
+            What `solve` returned.
+
+        Returns
+        -------
+        Residual or None
+            None where the method does not know A, or the photograph's rows and columns.
+
+        Raises
+        ------
+        ValueError
+            As `reconstruct`.
+        """
+        from periscopy_sim.reconstruction.residual.residual import residual_of
+
+        transport, shape = self._projected_transport(), self._observation.rows_and_columns
+        if transport is None or shape is None:
+            return None
+        y = self._observation.planar(np.asarray(photograph)[None])[0].T
+        return residual_of(y, self._signal(transport, found), transport, self._observation.placed)
+
+    def _projected_transport(self) -> TransportOperator | None:
+        """Return A⊥ of the pixels used, if the method knows it."""
+        return None
+
+    def _signal(self, transport: TransportOperator, found: Any) -> Array:
+        """Return the light A f̂ of a solution, (M', 3), as the method models it."""
+        return transport.light(np.asarray(found.image, np.float64).reshape(-1, 3))
+
     def told(self, found: Any) -> dict[str, Any]:
         """Return the numbers that a summary keeps of a solution, by name."""
         numbers = {**self.fitted(), **found.told()}
         explained = self.explained(found)
         return numbers if explained is None else numbers | {"unexplained": explained.unexplained}
 
-    def remark(self, found: Any) -> str:
+    def remark(self, found: Any) -> str:  # noqa: ARG002
         """Return a sentence for the user about a solution, or nothing."""
-        explained = self.explained(found)
-        if explained is None:
-            return ""
-        return f"unexplained: {100 * explained.unexplained:.2f} % of the photograph"
+        return ""
 
     def doubt(self, found: Any) -> str:
         """Return why a solution may show nothing of the hidden scene; empty where it may not."""

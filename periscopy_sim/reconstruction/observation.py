@@ -115,6 +115,16 @@ class Observation:
                 f"{self.mask.shape[0]}x{self.mask.shape[1]}"
             )
 
+    def placed(self, values: Array) -> Array:
+        """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere.
+
+        The rows and columns of photographs must be known.
+        """
+        assert self.rows_and_columns is not None
+        planes = np.full((values.shape[1], self.pixels), np.nan)
+        planes[:, slice(None) if self.mask is None else self.mask.ravel()] = values.T
+        return planes.reshape(-1, *self.rows_and_columns)
+
     def image(self, f: Array) -> Array:
         """Turn (N, 3) into the (R, C, 3) hidden image."""
         return f.reshape(*self.hidden_shape, 3)

@@ -21,8 +21,9 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     np.save(tmp_path / "y.npy", signal + noise)
     succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
     folder = tmp_path / "out"
-    names = {"certainty.png", "reconstruction.npy", "reconstruction.png", "standard_error.npy"}
-    assert {path.name for path in folder.iterdir()} == names | {"summary.json"}
+    images = {"certainty.png", "reconstruction.npy", "reconstruction.png", "residual.png"}
+    names = images | {"standard_error.npy", "summary.json"}
+    assert {path.name for path in folder.iterdir()} == names
     image, errors = (np.load(folder / f"{n}.npy") for n in ("reconstruction", "standard_error"))
     assert image.shape == errors.shape == (4, 5, 3) and errors.dtype == np.float32
     assert (image >= 0).all() and (errors > 0).all()
@@ -115,5 +116,11 @@ def test_scene_that_is_off_leaves_more_unexplained(succeeds, tmp_path):
         told = succeeds("reconstruct", "y.npy", *TINY, "-D", f"occluder_dx={place}", "--out", place)
         summary = json.loads((tmp_path / place / "summary.json").read_text())
         unexplained[place] = summary["unexplained"]
-        assert f"unexplained: {100 * unexplained[place]:.2f} % of the photograph" in told
+        assert (
+            f"unexplained: {100 * unexplained[place]:.2f} % of the photograph; noise alone would "
+            f"leave {100 * summary['noise_alone']:.2f} %"
+        ) in told
+        causes, warnings = summary["likely_causes"], " ".join(summary["warnings"])
+        assert ("likely causes" in warnings) == bool(causes) == (place != "0")
+    assert next(iter(causes)) == "geometry" and summary["structured"]
     assert unexplained["0"] < 1.5e-3 and unexplained["0.03"] > 3 * unexplained["0"]

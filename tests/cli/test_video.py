@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 PLAIN = ("--tv-weight", "0", "--repair-threshold", "1e9")  # P y alone
 PAPER = ("--method", "preconditioned")
-FILES = {"frames", "frames.npy", "metrics.csv", "summary.json", "video.png"}
+FILES = {"frames", "frames.npy", "metrics.csv", "residual.png", "summary.json", "video.png"}
 
 
 @pytest.fixture(scope="session")

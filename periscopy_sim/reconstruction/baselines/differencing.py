@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping, check_weight
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
+from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
@@ -66,7 +68,7 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own. An iteration costs one
     product with the N x N Gram matrix, or three to four with the published steps.
 
-    Other parameters and errors are those of `StillMethod`. B is not used.
+    Other parameters and errors are those of `StillMethod`. B serves `residual` alone.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ class Differencing(StillMethod[np.float64]):
     def __init__(
         self,
         A: Image,
-        B: Image | None = None,  # noqa: ARG002
+        B: Image | None = None,
         *,
         photograph_shape: tuple[int, int],
         hidden_shape: tuple[int, int],
@@ -113,7 +115,8 @@ class Differencing(StillMethod[np.float64]):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance)
-        A = self._observation.used(A)
+        self._ambient = self._observation.ambient(B)
+        self._A = A = self._observation.used(A)
         self.wrap = wrap
         self.tv_weight = tv_weight
         self.stop = stop
@@ -168,6 +171,9 @@ class Differencing(StillMethod[np.float64]):
             iterations=np.array([minimum.iterations for minimum in minima]),
             gap=gap,
         )
+
+    def _projected_transport(self) -> TransportOperator:
+        return TransportOperator(self._A, background_basis(self._ambient))
 
     def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], LeastSquaresMinimum]:
         if self.stop == "converged":

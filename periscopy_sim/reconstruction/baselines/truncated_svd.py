@@ -10,6 +10,7 @@ from scipy import linalg
 
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
@@ -79,6 +80,9 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
             )
         self.V: Array = V
         self.singular_values: Array = np.sqrt(energy)
+
+    def _projected_transport(self) -> TransportOperator:
+        return TransportOperator(self._A, self._background)
 
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
         """Return the stages of Algorithm 1; see `StillMethod`."""

@@ -152,6 +152,9 @@ class IterativePeriscope(StillMethod[np.float64]):
             )
         return result
 
+    def _projected_transport(self) -> TransportOperator:
+        return self.transport
+
     @cached_property
     def eigenvectors(self) -> Eigenvectors:
         """The strongest eigenvectors of A⊥ᵀA⊥."""

@@ -167,6 +167,13 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                 product += share
         return np.ascontiguousarray(product.T)
 
+    def gram(self) -> Array:
+        """Return A⊥ᵀA⊥, (N, N), in one pass."""
+        gram = -self.QtA.T @ self.QtA
+        for _, block in self._converted_blocks():
+            gram += block.T @ block
+        return np.asarray(gram)
+
     def strongest_eigenvectors(self, count: int) -> Eigenvectors:
         """Return the hidden images that the photograph shows best, by Lanczos iterations.
 
@@ -183,11 +190,15 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 2 * count + 1), tol=1e-6)
         return Eigenvectors(energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count]))
 
-    def _matmat(self, f: Array) -> Array:
+    def light(self, f: Array) -> Array:
+        """Return A f, (M, K), backgrounds and all, of f, (N, K)."""
         y = np.empty((self.shape[0], f.shape[1]))
         for rows, block in self._converted_blocks():
             y[rows] = block @ f
-        return self.reject_background(y)
+        return y
+
+    def _matmat(self, f: Array) -> Array:
+        return self.reject_background(self.light(f))
 
     def _rmatmat(self, y: Array) -> Array:
         rejected = self.reject_background(y)

@@ -32,6 +32,7 @@ from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.explained import Explained
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
@@ -78,6 +79,8 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         or none was looked for. (M,) where the photograph's shape is not known.
     evidence
         Of the photograph, the gain corrected for.
+    first_image
+        (R, C, 3) the image that the gain was found from; None where there is none.
     """
 
     weight: float
@@ -86,6 +89,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     tolerance: float
     gain: Array
     evidence: Evidence
+    first_image: Array | None = None
 
     @property
     def has_gain(self) -> bool:
@@ -204,14 +208,13 @@ class NoiseAware(StillMethod[np.float64]):
         }
 
     def remark(self, found: NoiseAwareReconstruction) -> str:
-        """Return what is unexplained, and what a gain over the wall that was found may mean."""
-        unexplained = super().remark(found)
+        """Return what a gain over the wall that was found may mean; see `StillMethod`."""
         if not found.has_gain:
-            return unexplained
+            return ""
         return (
-            f"{unexplained}; a smooth gain over the wall, {found.gain.min():.2f} to "
-            f"{found.gain.max():.2f}, explains part of the photograph: vignetting, or a scene that "
-            "is off (see periscopy calibrate)"
+            f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
+            "explains part of the photograph: vignetting, or a scene that is off (see periscopy "
+            "calibrate)"
         )
 
     def explained(self, found: NoiseAwareReconstruction) -> Explained:
@@ -221,6 +224,18 @@ class NoiseAware(StillMethod[np.float64]):
         return Explained(
             evidence.share, evidence.noise, whole, left, len(self._curvatures), freedom
         )
+
+    def _projected_transport(self) -> TransportOperator:
+        return TransportOperator(np.ascontiguousarray(self._transport.T), self._background.T)
+
+    def _signal(self, transport: TransportOperator, found: NoiseAwareReconstruction) -> Array:
+        """Return A f̂ + (g − 1) A f₀ of the gain over the wall g, found from a first image f₀."""
+        light = super()._signal(transport, found)
+        if found.first_image is None:
+            return light
+        gain, mask = found.gain.ravel(), self._observation.mask
+        added = (gain if mask is None else gain[mask.ravel()]) - 1
+        return light + added[:, None] * transport.light(found.first_image.reshape(-1, 3))
 
     def evidence(self, photographs: Image) -> list[Evidence]:
         """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
@@ -310,8 +325,10 @@ class NoiseAware(StillMethod[np.float64]):
             evidence = replace(even, level=level, share=share)
         rest = self._schedule(self.max_iterations - first.iterations)
         found, _ = self.recover(evidence, rest, split)
-        field = gain.field if gain.accepted else found.gain
-        return replace(found, iterations=first.iterations + found.iterations, gain=field)
+        found = replace(found, iterations=first.iterations + found.iterations)
+        if not gain.accepted:
+            return found
+        return replace(found, gain=gain.field, first_image=first.image)
 
     def _schedule(self, max_iterations: int) -> Schedule:
         return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)

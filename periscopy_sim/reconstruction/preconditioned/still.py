@@ -15,6 +15,7 @@ from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
@@ -168,6 +169,9 @@ class Periscope(StillMethod[np.floating[Any]]):
         return Explained(
             found.share, noise / (level or 1), whole / noise**2, left / noise**2, patterns, freedom
         )
+
+    def _projected_transport(self) -> TransportOperator:
+        return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
 
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
         """Return the stages of Algorithm 1; see `StillMethod`."""

@@ -1,0 +1,156 @@
+"""What a residual looks like: which part of it each likely cause would leave.
+
+Causes are asked for their part one after the other, each of what those before it leave: single
+pixels that stand out; penumbrae that are elsewhere, as the light's derivatives along the moves that
+geometry makes; smooth light; and paint, which changes all the channels by one factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, optimize
+
+Array = NDArray[np.float64]
+
+OUTSTANDING = 6.0
+"""Standard deviations beyond which a pixel is taken for a bad one."""
+
+FEW = 0.01
+"""Part of the pixels that are few."""
+
+SMOOTH = 4
+"""Cosines down and across the photograph that make smooth light."""
+
+MOST = 3
+"""Causes that are told."""
+
+TOLD = 0.1
+"""Part of what is left beyond noise from which a cause is worth telling."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A likely cause of a residual."""
+
+    name: str  # of `ADVICE`
+    share: float  # of the residual's energy beyond the noise's, at most 1
+
+
+ADVICE = {
+    "paint": "uneven paint (--background: a photograph with the monitor off)",
+    "geometry": "a scene that is off at the edges of shadows (periscopy calibrate; more --samples)",
+    "smooth light": "vignetting, or ambient light from nearer than the model's",
+    "pixels": "single pixels (--mask)",
+    "shared noise": "noise that neighbouring pixels share (a rectified or compressed photograph)",
+}
+"""What each cause is, for a user, and what helps."""
+
+
+def likely_causes(
+    residual: Array,
+    whole: Array,
+    signal: Array,
+    noise: Array,
+    unexplained: Callable[[Array], Array],
+) -> tuple[Cause, ...]:
+    """Return the likely causes of a residual, the largest share first.
+
+    The residual that no hidden image explains, the photograph and its signal A f̂ are (3, rows,
+    columns), NaN where pixels are left out; the noise is (3,). `unexplained` returns what hidden
+    images and ambient light leave of (K, rows, columns) light, likewise.
+    """
+    used = np.asarray(np.isfinite(residual).all(axis=0))
+    r = residual[:, used] / noise[:, None]
+    beyond = float(np.sum(r**2)) - r.size
+    if not beyond > 0:
+        return ()
+    shares: dict[str, float] = {}
+
+    def told(name: str, left: Array) -> Array:
+        nonlocal r
+        shares[name] = float(np.sum(r**2) - np.sum(left**2)) / beyond
+        r = left
+        return left
+
+    spread = 1.4826 * np.median(np.abs(r), axis=1, keepdims=True)
+    outstanding = (np.abs(r) > OUTSTANDING * np.maximum(spread, 1)).any(axis=0)
+    if outstanding.mean() <= FEW:
+        told("pixels", np.where(outstanding, 0, r))
+    candidates = [
+        _moves(light, noise, unexplained, used) for light in (signal, signal[:, ::-1, ::-1])
+    ]
+    here, elsewhere = (r - _fitted(terms, r.ravel()).reshape(r.shape) for terms in candidates)
+    by_chance = float(np.sum(r**2) - np.sum(elsewhere**2)) / beyond
+    told("geometry", here)
+    shares["geometry"] -= by_chance
+    cosines = unexplained(_cosines(used.shape))[:, used].T
+    told("smooth light", r - _fitted(cosines, r.T).T)
+    light = whole[:, used] / noise[:, None]
+    factor = np.sum(r * light, axis=0) / (np.sum(light**2, axis=0) + 1e-30)
+    common = np.sum((factor * light) ** 2, axis=0)
+    slopes = np.sum(_slopes(signal)[:, used] / noise[:, None] ** 2, axis=0)
+    of_paint, of_edges = _parts(common - 1, np.sum(light**2, axis=0), slopes)
+    shares["paint"] = of_paint / beyond
+    shares["geometry"] += of_edges / beyond
+    shares["shared noise"] = float(np.sum(r**2 - 1) - np.sum(common - 1)) / beyond
+    found = [Cause(name, min(share, 1.0)) for name, share in shares.items() if share >= TOLD]
+    return tuple(sorted(found, key=lambda cause: -cause.share)[:MOST])
+
+
+def _moves(
+    signal: Array,
+    noise: Array,
+    unexplained: Callable[[Array], Array],
+    used: NDArray[np.bool_],
+) -> Array:
+    """Return how the residual over σ moves with the shadows, (3 m, K), in the m pixels used."""
+    moves = unexplained(moved(signal).reshape(-1, *used.shape))[:, used]
+    moves = moves.reshape(-1, 3, moves.shape[1]) / noise[:, None]
+    return np.moveaxis(moves, 0, -1).reshape(-1, len(moves))
+
+
+def moved(signal: Array) -> Array:
+    """Return how (3, rows, columns) light changes as its shadows move, (K, 3, rows, columns).
+
+    K are shifts, stretches and shears along both axes, curved ones, and a blur; where a neighbour
+    is NaN they are 0.
+    """
+    _, rows, columns = signal.shape
+    down, across = np.gradient(signal, axis=(1, 2))
+    v, u = np.linspace(-1, 1, rows)[:, None], np.linspace(-1, 1, columns)
+    fields = (np.ones((rows, columns)), v + 0 * u, u + 0 * v, u * v, u * u + 0 * v, v * v + 0 * u)
+    blur = np.gradient(down, axis=1) + np.gradient(across, axis=2)
+    moves = np.array([*(f * d for f in fields for d in (down, across)), blur])
+    return np.asarray(np.nan_to_num(moves))
+
+
+def _slopes(signal: Array) -> Array:
+    """Return the squared slope of (3, rows, columns) light; 0 where a neighbour is NaN."""
+    down, across = np.gradient(signal, axis=(1, 2))
+    return np.asarray(np.nan_to_num(down**2 + across**2))
+
+
+def _parts(energy: Array, *patterns: Array) -> tuple[float, ...]:
+    """Split an energy, (m,), into parts that are spread like non-negative patterns, (m,)."""
+    terms = np.array([pattern / (np.linalg.norm(pattern) or 1) for pattern in patterns])
+    weights, _ = optimize.nnls(terms.T, energy)
+    parts = weights * terms.sum(axis=1)
+    return tuple((parts * energy.sum() / (parts.sum() or 1)).tolist())
+
+
+def _fitted(terms: Array, values: Array) -> Array:
+    """Return the least-squares combination of terms, (m, K), nearest to values, (m,) or (m, k)."""
+    sizes = np.linalg.norm(terms, axis=0)
+    terms = terms[:, sizes > 0] / sizes[sizes > 0]
+    return np.asarray(terms @ np.linalg.lstsq(terms, values, rcond=1e-6)[0])
+
+
+def _cosines(shape: tuple[int, ...]) -> Array:
+    """Return the slowest cosines over a photograph, (K, rows, columns)."""
+    slowest = (np.eye(size)[: min(SMOOTH, size)] for size in shape)
+    down, across = (fft.idct(waves, axis=1, norm="ortho") for waves in slowest)
+    return np.array([np.outer(a, b) for a in down for b in across])

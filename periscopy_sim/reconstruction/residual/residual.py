@@ -1,0 +1,178 @@
+"""The residual of one photograph: how large it is, what noise would leave, and what it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
+from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
+from periscopy_sim.reconstruction.residual.causes import ADVICE, Cause, likely_causes
+from periscopy_sim.reconstruction.residual.structure import Structure, structure_of
+
+Array = NDArray[np.float64]
+
+LARGEST_GRAM = 5e10
+"""M N² up to which A⊥ᵀA⊥ is formed to tell what images explain: a second or two."""
+
+RIDGE = 1e-8
+"""Of its mean diagonal, added to it."""
+
+PASSES = 12
+"""Over a larger A: the weakest patterns stay in what is left, and with them no more than noise."""
+
+DRAWS = 6
+"""Draws of white noise that a residual is compared with."""
+
+MATERIAL = 1.25
+"""What no hidden image explains, over what noise alone would leave, from which a user is warned."""
+
+
+ROUNDING = 1e-6
+"""Of a photograph: what is left below it is rounding, of photographs in single precision too."""
+
+SMOOTH_EXCESS = 1.5
+"""Energy of a smoothed residual over that of noise, likewise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What a scene and a hidden image leave of a photograph.
+
+    Attributes
+    ----------
+    light
+        (rows, columns, 3) y − A f̂ − B ĉ, each channel over the wall's colour, in the photograph's
+        unit; NaN where pixels are left out.
+    unexplained
+        Standard deviation of that, over the photograph's root mean square.
+    noise_alone
+        What white noise would leave instead, as neighbouring pixels tell it; None where too few
+        pixels have neighbours.
+    noise
+        (3,) and its standard errors, in the unit of `light`; None likewise.
+    structure
+        How what no hidden image explains differs from white noise; None where that is not known.
+    causes
+        The likely ones, the largest first; empty where some hidden image explains the photograph
+        but for noise.
+    """
+
+    light: Array
+    unexplained: float
+    noise_alone: float | None
+    noise: CameraNoise | None
+    structure: Structure | None
+    causes: tuple[Cause, ...]
+
+    @property
+    def remark(self) -> str:
+        """Return how much is unexplained, and how much noise alone would leave."""
+        told = f"unexplained: {100 * self.unexplained:.2f} % of the photograph"
+        if self.noise_alone is None:
+            return told
+        return f"{told}; noise alone would leave {100 * self.noise_alone:.2f} %"
+
+    @property
+    def warning(self) -> str:
+        """Return that more than noise is left and its likely causes; empty where it is not."""
+        if not self.causes or self.noise_alone is None:
+            return ""
+        likely = "; ".join(f"{ADVICE[each.name]}, {100 * each.share:.0f} %" for each in self.causes)
+        smooth = self.structure
+        told = (
+            f"the scene leaves {100 * self.unexplained:.2f} % of the photograph unexplained, where "
+            f"noise alone would leave {100 * self.noise_alone:.2f} %"
+        )
+        if smooth is not None and smooth.excess > SMOOTH_EXCESS:
+            told += (
+                f"; smoothed over {smooth.scale:g} pixels it has {smooth.excess:.0f} times "
+                "the energy of noise"
+            )
+        return f"{told}; likely causes, the likeliest first: {likely}"
+
+    def told(self) -> dict[str, Any]:
+        """Return the numbers that a summary keeps, by name."""
+        found = self.structure
+        return {
+            "unexplained": self.unexplained,
+            "noise_alone": self.noise_alone,
+            "structured": None if found is None else found.is_found,
+            "structure": None
+            if found is None
+            else {
+                "probability_of_white_noise": found.probability,
+                "scale_in_pixels": found.scale,
+                "smoothed_energy_over_noise": found.excess,
+                "alike_in_the_channels": found.common,
+            },
+            "likely_causes": {cause.name: cause.share for cause in self.causes},
+        }
+
+
+def residual_of(
+    y: Array, signal: Array, transport: TransportOperator, place: Callable[[Array], Array]
+) -> Residual:
+    """Return the residual of a photograph y, (M', 3), of which a hidden image explains the signal.
+
+    The signal is (M', 3), A f but for a gain over the wall; A⊥ is the transport. `place` puts
+    (M', K) values into (K, rows, columns), NaN where pixels are left out.
+    """
+    left = transport.reject_background(y - signal)
+    level = float(np.sqrt(np.mean(y**2))) or 1.0
+    freedom = max(len(y) - transport.Q.shape[1], 1)
+    unexplained = float(np.sqrt(np.sum(left**2) / (3 * freedom))) / level
+
+    leave = left_by_images(transport)
+    rng = np.random.default_rng(0)
+    drawn = leave(transport.reject_background(rng.standard_normal((len(y), DRAWS))))
+    planes, rest, white = place(left), place(leave(left)), place(drawn)
+    found, fitted, taken = (camera_noise(each) for each in (place(y), rest, white[:3]))
+    if found is None or fitted is None or taken is None:
+        return Residual(np.moveaxis(planes, 0, -1), unexplained, None, None, None, ())
+    # The scene may explain what neighbours differ by; it cannot make noise smaller, but for what
+    # the fit takes from it.
+    fitted = fitted.times(1 / float(taken.σ.mean()))
+    noise = min(found, fitted, key=lambda each: float(np.sum(each.σ**2)))
+    structure = structure_of(rest, white)
+    if structure is not None and structure.grain > 0:
+        noise = noise.times(np.sqrt(1 - structure.grain))
+    alone = float(np.sqrt(np.mean(noise.σ**2))) / level
+    causes: tuple[Cause, ...] = ()
+    smooth = structure is not None and structure.is_found and structure.excess > SMOOTH_EXCESS
+    # What another image would explain is the method's affair, not the scene's.
+    by_any = np.sqrt(np.nansum(rest**2) / (3 * max(freedom - transport.shape[1], 1))) / level
+    if by_any > ROUNDING and alone > 0 and (by_any > MATERIAL * alone or smooth):
+        used = np.isfinite(planes[0])
+
+        def unexplained_light(light: Array) -> Array:
+            return place(leave(transport.reject_background(light[:, used].T)))
+
+        causes = likely_causes(rest, place(y), place(signal), noise.σ, unexplained_light)
+    return Residual(np.moveaxis(planes, 0, -1), unexplained, alone, noise, structure, causes)
+
+
+def left_by_images(transport: TransportOperator) -> Callable[[Array], Array]:
+    """Return what gives the part of (M', K) light, range(B) projected out, beyond A⊥'s range."""
+    pixels, patches = transport.shape
+    if pixels * patches**2 > LARGEST_GRAM:
+
+        def leave(light: Array) -> Array:
+            end = least_squares(
+                transport, transport.rmatmat(light), tolerance=1e-3, max_iterations=PASSES
+            )
+            return np.asarray(light - transport.matmat(end.f))
+
+        return leave
+    gram = transport.gram()
+    gram[np.diag_indices_from(gram)] += RIDGE * np.trace(gram) / len(gram)
+    factor = linalg.cho_factor(gram)
+    return lambda light: np.asarray(
+        light - transport.matmat(linalg.cho_solve(factor, transport.rmatmat(light)))
+    )

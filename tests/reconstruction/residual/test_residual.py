@@ -1,0 +1,148 @@
+"""What scene and image leave of a photograph, and what it may be."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from periscopy_sim.reconstruction.registry import METHODS
+
+SHAPE, HIDDEN = (40, 44), (4, 5)
+V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in SHAPE), indexing="ij")
+SCENE = SimpleNamespace(
+    photograph_shape=SHAPE, hidden_shape=HIDDEN, channel_gain=np.array([1.2, 1, 0.8])
+)
+RNG = np.random.default_rng(4)
+TRUTH = np.random.default_rng(7).uniform(0.3, 1, (20, 3))
+SNR = 2e-3
+
+
+def transport(shift=0.0):
+    """Columns of A: falling light, and the soft shadow of a block, elsewhere for each patch."""
+    columns = []
+    for i in range(HIDDEN[0]):
+        for j in range(HIDDEN[1]):
+            u, v = U - 0.2 * (j - 2) - shift, V - 0.2 * (i - 1.5)
+            edge = lambda t: 1 / (1 + np.exp(-9 * t))  # noqa: E731
+            shadow = 1 - edge(u + 0.3) * edge(0.3 - u) * edge(v + 0.4)
+            columns.append(shadow / (1 + 0.3 * (U - 0.1 * j) ** 2 + 0.3 * (V - 0.1 * i) ** 2))
+    return np.array(columns).reshape(20, -1).T
+
+
+A = transport()
+B = np.stack([np.ones(V.size), U.ravel(), V.ravel(), (U * V).ravel(), (U**2).ravel()], axis=1)
+
+
+def paint(scale, seed=0):
+    field = np.random.default_rng(seed).standard_normal(SHAPE)
+    smooth = ndimage.gaussian_filter(field, scale, mode="wrap") if scale else field
+    return (smooth / smooth.std())[..., None]
+
+
+def photograph(A=A, wall=0.0, noise=SNR, seed=0):
+    light = (A @ TRUTH + 8 * B[:, :1] + B[:, 1:2]).reshape(*SHAPE, 3) * (1 + wall)
+    draw = np.random.default_rng(seed).standard_normal(light.shape)
+    return (light + noise * np.sqrt(np.mean(light**2)) * draw) * SCENE.channel_gain
+
+
+def residual(y, name="noise-aware", mask=None, **options):
+    method = METHODS[name](SCENE, A, B, mask, **options)
+    found = method.solve(y)
+    return method.residual(y, found), method, found
+
+
+KNOW_LIGHT = ("noise-aware", "preconditioned", "iterative")
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("masked", [False, True])
+def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
+    mask = (V < 0.5) | (U > 0) if masked else None
+    y = photograph()
+    left, _, found = residual(y, name, mask)
+    used = np.ones(SHAPE, bool) if mask is None else mask
+    rest = y / SCENE.channel_gain - (A @ found.image.reshape(-1, 3)).reshape(*SHAPE, 3)
+    rest = rest[used]
+    if name not in ("truncated-svd", "pseudoinverse"):  # they know no ambient light
+        Q = np.linalg.qr(B[used.ravel()])[0]
+        rest -= Q @ (Q.T @ rest)
+    np.testing.assert_allclose(left.light[used], rest, atol=1e-5 * y.max())
+    assert np.isnan(left.light[~used]).all()
+
+
+@pytest.mark.parametrize("name", KNOW_LIGHT)
+def test_unexplained_is_noise_alone_where_the_scene_is_right(name):
+    # Of so few patches, its total variation and repair take details for noise.
+    weights = {"repair_threshold": 1e9, "tv_weight": 0.01}
+    options = weights if name == "preconditioned" else {}
+    left, method, found = residual(photograph(), name, **options)
+    assert left.noise_alone == pytest.approx(SNR, rel=0.1)
+    assert left.unexplained < 1.25 * SNR
+    assert left.warning == "" and left.causes == ()
+    assert left.remark == (
+        f"unexplained: {100 * left.unexplained:.2f} % of the photograph; noise alone would leave "
+        f"{100 * left.noise_alone:.2f} %"
+    )
+    if method.explained(found) is not None:
+        assert left.unexplained == pytest.approx(method.explained(found).unexplained, rel=5e-3)
+
+
+def test_right_scenes_are_rarely_warned_of():
+    method = METHODS["noise-aware"](SCENE, A, B)
+    told = []
+    for seed in range(40):
+        y = photograph(noise=5e-3, seed=seed)
+        told.append(method.residual(y, method.solve(y)).warning)
+    assert not any(told)
+
+
+SPOTS = np.zeros((*SHAPE, 1))
+SPOTS[RNG.integers(0, 40, 8), RNG.integers(0, 44, 8)] = 0.2
+
+
+@pytest.mark.parametrize(
+    ("y", "cause", "advice"),
+    [
+        (photograph(wall=0.01 * paint(1.2)), "paint", "--background"),
+        (photograph(wall=0.01 * paint(0)), "paint", "--background"),
+        (photograph(transport(0.12)), "geometry", "periscopy calibrate"),
+        (photograph(wall=SPOTS), "pixels", "--mask"),
+        (
+            photograph(noise=0)
+            + ndimage.uniform_filter(
+                np.random.default_rng(0).standard_normal((*SHAPE, 3)), (2, 2, 0)
+            ),
+            "shared noise",
+            "neighbouring pixels share",
+        ),
+    ],
+)
+def test_likeliest_cause_comes_first(y, cause, advice):
+    left, _, _ = residual(y)
+    assert left.causes[0].name == cause, left.causes
+    assert advice in left.warning and "\n" not in left.warning
+    assert left.unexplained > left.noise_alone
+    assert left.told()["likely_causes"][cause] == left.causes[0].share
+
+
+def test_image_that_was_smoothed_too_far_is_no_fault_of_the_scene():
+    left, _, _ = residual(photograph(), "preconditioned")
+    assert left.unexplained > 3 * left.noise_alone and left.warning == ""
+    left, _, _ = residual(photograph(transport(0.12)), "preconditioned")
+    assert left.causes[0].name == "geometry"
+
+
+def test_paint_of_one_pixel_is_not_called_noise():
+    left, _, _ = residual(photograph(wall=0.01 * paint(0)))
+    assert left.unexplained > 3 * left.noise_alone
+    assert left.noise_alone == pytest.approx(SNR, rel=0.5)
+
+
+def test_photograph_without_noise_or_without_rows_is_no_error():
+    left, _, _ = residual(np.zeros((*SHAPE, 3)))
+    assert left.unexplained == 0 and left.warning == ""
+    method = METHODS["noise-aware"].__call__(SCENE, A, B)
+    flat = type(method)(A, B, hidden_shape=HIDDEN)
+    y = photograph().reshape(-1, 3)
+    assert flat.residual(y, flat.solve(y)) is None
