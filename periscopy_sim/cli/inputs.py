@@ -21,6 +21,7 @@ from periscopy_sim.errors import PhotographError
 if TYPE_CHECKING:
     from periscopy_sim.photographs.checking import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
+    from periscopy_sim.reconstruction.residual.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]
@@ -187,6 +188,12 @@ class Defects:
     """What the command was given, (rows, columns)."""
     warnings: Sequence[str]
     """A line of them, if there are any."""
+
+    def else_warned(self, residual: Residual | None) -> str:
+        """Return what a residual warns of, unless these pixels are the likeliest cause; or none."""
+        if residual is None or (self.warnings and residual.likeliest == "pixels"):
+            return ""
+        return residual.warning
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
         """Write a mask that leaves them out too, if there are any."""

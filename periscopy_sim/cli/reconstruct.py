@@ -87,7 +87,7 @@ def reconstruct(
         ):
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, seen, solved, scenario.hidden_shape)
+            told = _told(fitted, seen, solved, scenario.hidden_shape, defects)
         inputs.warn_without_record(matrix)
         _write_told(folder, told, image, seen, text)
         if told.residual is not None:
@@ -152,7 +152,9 @@ class _Told:
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _told(method: Any, photograph: Array, found: Any, shape: tuple[int, int]) -> _Told:
+def _told(
+    method: Any, photograph: Array, found: Any, shape: tuple[int, int], defects: inputs.Defects
+) -> _Told:
     """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
     from periscopy_sim.evaluation.methods import promised
     from periscopy_sim.figures.panels import displayable
@@ -167,7 +169,7 @@ def _told(method: Any, photograph: Array, found: Any, shape: tuple[int, int]) ->
     numbers = {**method.told(found), **(residual.told() if residual else {})}
     as_json(numbers)
     remarks = [residual.remark if residual else "", str(method.remark(found))]
-    warnings = [str(method.doubt(found)), residual.warning if residual else ""]
+    warnings = [str(method.doubt(found)), defects.else_warned(residual)]
     return _Told(
         [(str(title), displayable(image)) for title, image in stages],
         None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),

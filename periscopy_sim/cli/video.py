@@ -167,10 +167,11 @@ def video(
                     records.append(video_metrics.record_of(k, sequence.names[k], seconds, told))
                     frame_done(k + 1, len(names))
         doubted = _counted(str(frames), doubts)
-        if residual is not None and residual.warning:
-            doubted.append(f"{first}: {residual.warning}")
         for doubt in doubted:
             warn(doubt)
+        if warning := defects.else_warned(residual):
+            warn(f"{first}: {warning}")
+            doubted.append(f"{first}: {warning}")
         images = mapped_stack(folder / "frames.npy")
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)

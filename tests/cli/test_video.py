@@ -145,7 +145,7 @@ def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
 
 
 def test_folder_holds_frames_pictures_table_and_summary(
-    photographs, transport, scenario, succeeds, tiny, results, tmp_path
+    photographs, transport, scenario, succeeds, tiny, results, without_doubts, tmp_path
 ):
     np.save(tmp_path / "y.npy", photographs)
     arguments = ("video", "y.npy", *tiny, "--seed", "3", "--rate", "25", "--out", "new/out")
@@ -174,10 +174,10 @@ def test_folder_holds_frames_pictures_table_and_summary(
         "l1_weight": Video(fitted(transport, scenario)).l1_weight,
         "batch": 16,
         "rate": 25.0,
-        "warnings": [],
         "truth": None,
     }
     assert {name: summary[name] for name in expected} == expected
+    assert without_doubts(summary["warnings"]) == []  # so few samples leave more than noise
     assert "temporal_weight" not in summary
     assert list(table[0]) == ["frame", "name", "seconds", "noise", "lambda", "kappa"]
     assert [row["frame"] for row in table] == [row["name"] for row in table]

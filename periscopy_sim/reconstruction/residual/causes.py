@@ -76,10 +76,7 @@ def likely_causes(
         r = left
         return left
 
-    spread = 1.4826 * np.median(np.abs(r), axis=1, keepdims=True)
-    outstanding = (np.abs(r) > OUTSTANDING * np.maximum(spread, 1)).any(axis=0)
-    if outstanding.mean() <= FEW:
-        told("pixels", np.where(outstanding, 0, r))
+    told("pixels", np.where(_outstanding(r), 0, r))
     candidates = [
         _moves(light, noise, unexplained, used) for light in (signal, signal[:, ::-1, ::-1])
     ]
@@ -99,6 +96,17 @@ def likely_causes(
     shares["shared noise"] = float(np.sum(r**2 - 1) - np.sum(common - 1)) / beyond
     found = [Cause(name, min(share, 1.0)) for name, share in shares.items() if share >= TOLD]
     return tuple(sorted(found, key=lambda cause: -cause.share)[:MOST])
+
+
+def _outstanding(r: Array) -> NDArray[np.bool_]:
+    """Return which of m pixels' (3, m) residuals stand out, where they are few."""
+    energy = np.sum(r**2, axis=0)
+    few = energy >= np.sort(energy)[-max(round(FEW * len(energy)), 1)]
+    if energy[few].sum() > energy.sum() / 2:  # so bad that a fit spread them over the others
+        return np.asarray(few)
+    spread = 1.4826 * np.median(np.abs(r), axis=1, keepdims=True)
+    outstanding = (np.abs(r) > OUTSTANDING * np.maximum(spread, 1)).any(axis=0)
+    return np.asarray(outstanding & (outstanding.mean() <= FEW))
 
 
 def _moves(

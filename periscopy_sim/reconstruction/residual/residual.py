@@ -80,6 +80,11 @@ class Residual:
         return f"{told}; noise alone would leave {100 * self.noise_alone:.2f} %"
 
     @property
+    def likeliest(self) -> str:
+        """Return the name of the likeliest cause; empty where there is none."""
+        return self.causes[0].name if self.causes else ""
+
+    @property
     def warning(self) -> str:
         """Return that more than noise is left and its likely causes; empty where it is not."""
         if not self.causes or self.noise_alone is None:
