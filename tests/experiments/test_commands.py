@@ -63,7 +63,7 @@ def options_of(module):
     found = importlib.import_module(name)
     page = getattr(found, "PAGE", None)
     if isinstance(page, Page):
-        command, names = page.command(), set(page.names)
+        command, names = getattr(found, "main", None) or page.command(), set(page.names)
     else:
         command, names = getattr(found, "main", None) or command_of(found.run), set()
         names |= set(getattr(found, "CHECKS", ()))

@@ -10,6 +10,7 @@ from experiments.benchmarks.__main__ import PAGE as BENCHMARKS
 from experiments.beyond.__main__ import PAGE as BEYOND
 from experiments.page import Page
 from experiments.paper.__main__ import PAGE as PAPER
+from experiments.published.__main__ import PAGE as PUBLISHED
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
 
@@ -117,7 +118,9 @@ def test_a_section_of_other_inputs_or_that_failed_is_made_again(tmp_path):
     assert measured(tmp_path) == [("fig3", "new"), ("fig8", "new")]
 
 
-@pytest.mark.parametrize("page", [PAPER, BEYOND, BENCHMARKS], ids=lambda page: page.package)
+@pytest.mark.parametrize(
+    "page", [PAPER, BEYOND, BENCHMARKS, PUBLISHED], ids=lambda page: page.package
+)
 def test_every_experiment_of_a_page_can_be_loaded(page):
     for name in page.names:
         assert callable(page.load(name)), name

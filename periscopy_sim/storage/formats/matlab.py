@@ -13,7 +13,8 @@ from periscopy_sim.photographs.blocks import block_means
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
 
-_REPEATS = ("iterations", "averaged_iterations")  # fields for the number of exposures
+_REPEATS = ("averaged_iterations", "iterations")
+"""Fields for the number of exposures; those averaged count where both are told."""
 
 
 def read_matlab_counts(path: Path, *_: object) -> Picture:
@@ -22,13 +23,17 @@ def read_matlab_counts(path: Path, *_: object) -> Picture:
     The file holds `image`, the Bayer counts summed over exposures, `shutter_speed`, and
     `iterations` or `averaged_iterations`, the number of exposures.
     """
-    matrices = read_matrices(path)
+    return picture_of(read_matrices(path), path)
+
+
+def picture_of(matrices: dict[str, Matrix], path: Path) -> Picture:
+    """Return the raw counts of a MATLAB file's variables, see `read_matlab_counts`."""
     counts = _real_field(matrices, "image", path)
     if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
         raise PhotographError(
             f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
         )
-    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[0])
+    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[-1])
     exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
     with np.errstate(over="ignore", invalid="ignore"):
         return Picture(bayer_colours(counts), exposure=exposure)

@@ -38,6 +38,11 @@ def test_raw_counts_become_colours_per_exposure_time(tmp_path, dtype, compressed
     assert np.allclose(photograph.values, np.full((3, 2, 3), [150, 100, 50]), rtol=1e-15)
 
 
+def test_averaged_exposures_are_counted_where_both_numbers_are_told(tmp_path):
+    path = save(tmp_path / "raw.mat", **{**RAW, "averaged_iterations": 8.0})
+    assert np.allclose(read_photograph(path, (2, 3)).values, 1 / (0.5 * 8))
+
+
 def test_published_size_averages_each_block_where_it_stands(tmp_path):
     counts = np.random.default_rng(2).integers(0, 4096, (2016, 2016)).astype(np.uint16)
     path = save(tmp_path / "raw.mat", image=counts, shutter_speed=2.0, averaged_iterations=5.0)

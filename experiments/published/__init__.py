@@ -1,0 +1,1 @@
+"""The published measurements, all of them, as one page."""

@@ -1,0 +1,149 @@
+"""A rendered stand-in for the published data set: its folders, names and fields, in small."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.io
+
+import periscopy_sim as ps
+from experiments.published import layout
+from experiments.published.layout import PLACEMENTS, captures, place_of
+from experiments.published.setting import PublishedSetting
+from experiments.setting import FittedScene
+from periscopy_sim.storage.formats.srgb import srgb_encode
+
+HIDDEN, PHOTOGRAPH = (10, 12), (42, 42)
+COUNTS = 200.0  # for each unit of exposure, of the brightest photograph
+NOISE = 2e-3  # of a photograph, over its mean, at an exposure of 20
+PAINT = 2e-3  # unevenness of the wall
+SBRS = (8.0, 5.0, 3.0, 1.5, 0.95)
+LIT = {"bottom_left": (8, 2), "bottom_right": (8, 9), "top_left": (1, 2), "top_right": (1, 9)}
+
+
+def save_capture(path, light, truth, *, exposure=20.0, noise=NOISE, side=2, seed=0, **fields):
+    """Write light, (rows, columns, 3), as the Bayer counts of a sensor with noise of its own.
+
+    Each pixel becomes side x side colour pixels; the noise is that of their mean.
+    """
+    colour = np.repeat(np.repeat(light, side, axis=0), side, axis=1) * COUNTS * exposure
+    # Both greens of a cell make the noise of its green smaller; red and blue are seen once.
+    σ = noise * side * np.sqrt(20 / exposure) * colour.mean()
+    draw = np.random.default_rng(seed).normal(0, σ, (4, *colour.shape[:2]))
+    image = np.empty((2 * colour.shape[0], 2 * colour.shape[1]))
+    image[0::2, 0::2] = colour[..., 0] + draw[0]
+    image[0::2, 1::2] = colour[..., 1] + draw[1]
+    image[1::2, 0::2] = colour[..., 1] + draw[2]
+    image[1::2, 1::2] = colour[..., 2] + draw[3]
+    saved = {"image": image, "shutter_speed": exposure / 4, "iterations": 4.0, **fields}
+    if truth is not None:
+        saved["ground_truth"] = np.rint(255 * srgb_encode(truth))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scipy.io.savemat(path, saved)
+
+
+class RenderedSet:
+    """Captures of the layout, of the first placement of each folder."""
+
+    def __init__(self, root, hidden=HIDDEN, photograph=PHOTOGRAPH):
+        self.root, self.hidden, self.photograph = root, hidden, photograph
+        self.scenes = {}
+        self.paint = 1 + PAINT * np.random.default_rng(5).normal(size=(*photograph, 1))
+
+    def scene(self, place):
+        if place not in self.scenes:
+            first = PLACEMENTS[place][0]
+            self.scenes[place] = FittedScene(
+                first.scene, self.hidden, 7, first.parameters, self.photograph
+            )
+        return self.scenes[place]
+
+    def truth(self, name):
+        pictures = {"bur": "letters", "colbar": "bars", "smilehat": "still_life", "tommy": "digits"}
+        shown = next((image for part, image in pictures.items() if part in name), "mushroom")
+        return ps.read_hidden_image(ps.find_image(shown), self.hidden)
+
+    def lit_block(self, name):
+        down, right = (count / size for count, size in zip(self.hidden, HIDDEN, strict=True))
+        row, column = LIT[name.rpartition("image_test_")[2]]
+        truth = np.zeros((*self.hidden, 3))
+        truth[int(row * down), int(column * right)] = 1
+        return truth
+
+    def light(self, place, truth):
+        scene = self.scene(place)
+        f = truth.reshape(-1, 3)
+        full = (scene.A @ np.ones((f.shape[0], 3))).mean()
+        return (scene.A @ f).reshape(*self.photograph, 3) / full
+
+    def ambient(self, place):
+        """Light of two lamps on no point of the paper's grid, of mean 1."""
+        lamps = np.array([[-1.3, 2.2, 0.9], [0.8, 1.4, 2.1]])
+        lit = ps.point_light_backgrounds(self.scene(place).scenario, lamps)
+        colours = np.array([[1.0, 0.9, 0.7], [0.8, 0.9, 1.0]])
+        light = (lit / lit.mean(axis=0) @ colours).reshape(*self.photograph, 3)
+        return light / light.mean()
+
+    def write(self, names, **how):
+        for number, name in enumerate(names):
+            folder, _, last = name.rpartition("/")
+            place = place_of(folder)
+            truth = self.truth(f"{folder}/{last}")
+            if folder == layout.SINGLE_PIXELS:
+                truth = self.lit_block(last)
+            elif folder in layout.FRAMES:
+                truth = np.roll(truth, number % 13, axis=1)
+            light = self.light(place, truth)
+            level = int(last[-1]) if last[-1].isdigit() and ("amb" in last or "mush" in last) else 0
+            if level:
+                alone = self.ambient(place) * light.mean() / SBRS[level - 1]
+                is_alone = "mush" not in last
+                light, truth = (alone, None) if is_alone else (light + alone, truth)
+            given = {"exposure": 20.0 + 5 * (number % 3), "seed": number, **how}
+            save_capture(self.root / f"{name}.mat", light * self.paint, truth, **given)
+
+
+@pytest.fixture(scope="session")
+def published():
+    """What makes such a data set, and the numbers that it was made with."""
+    return SimpleNamespace(
+        save_capture=save_capture,
+        RenderedSet=RenderedSet,
+        HIDDEN=HIDDEN,
+        PHOTOGRAPH=PHOTOGRAPH,
+        COUNTS=COUNTS,
+        NOISE=NOISE,
+        PAINT=PAINT,
+        SBRS=SBRS,
+        LIT=LIT,
+    )
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory):
+    """All captures but repeats beyond the fourth and frames beyond the third; some damaged."""
+    root = tmp_path_factory.mktemp("published") / "Data"
+    rendered = RenderedSet(root)
+    many = (layout.REPEATS, layout.FRAMES)
+    left_out = {f"{folder}/{name}" for part in many for folder in part for name in part[folder][4:]}
+    rendered.write([name for name in captures() if name not in left_out])
+    short = root / layout.PLATE / "image_test_bur.mat"
+    short.write_bytes(short.read_bytes()[:5000])
+    (root / layout.SOLID / "image_test_2.mat").write_text("no MATLAB")
+    (root / "stranger.mat").write_bytes(b"")
+    return SimpleNamespace(root=root, rendered=rendered, left_out=left_out)
+
+
+@pytest.fixture
+def every_placement(data, tmp_path):
+    return PublishedSetting(
+        tmp_path / "out", data.root.parent, hidden=HIDDEN, photograph=PHOTOGRAPH
+    )
+
+
+@pytest.fixture
+def setting(every_placement):
+    """Knows the placement that was rendered, which need not be found."""
+    for folder, placements in PLACEMENTS.items():
+        every_placement.placements[folder] = placements[:1]
+    return every_placement
