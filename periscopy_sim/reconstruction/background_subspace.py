@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 RANK_TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""
 
+ROUNDING = 1e-12
+"""Of a column: what is left of it outside of a subspace, and is no more than rounding."""
+
 SKETCH = 96
 """Random mixtures of B's columns that are tried first: twice its usual rank of 44."""
 
@@ -49,6 +52,20 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     )
     assert info == 0
     return np.asarray(Q)
+
+
+def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
+    """Return an orthonormal basis of range(Q), (M, r), and of a few columns, (M, K), beside it.
+
+    Q is orthonormal. However little of a column lies outside of range(Q), it is kept, but for
+    rounding.
+    """
+    outside = np.asarray(columns, np.float64)
+    sizes = np.linalg.norm(outside, axis=0)
+    for _ in range(2):  # once more for what rounding left
+        outside = outside - Q @ (Q.T @ outside)
+    own = outside[:, np.linalg.norm(outside, axis=0) > ROUNDING * sizes]
+    return np.hstack([Q, background_basis(own)])
 
 
 def _sketched_basis(

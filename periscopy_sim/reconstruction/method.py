@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
+from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.observation import Mask, observation_of
+from periscopy_sim.reconstruction.unevenness import Unevenness
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
@@ -122,6 +124,7 @@ class StillMethod(ABC, Generic[Precision]):
         self._observation = observation_of(
             A, hidden_shape, channel_gain, mask, photograph_shape, backgrounds
         )
+        self._unevenness: Unevenness | None = None
         self.hidden_shape = hidden_shape
         self.photograph_shape = photograph_shape
 
@@ -181,6 +184,43 @@ class StillMethod(ABC, Generic[Precision]):
         """
         return self.solve(photograph).image
 
+    def evenness(self, photograph: Image) -> Array:
+        """Return what a photograph is multiplied by to show an even wall of one colour.
+
+        Background photographs show the wall's fine unevenness, if the photograph, (rows, columns,
+        3) or (M, 3), agrees; see `unevenness`. The result is (3, M'), of the M' pixels used; ones
+        where none is found, no background photographs were given, or the method does not use B.
+        Methods for stills find it for each photograph, those for videos for the first.
+        """
+        return self._evenness(self._observation.planar(np.asarray(photograph)[None])[0])
+
+    def _evenness(self, planes: Array) -> Array:
+        """See `evenness`, of a photograph's (3, M') planes."""
+        if self._unevenness is None:
+            return np.ones(planes.shape)
+        return self._unevenness.evenness(planes, self._unexplained)
+
+    def _planes(self, photographs: Image, evenness: Array | None = None) -> Array:
+        """Return photographs' (K, 3, M') planes on an even wall; None: each by its own."""
+        planes = self._observation.planar(photographs)
+        if self._unevenness is not None:
+            for plane in planes:
+                plane *= self._evenness(plane) if evenness is None else evenness
+        return planes
+
+    def _ambient_basis(self, B: Image | None, rank_tolerance: float) -> Array:
+        """Return an orthonormal basis of all ambient light, (M', r); learn of the wall's paint."""
+        smooth = background_basis(self._observation.used(B), rank_tolerance)
+        if not self._observation.backgrounds:
+            return smooth
+        if smooth.shape[1]:
+            self._unevenness = Unevenness(smooth, self._observation)
+        return joined_basis(smooth, self._observation.ambient(None))
+
+    def _unexplained(self, rows: Array) -> Array:
+        """Return what least squares of hidden image and ambient light leave of rows, (J, M')."""
+        raise NotImplementedError(f"{type(self).__name__} knows no unevenness of the wall")
+
     def fitted(self) -> dict[str, Any]:
         """Return what fitting to the scene settled, for a summary."""
         return {}
@@ -191,6 +231,8 @@ class StillMethod(ABC, Generic[Precision]):
 
     def residual(self, photograph: Image, found: Any) -> Residual | None:
         """Return what scene and solution leave of a photograph, and whether it is noise.
+
+        The photograph is taken as an even wall would have shown it, see `evenness`.
 
         Parameters
         ----------
@@ -214,7 +256,7 @@ class StillMethod(ABC, Generic[Precision]):
         transport, shape = self._projected_transport(), self._observation.rows_and_columns
         if transport is None or shape is None:
             return None
-        y = self._observation.planar(np.asarray(photograph)[None])[0].T
+        y = self._planes(np.asarray(photograph)[None])[0].T
         return residual_of(y, self._signal(transport, found), transport, self._observation.placed)
 
     def _projected_transport(self) -> TransportOperator | None:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping, check_weight
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import (
     Eigenvectors,
@@ -47,6 +47,10 @@ Array = NDArray[np.float64]
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥ found once for a scene, see `matrix_free`; of few patches an eighth."""
+
+UNEXPLAINED = 30
+"""Conjugate gradients to find what nothing explains; what more of them explain is no fine texture.
+"""
 
 ROUNDING = 1e-7
 """Noise as a part of the photograph, below which it cannot be told from rounding errors."""
@@ -126,12 +130,18 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = background_basis(self._observation.ambient(B), rank_tolerance)
+        Q = self._ambient_basis(B, rank_tolerance)
         self.transport = TransportOperator(A, Q)
+
+    def _unexplained(self, rows: Array) -> Array:
+        y = self.transport.reject_background(rows.T)
+        h = np.asarray(self.transport.T @ y)
+        fitted = least_squares(self.transport, h, tolerance=0.01, max_iterations=UNEXPLAINED)
+        return np.asarray((y - self.transport @ fitted.f).T)
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        planes = self._observation.planar(np.asarray(photograph)[None])
+        planes = self._planes(np.asarray(photograph)[None])
         y = self.transport.reject_background(planes[0].T)
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
         result = IterativeReconstruction(

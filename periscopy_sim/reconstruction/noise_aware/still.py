@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
@@ -54,6 +54,9 @@ PENALTY = 0.2
 
 SEEN = 1e-12
 """Curvatures below this part of the largest are patterns that the wall does not show."""
+
+STRONG = 1e-8
+"""Curvatures above this part of the largest are patterns that explain more than rounding does."""
 
 CHECKED = 10
 """Iterations between two looks at the residuals."""
@@ -169,7 +172,7 @@ class NoiseAware(StillMethod[np.float64]):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         used = self._observation.used_transport(A)
-        Q = background_basis(self._observation.ambient(B), rank_tolerance)
+        Q = self._ambient_basis(B, rank_tolerance)
         self._background = np.ascontiguousarray(Q.T)
         self._transport = np.ascontiguousarray(used.T, np.float32)
         C = Q.T @ used
@@ -237,16 +240,17 @@ class NoiseAware(StillMethod[np.float64]):
         added = (gain if mask is None else gain[mask.ravel()]) - 1
         return light + added[:, None] * transport.light(found.first_image.reshape(-1, 3))
 
-    def evidence(self, photographs: Image) -> list[Evidence]:
+    def evidence(self, photographs: Image, evenness: Array | None = None) -> list[Evidence]:
         """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
 
-        They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
+        They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit. All are brought to an
+        even wall by one `evenness`, or each by its own.
         """
-        return self._evidence(*self._rejected(photographs))
+        return self._evidence(*self._rejected(photographs, evenness))
 
-    def _rejected(self, photographs: Image) -> tuple[Array, Array]:
+    def _rejected(self, photographs: Image, evenness: Array | None = None) -> tuple[Array, Array]:
         """Return photographs, range(B) projected out, (K, 3, M'), and the share left, (K,)."""
-        planes = self._observation.planar(photographs)
+        planes = self._planes(photographs, evenness)
         whole = root_mean_squares(planes)
         y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
@@ -310,6 +314,17 @@ class NoiseAware(StillMethod[np.float64]):
         return standard_errors(
             self._gram, found.noise, found.image, found.weight, misfit, len(self._curvatures)
         )
+
+    def _unexplained(self, rows: Array) -> Array:
+        def rejected(rows: Image) -> Image:
+            return np.asarray(rows - (rows @ self._background.T) @ self._background)
+
+        left = rejected(rows).astype(np.float32)
+        shown = times_rows(times_rows(left, self._transport), self._basis.rows)
+        # Weaker patterns explain nothing beyond single precision.
+        shown[:, self._basis.curvatures <= STRONG * self._basis.curvatures[-1]] = 0
+        images = (shown / (self._unit**2 * self._basis.curvatures)) @ self._basis.rows
+        return left - rejected(images.astype(np.float32) @ self._transport)
 
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence

@@ -67,7 +67,8 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
         """Yield what finishes each frame, A applied to many at once; see `FrameByFrame.begun`."""
         for start in range(0, len(photographs), BATCH):
-            for evidence in self.method.evidence(np.asarray(photographs[start : start + BATCH])):
+            part = np.asarray(photographs[start : start + BATCH])
+            for evidence in self.method.evidence(part, self.evenness(part)):
                 yield partial(self.finish, evidence)
 
     def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:

@@ -138,7 +138,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(
-            self._observation.used(A), self._observation.ambient(B), rank_tolerance=rank_tolerance
+            self._observation.used(A), self._ambient_basis(B, rank_tolerance)
         )
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
@@ -205,15 +205,18 @@ class Periscope(StillMethod[np.floating[Any]]):
         stack: Image = np.array(images, self.precision)
         return stack.reshape(-1, *self.hidden_shape, 3)
 
-    def estimates(self, photographs: Image) -> Iterator[Estimate]:
-        """Precondition photographs, `BATCH` of them at a time; see `reconstruct_batch`."""
+    def estimates(self, photographs: Image, evenness: Array | None = None) -> Iterator[Estimate]:
+        """Precondition photographs, `BATCH` of them at a time; see `reconstruct_batch`.
+
+        All are brought to an even wall by one `evenness`, or each by its own.
+        """
         photographs = np.asarray(photographs)
         for start in range(0, max(len(photographs), 1), BATCH):
-            yield self.estimate(photographs[start : start + BATCH])
+            yield self.estimate(photographs[start : start + BATCH], evenness)
 
-    def estimate(self, photographs: Image) -> Estimate:
-        """Precondition photographs and tell the noise of each; see `reconstruct_batch`."""
-        y = self._observation.planar(photographs)
+    def estimate(self, photographs: Image, evenness: Array | None = None) -> Estimate:
+        """Precondition photographs and tell the noise of each; see `estimates`."""
+        y = self._planes(photographs, evenness)
         rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
         P = self.preconditioner
         whole = _energies(rejected)
@@ -234,6 +237,15 @@ class Periscope(StillMethod[np.floating[Any]]):
             self.tv_weight * self._unit_error * noise,
             np.sqrt(left / np.where(whole > 0, whole, 1)),
         )
+
+    def _unexplained(self, rows: Array) -> Array:
+        P = self.preconditioner
+        rejected = P.reject_background(rows.T)
+        if self._matrix is None:
+            f = P.apply(rejected)
+        else:
+            f = times_rows(np.ascontiguousarray(rejected.T, np.float32), self._matrix).T
+        return np.asarray((rejected - P.reject_background(P.A @ f)).T)
 
     def _finished(self, estimate: Estimate, k: int) -> Reconstruction:
         return denoise_and_repair(

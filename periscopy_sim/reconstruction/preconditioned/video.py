@@ -75,7 +75,8 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
 
     def begun(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.begun`."""
-        for estimate in self.periscope.estimates(photographs):
+        evenness = self.evenness(photographs) if len(photographs) else None
+        for estimate in self.periscope.estimates(photographs, evenness):
             for k in range(len(estimate.noise)):
                 yield partial(self.finish, estimate, k)
 
