@@ -17,6 +17,7 @@ from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
 from .evaluation.metrics import gain_matched, mean_squared_error, psnr, registered
 from .evaluation.sweep import Sweep, flips, run_sweep
+from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .photographs.defects import defective_pixels
@@ -106,5 +107,8 @@ __all__ = [
     "render_transport",
     "repair",
     "run_sweep",
+    "save_png",
+    "show",
+    "to_srgb",
     "use_variant",
 ]

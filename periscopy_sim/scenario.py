@@ -110,6 +110,15 @@ class Scenario:
     occluders: tuple[Occluder, ...] = field(repr=False)
     blur: float = 0.0
 
+    def __repr__(self) -> str:
+        """Return its file, sizes and parameters on one line."""
+        given = "".join(f", {name}={value}" for name, value in self.parameters.items())
+        (rows, columns), (R, C) = self.photograph_shape, self.hidden_shape
+        return (
+            f"Scenario('{self.path}', {R}x{C} patches, {rows}x{columns} pixels, "
+            f"{len(self.occluders)} occluders{given})"
+        )
+
     @property
     def transport_shape(self) -> tuple[int, int]:
         """(M, N), the shape of the light transport matrix."""

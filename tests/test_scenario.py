@@ -171,3 +171,8 @@ def test_without_columns_a_floor_takes_the_x_axis():
     frame = wall_frame(points[:, [0, 2, 1]], np.tile([0.0, 0, 1], (12, 1)))
     np.testing.assert_allclose(frame.across, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(frame.normal, [0, 0, 1], atol=1e-12)
+
+
+def test_scenario_is_told_on_a_line():
+    line = repr(make_scenario(parameters={"turn": "3"}))
+    assert line == "Scenario('room.xml', 2x3 patches, 4x5 pixels, 0 occluders, turn=3)"

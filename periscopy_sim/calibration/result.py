@@ -111,6 +111,16 @@ class Calibration:
     moved: bool = True
     doubts: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return the values with their errors, what is unexplained, and if it is trusted."""
+        found = ", ".join(
+            f"{each.name}={each.value:.4g}±{each.standard_error:.2g}" for each in self.parameters
+        )
+        left = self.noise_before, self.noise
+        before, after = (100 * float(np.sqrt(np.mean(noise**2))) for noise in left)
+        trust = "trusted" if self.trusted else "not trusted"
+        return f"Calibration({found}, unexplained {before:.2f} -> {after:.2f} %, {trust})"
+
     @property
     def trusted(self) -> bool:
         """Whether nothing speaks against the values."""

@@ -33,6 +33,13 @@ class Photograph:
     values: NDArray[np.float64]
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return its size, its mean and how many warnings there are on one line."""
+        rows, columns = self.values.shape[:2]
+        finite = self.values[np.isfinite(self.values)]
+        mean = float(finite.mean()) if finite.size else float("nan")
+        return f"Photograph({rows}x{columns}, mean {mean:.3g}, {len(self.warnings)} warnings)"
+
     def __array__(
         self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
     ) -> NDArray[Any]:

@@ -67,6 +67,12 @@ class Solution(Generic[Precision]):
     noise: Array
     weight: Array | float
 
+    def __repr__(self) -> str:
+        """Return its size, the mean noise and the mean weight on one line."""
+        rows, columns = self.image.shape[:2]
+        noise, weight = (float(np.mean(number)) for number in (self.noise, self.weight))
+        return f"{type(self).__name__}({rows}x{columns}, noise {noise:.3g}, weight {weight:.3g})"
+
     def told(self) -> dict[str, Any]:
         """Return the numbers that a summary or a table keeps, by name."""
         return {"noise": self.noise, "lambda": self.weight}
@@ -127,6 +133,12 @@ class StillMethod(ABC, Generic[Precision]):
         self._unevenness: Unevenness | None = None
         self.hidden_shape = hidden_shape
         self.photograph_shape = photograph_shape
+
+    def __repr__(self) -> str:
+        """Return its sizes on one line."""
+        patches = "{}x{}".format(*self.hidden_shape)
+        pixels = "x".join(map(str, self.photograph_shape or (self._observation.pixels,)))
+        return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
 
     @classmethod
     def for_scene(cls, scene: Seen, A: Any, B: Any = None, **settings: Any) -> Self:

@@ -58,6 +58,11 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
         self.l1_weight = l1_weight
         self.restart()
 
+    def __repr__(self) -> str:
+        """Return its sizes and coupling on one line."""
+        rows, columns = self.hidden_shape
+        return f"{type(self).__name__}({rows}x{columns} patches, coupling '{self.coupling}')"
+
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         self.previous: NDArray[Precision] | None = None

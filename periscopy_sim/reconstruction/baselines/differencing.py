@@ -45,7 +45,7 @@ MAX_ITERATIONS = 10_000
 """After so many iterations, far more than any photograph should need, differencing gives up."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DifferencingResult(Solution[np.float64]):
     """A hidden image by differencing; the noise is that of the differenced photograph."""
 

@@ -56,7 +56,7 @@ ROUNDING = 1e-7
 """Noise as a part of the photograph, below which it cannot be told from rounding errors."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class IterativeReconstruction(Solution[np.float64]):
     """A hidden image and how the iterations ended; see `Solution`.
 

@@ -53,6 +53,11 @@ class PortableNoiseAware:
         mask = self._observation.mask
         self._used = None if mask is None else moved(np.flatnonzero(mask), xp.int64)
 
+    def __repr__(self) -> str:
+        """Return the method that was moved, and where to, on one line."""
+        library = array_namespace(self._transport).__name__.rpartition(".")[2]
+        return f"PortableNoiseAware({self.method!r}, {library}, {device(self._transport)})"
+
     def reconstruct(self, photograph: Array) -> Array:
         """Return the hidden image, (R, C, 3), of a photograph, (rows, columns, 3) or (M, 3)."""
         return self.reconstruct_batch(photograph[None, ...])[0, ...]

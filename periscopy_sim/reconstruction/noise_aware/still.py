@@ -65,7 +65,7 @@ FIRST = 20
 """Iterations for the image that the gain over the wall is found from; more change nothing."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NoiseAwareReconstruction(Solution[np.float64]):
     """A hidden image and how it came about; see `Solution`. One λ serves all channels.
 

@@ -49,6 +49,11 @@ class Preconditioner:
     Q: Array
     cholesky: Array
 
+    def __repr__(self) -> str:
+        """Return its sizes on one line."""
+        M, N = self.A.shape
+        return f"Preconditioner({N} patches, {M} pixels, backgrounds of rank {self.Q.shape[1]})"
+
     def reject_background(self, y: NDArray[np.floating[Any]]) -> Array:
         """Project range(B) out of photographs, (M,) or (M, K): y − Q Qᵀ y, float64."""
         rejected: Array = y - self.Q @ (self.Q.T @ y)

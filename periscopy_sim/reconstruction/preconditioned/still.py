@@ -47,7 +47,7 @@ class Estimate:
     share: Array  # (K,) root mean square of y, range(B) projected out, over that of y
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction(Solution[np.floating[Any]]):
     """A hidden image, `image`, and the stages that led to it (Fig. 2); see `Solution`.
 

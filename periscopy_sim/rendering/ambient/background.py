@@ -61,6 +61,14 @@ class Background:
     relative_error: float
     brightness_error: float
 
+    def __repr__(self) -> str:
+        """Return its size and errors on one line."""
+        rows, columns = self.photograph.shape[:2]
+        return (
+            f"Background({rows}x{columns}, relative error {100 * self.relative_error:.2g} %, "
+            f"brightness {100 * self.brightness_error:.2g} %)"
+        )
+
 
 def render_background(
     path: str | Path,

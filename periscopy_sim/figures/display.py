@@ -1,0 +1,129 @@
+"""Images to look at in Python: an exposure that knows no truth, on the screen or in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.figures.panels import displayable
+from periscopy_sim.figures.panels import show as show_picture
+from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.pictures import write_png
+
+HEIGHT = 3.0
+"""Inches of an image on the screen."""
+
+
+def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
+    """Return linear light as a screen wants it: encoded by the sRGB curve, in [0, 1].
+
+    Parameters
+    ----------
+    image
+        (rows, columns, 3) or, grey, (rows, columns) linear light of any unit, such as a
+        reconstruction or a photograph; or what ``solve`` or ``read_photograph`` returned, or
+        anything that holds such an array as its ``image``, ``photograph`` or ``values``.
+    white
+        What is shown white; None for the 99.5th percentile. Negatives and NaN are black.
+
+    Returns
+    -------
+    (rows, columns, 3) float64
+
+    Raises
+    ------
+    ValueError
+        If it is no such image, holds no finite number, or white is not positive.
+    """
+    return srgb_encode(_exposed(image, white))
+
+
+def save_png(path: str | Path, image: Any, white: float | None = None) -> None:
+    """Write linear light as an 8-bit sRGB PNG, exposed as by `to_srgb`; see there.
+
+    An `OutputError` says that the file cannot be written.
+    """
+    write_png(Path(path), _exposed(image, white), {})
+
+
+def show(
+    *images: Any, titles: Sequence[str] | None = None, white: float | None = None
+) -> tuple[Any, ...]:
+    """Show linear images side by side, by matplotlib, pixel by pixel.
+
+    Parameters
+    ----------
+    *images
+        As for `to_srgb`.
+    titles
+        One for each; None names what the images are and their sizes.
+    white
+        As for `to_srgb`: one number for all, or None to expose each by itself.
+
+    Returns
+    -------
+    tuple
+        The axes, to draw on. Where matplotlib has a window, the images are in it already.
+
+    Raises
+    ------
+    ValueError
+        As by `to_srgb`, or if there is no image, or another number of titles.
+    """
+    if not images or (titles is not None and len(titles) != len(images)):
+        raise ValueError(f"{len(images)} images and {len(titles or ())} titles: give one for each")
+    pictures = [to_srgb(image, white) for image in images]
+    names = titles or [
+        _title(image, picture) for image, picture in zip(images, pictures, strict=True)
+    ]
+    from matplotlib import pyplot as plt
+
+    widths = [picture.shape[1] / picture.shape[0] for picture in pictures]
+    size = (HEIGHT * sum(widths) + 0.2, HEIGHT + 0.4)
+    figure = plt.figure(figsize=size, layout="constrained")
+    axes = figure.subplots(1, len(pictures), width_ratios=widths, squeeze=False)[0]
+    for ax, name, picture in zip(axes, names, pictures, strict=True):
+        show_picture(ax, name, picture)
+    if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
+        plt.show()
+    return tuple(axes)
+
+
+def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
+    """Return an image scaled to [0, 1], still linear, (rows, columns, 3)."""
+    values = np.asarray(_array_of(image))
+    if values.dtype.kind not in "fiub" or values.size == 0:
+        raise ValueError(f"{values.dtype} of shape {values.shape} is no image; give numbers")
+    if values.ndim == 2:
+        values = values[..., None]
+    if values.ndim != 3 or values.shape[2] not in (1, 3):
+        raise ValueError(f"an image is (rows, columns, 3) or (rows, columns), not {values.shape}")
+    if white is not None and not 0 < white < np.inf:
+        raise ValueError(f"white is {white}: give a positive number")
+    values = np.broadcast_to(values.astype(np.float64), (*values.shape[:2], 3))
+    finite = np.isfinite(values)
+    if not finite.any():
+        raise ValueError("the image holds no finite number")
+    if white is None:  # NaN is what a mask leaves out
+        white = float(np.percentile(values[finite], 99.5))
+    return displayable(np.where(finite, values, 0), white)
+
+
+def _array_of(image: Any) -> Any:
+    """Return the array of a solution, a background or a photograph, or what was given."""
+    for name in ("image", "photograph", "values"):
+        held = getattr(image, name, None)
+        if isinstance(held, np.ndarray):
+            return held
+    return image
+
+
+def _title(image: Any, picture: NDArray[np.float64]) -> str:
+    """Return what an image is, and its size."""
+    rows, columns = picture.shape[:2]
+    what = "" if isinstance(image, np.ndarray) else f"{type(image).__name__}, "
+    return f"{what}{rows} x {columns}"

@@ -1,0 +1,116 @@
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.errors import OutputError
+from periscopy_sim.photographs.checking import Photograph
+from periscopy_sim.rendering.ambient.background import Background
+from periscopy_sim.storage.formats.srgb import srgb_decode
+
+
+@pytest.fixture(autouse=True)
+def no_window():
+    from matplotlib import pyplot as plt
+
+    with matplotlib.rc_context({"backend": "agg"}):
+        yield
+    plt.close("all")
+
+
+@pytest.fixture
+def image():
+    return np.random.default_rng(4).uniform(0, 1, (20, 30, 3))
+
+
+def test_light_is_encoded_as_srgb_with_the_brightest_half_percent_white(image):
+    encoded = ps.to_srgb(image)
+    white = np.sort(image.ravel())[int(0.995 * (image.size - 1))]
+    dim = image < 0.99 * white
+    np.testing.assert_allclose(srgb_decode(encoded[dim]), image[dim] / white, rtol=2e-3)
+    assert encoded.max() == pytest.approx(1, abs=1e-12) and encoded.shape == image.shape
+    np.testing.assert_allclose(srgb_decode(ps.to_srgb(image, white=2)), image / 2, rtol=1e-9)
+
+
+def test_exposure_does_not_depend_on_the_unit(image):
+    np.testing.assert_allclose(ps.to_srgb(1e-9 * image), ps.to_srgb(image), atol=1e-12)
+
+
+def test_what_cannot_be_shown_is_black(image):
+    image[3, 4], image[5, 6], image[7, 8] = np.nan, -1, np.inf
+    encoded = ps.to_srgb(image)
+    assert not encoded[[3, 5, 7], [4, 6, 8]].any()
+    image[3, 4] = image[5, 6] = image[7, 8] = 0
+    np.testing.assert_allclose(encoded, ps.to_srgb(image), atol=0.02)
+
+
+def test_grey_images_and_masks_are_shown_in_grey(image):
+    grey = ps.to_srgb(image[..., 0])
+    assert grey.shape == image.shape and (grey == grey[..., :1]).all()
+    np.testing.assert_array_equal(ps.to_srgb(image[..., :1]), grey)
+    mask = image[..., 0] > 0.5
+    np.testing.assert_allclose(ps.to_srgb(mask)[..., 1], mask, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (np.zeros((2, 2, 4)), r"not \(2, 2, 4\)"),
+        (np.zeros(5), r"not \(5, 1\)|not \(5,\)"),
+        (np.zeros((0, 3)), "is no image"),
+        (np.array([["a"]]), "is no image"),
+        (np.full((2, 2), np.nan), "no finite number"),
+    ],
+)
+def test_what_is_no_image_is_refused(wrong, said):
+    for act in (ps.to_srgb, ps.show):
+        with pytest.raises(ValueError, match=said):
+            act(wrong)
+    for white in (0, -1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="give a positive number"):
+            ps.to_srgb(np.ones((2, 2)), white)
+
+
+def test_file_holds_what_the_screen_shows(image, tmp_path):
+    ps.save_png(tmp_path / "new" / "image.png", image)
+    with Image.open(tmp_path / "new" / "image.png") as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    np.testing.assert_array_equal(pixels, np.rint(255 * ps.to_srgb(image)))
+    with pytest.raises(OutputError):
+        ps.save_png(tmp_path, image)
+
+
+def test_images_stand_side_by_side_each_with_its_own_exposure(image):
+    axes = ps.show(image, 5 * image, titles=["one", "other"])
+    assert [ax.get_title() for ax in axes] == ["one", "other"]
+    shown = [ax.images[0].get_array() for ax in axes]
+    np.testing.assert_allclose(shown[0], shown[1], atol=1e-12)
+    np.testing.assert_array_equal(shown[0], ps.to_srgb(image))
+    assert axes[0].images[0].get_interpolation() == "nearest"
+    alike = [ax.images[0].get_array() for ax in ps.show(image, 5 * image, white=5)]
+    assert np.mean(alike[1]) > 1.5 * np.mean(alike[0])
+
+
+def test_what_is_not_a_plain_array_is_named(image):
+    photograph = Photograph(image)
+    ambient = Background(image, 1e-3, 1e-3)
+    titles = [ax.get_title() for ax in ps.show(image, photograph, ambient)]
+    assert titles == ["20 x 30", "Photograph, 20 x 30", "Background, 20 x 30"]
+
+
+def test_every_image_has_a_title_or_none_has(image):
+    with pytest.raises(ValueError, match="1 images and 2 titles"):
+        ps.show(image, titles=["a", "b"])
+    with pytest.raises(ValueError, match="0 images"):
+        ps.show()
+
+
+def test_solution_is_shown_by_its_image():
+    A = np.random.default_rng(2).uniform(0, 1, (48, 12))
+    found = ps.NoiseAware(A, hidden_shape=(3, 4), photograph_shape=(6, 8)).solve(
+        (A @ np.ones((12, 3))).reshape(6, 8, 3)
+    )
+    (ax,) = ps.show(found)
+    assert ax.get_title() == "NoiseAwareReconstruction, 3 x 4"
+    np.testing.assert_array_equal(ax.images[0].get_array(), ps.to_srgb(found.image))
