@@ -26,7 +26,7 @@ from periscopy_sim.laboratory.document import (
     UprightCylinder,
 )
 from periscopy_sim.laboratory.quantities import Measured
-from periscopy_sim.laboratory.scene_text import SceneText, axes, film_of, paint, transform
+from periscopy_sim.laboratory.scene_text import SceneText, axes, paint, transform
 from periscopy_sim.scenario import Array
 
 LEAST_WALL = 1.0
@@ -174,7 +174,7 @@ def _add_camera(
             f'    <float name="fov" value="{angle}"/>',
             '    <string name="fov_axis" value="x"/>',
             *transform(*turned),
-            *film_of(camera.film),
+            *scene.film(camera.film),
             "</sensor>",
         ]
     )
@@ -200,7 +200,7 @@ def _add_rectified(scene: SceneText, camera: RectifiedCamera) -> None:
                 '<translate y="$wall_distance"/>',
             ),
             '    <float name="near_clip" value="0.001"/>',
-            *film_of(camera.film),
+            *scene.film(camera.film),
             "</sensor>",
         ]
     )

@@ -73,6 +73,21 @@ class SceneText:
         turned = self.declare(f"{name}_turn", turn, "angle", f"{entry}: turn")
         return [f'<rotate x="1" angle="{tilted}"/>', f'<rotate z="1" angle="{turned}"/>']
 
+    def film(self, size: tuple[int, int]) -> list[str]:
+        """Declare the (rows, columns) of the film; return its lines."""
+        self.section("Rows and columns of the photograph.")
+        for name, pixels in zip(("height", "width"), size, strict=True):
+            self._known.add(name)
+            self._default(name, pixels)
+        return [
+            '    <film type="hdrfilm">',
+            '        <integer name="width" value="$width"/>',
+            '        <integer name="height" value="$height"/>',
+            '        <rfilter type="box"/>',
+            "    </film>",
+            '    <sampler type="independent"/>',
+        ]
+
     def add(self, lines: Iterable[str]) -> None:
         """Add something that stands in the laboratory."""
         self._shapes += ["", *(f"    {line}" for line in lines)]
@@ -102,19 +117,6 @@ def paint(reflectance: tuple[float, float, float]) -> list[str]:
         '    <bsdf type="diffuse">',
         f'        <rgb name="reflectance" value="{text}"/>',
         "    </bsdf>",
-    ]
-
-
-def film_of(film: tuple[int, int]) -> list[str]:
-    """Return the lines of a film of (rows, columns)."""
-    rows, columns = film
-    return [
-        '    <film type="hdrfilm">',
-        f'        <integer name="width" value="{columns}"/>',
-        f'        <integer name="height" value="{rows}"/>',
-        '        <rfilter type="box"/>',
-        "    </film>",
-        '    <sampler type="independent"/>',
     ]
 
 

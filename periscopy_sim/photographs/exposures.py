@@ -7,7 +7,7 @@ single precision, which holds the counts of every sensor exactly: photographs ma
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,11 +33,15 @@ class SensorImage:
         (rows, columns) bool, where a channel is.
     white
         The least value at which a channel is saturated; infinite if that is not known.
+    cell
+        Pixels of the sensor along each side of one of these: 2 where cells of a Bayer mosaic were
+        made pixels. Places in the photograph, and masks, may be those of the sensor.
     """
 
     values: NDArray[np.float32]
     saturated: NDArray[np.bool_]
     white: float = np.inf
+    cell: int = 1
 
     @property
     def size(self) -> tuple[int, int]:
@@ -51,6 +55,7 @@ def sensor_image(
     name: str,
     white: float | None = None,
     saturated: NDArray[np.bool_] | None = None,
+    cell: int = 1,
 ) -> SensorImage:
     """Return a picture as an `SensorImage`.
 
@@ -65,6 +70,8 @@ def sensor_image(
         less than a power of two, as of a converter's range that is used up; else no value is.
     saturated
         (rows, columns) bool, where else they are.
+    cell
+        See `SensorImage`.
 
     Raises
     ------
@@ -86,7 +93,7 @@ def sensor_image(
     if saturated is not None and saturated.any():
         full |= saturated
         white = min(white, float(light[saturated].max(axis=1).min()))
-    return SensorImage(light, full, white)
+    return SensorImage(light, full, white, cell)
 
 
 def _top_code(counts: NDArray[np.integer]) -> float:
@@ -101,7 +108,7 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
     Leaving out single saturated values would favour those that noise made darker. `name` is what
     messages call them.
     """
-    total, saturated, white, count = None, None, np.inf, 0
+    total, saturated, white, count, cell = None, None, np.inf, 0, 1
     for each in exposures:
         if total is None or saturated is None:
             total, saturated = each.values.astype(np.float32), each.saturated.copy()
@@ -109,11 +116,11 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
             check_same_size(each.size, saturated.shape, name)
             total += each.values
             saturated |= each.saturated
-        white, count = min(white, each.white), count + 1
+        white, count, cell = min(white, each.white), count + 1, each.cell
     if total is None or saturated is None:
         raise PhotographError(f"{name}: there is none; give one at least")
     total /= count
-    return SensorImage(total, saturated, white)
+    return SensorImage(total, saturated, white, cell)
 
 
 def merge(exposures: Sequence[SensorImage], times: Sequence[float]) -> SensorImage:
@@ -147,7 +154,8 @@ def merge(exposures: Sequence[SensorImage], times: Sequence[float]) -> SensorIma
         joins = ~each.saturated[..., np.newaxis] & (expected < FILLED * each.white)
         counts += np.where(joins, each.values, 0)
         duration += np.where(joins, time, np.float32(0))
-    return SensorImage(counts / duration, shortest.saturated, shortest.white / float(first))
+    light, white = counts / duration, shortest.white / float(first)
+    return SensorImage(light, shortest.saturated, white, shortest.cell)
 
 
 def _around(light: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -160,8 +168,8 @@ def _around(light: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def without_offset(exposure: SensorImage, offset: NDArray[np.float32] | float) -> SensorImage:
     """Return an exposure with its black level or dark frame, (rows, columns, 3), taken off."""
-    highest = float(np.max(offset))
-    return SensorImage(exposure.values - offset, exposure.saturated, exposure.white - highest)
+    typical = float(np.median(offset))  # single hot pixels of a dark frame say nothing of the range
+    return replace(exposure, values=exposure.values - offset, white=exposure.white - typical)
 
 
 def evenly_sensitive(
@@ -197,7 +205,7 @@ def evenly_sensitive(
             )
     mean = flat.values[used].mean(axis=0, dtype=np.float64)
     gain = np.where(used[..., np.newaxis], flat.values / mean, 1).astype(np.float32)
-    return SensorImage(exposure.values / gain, exposure.saturated, exposure.white)
+    return replace(exposure, values=exposure.values / gain)
 
 
 def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:

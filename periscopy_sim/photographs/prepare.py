@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,10 @@ from periscopy_sim.scenario import Scenario
 OFF_WALL = 0.02
 """Distance from the wall that a mark may have, over the extent of all."""
 
+_PLACED = 0.5  # of a new pixel; standard error from which on more marks are asked for
+_BAND = 1 << 20  # pixels in which defects are looked for at once
+_REACH = 4  # rows beyond a band that are looked at, too
+
 PAPER = 1.5
 """Side of the paper around a tag over the tag's own, which is left out of the photograph."""
 
@@ -64,6 +68,9 @@ class Prepared:
         Pixels of the photograph that an average new pixel covers.
     view
         How the photograph shows the wall, where marks told that.
+    placement
+        The largest standard error with which marks place the new pixels, in new pixels; 0 where
+        the scene's camera is the photograph's.
     warnings
         What had to be assumed, one line each.
     """
@@ -77,6 +84,7 @@ class Prepared:
     defects: int
     coverage: float
     view: FittedView | None
+    placement: float = 0.0
     warnings: tuple[str, ...] = ()
 
 
@@ -112,16 +120,19 @@ def develop(
         If sizes differ, a value is not finite, or the flat field is dark or saturated.
     """
     offset: NDArray[np.float32] | float = black
+    spoiled: Mask | bool = False
     if dark is not None:
         if black:
             raise PhotographError("a dark frame holds the black level; give one of the two")
-        offset = _as_sensor_image(dark, "the dark frame").values
+        darkness = _as_sensor_image(dark, "the dark frame")
+        offset, spoiled = darkness.values, darkness.saturated
 
     def taken() -> Iterable[SensorImage]:
         for k, each in enumerate(photographs):
             exposure = _as_sensor_image(each, f"photograph {k}")
             if not np.isscalar(offset):
                 check_same_size(np.shape(offset)[:2], exposure.size, "the dark frame")
+            exposure = replace(exposure, saturated=exposure.saturated | spoiled)
             yield without_offset(exposure, offset)
 
     light = average(taken(), "photographs") if times is None else merge(list(taken()), times)
@@ -160,7 +171,8 @@ def prepare(
     points, tags
         Marks on the wall, at most one of the two.
     mask
-        (rows, columns) bool, where the wall is used, of the photograph's size or of the film's.
+        (rows, columns) bool, where the wall is used, of the photograph's size or of the film's, or
+        of its sensor's where its pixels are the cells of a mosaic.
 
     Returns
     -------
@@ -180,16 +192,15 @@ def prepare(
         on_film = mask
         mask = None
     if mask is not None:
-        check_same_size(mask.shape, light.size, "the mask")
+        mask = mask_of_pixels(mask, light)
     if points is not None and tags is not None:
         raise PhotographError("points and tags both tell the view; give one of them")
-    found = defective_pixels(light.values, None if mask is None else mask)
-    single = (found.dead | found.hot) & ~light.saturated
+    single = _single_defects(light, mask)
     flaws = np.uint8(Flaw.SATURATED) * light.saturated | np.uint8(Flaw.DEFECTIVE) * single
     if mask is not None:
         flaws |= np.uint8(Flaw.MASKED) * ~mask
     markers = np.zeros(scenario.photograph_shape, bool)
-    view, warnings = None, []
+    view, placement, warnings = None, 0.0, []
     if points is None and tags is None:
         check_blocks(light.size, scenario.photograph_shape)
         resampled = average_blocks(light.values, flaws, scenario.photograph_shape)
@@ -198,12 +209,14 @@ def prepare(
         plane = wall_plane(scenario)
         view, missing = _view(light, plane, points, tags)
         warnings += missing
-        corners = _corners(plane, view)
+        corners = _corners(plane, view) / light.cell
         resampled = average_quadrilaterals(light.values, flaws, corners)
         coverage = _coverage(corners)
         if tags is not None:
             markers = _beneath(view, plane)
-        warnings += _doubts(view, plane, coverage)
+        side = light.cell * np.sqrt(coverage)
+        placement = float(view.standard_error(plane.pixel_corners()) / side)
+        warnings += _doubts(placement, coverage)
     used = resampled.used & ~markers & on_film
     if not used.any():
         raise PhotographError(
@@ -220,6 +233,7 @@ def prepare(
         defects=int(np.count_nonzero(single)),
         coverage=coverage,
         view=view,
+        placement=placement,
         warnings=tuple(warnings),
     )
 
@@ -240,7 +254,35 @@ def pixels_covered(
         return float(np.prod(light.size) / np.prod(scenario.photograph_shape))
     plane = wall_plane(scenario)
     view, _ = _view(light, plane, points, tags)
-    return _coverage(_corners(plane, view))
+    return _coverage(_corners(plane, view) / light.cell)
+
+
+def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
+    """Return a mask of a photograph's pixels from one of its sensor's; one of another size fails.
+
+    Of a cell of a mosaic, all pixels must be used.
+    """
+    rows, columns = light.size
+    on_sensor = light.cell * rows, light.cell * columns
+    if light.cell > 1 and mask.shape == on_sensor:
+        cells = mask.reshape(rows, light.cell, columns, light.cell)
+        return np.asarray(cells.all(axis=(1, 3)))
+    check_same_size(mask.shape, light.size, "the mask")
+    return mask
+
+
+def _single_defects(light: SensorImage, mask: Mask | None) -> Mask:
+    """Return where single pixels are dead or hot; by bands of rows, which bounds the memory."""
+    rows, columns = light.size
+    height = max(_BAND // columns, 4 * _REACH)
+    found = np.zeros(light.size, bool)
+    for start in range(0, rows, height):
+        first = max(min(start, rows - height) - _REACH, 0)
+        band = slice(first, start + height + _REACH)
+        defects = defective_pixels(light.values[band], None if mask is None else mask[band])
+        single = defects.dead | defects.hot
+        found[start : start + height] = single[start - first : start - first + height]
+    return found & ~light.saturated
 
 
 def check_blocks(size: tuple[int, int], shape: tuple[int, int]) -> None:
@@ -270,14 +312,16 @@ def _view(
             marks = points_as_marks(points.pixels, positions, names)
         if tags is not None:
             seen = find_tags(light.values, tags.ids)
+            corners = light.cell * seen.corners
             missing = sorted(set(tags.ids.tolist()) - set(tags.ids[seen.places].tolist()))
             if missing:
                 numbers = ", ".join(map(str, missing))
                 warnings.append(f"{tags.source}: tags {numbers} are not seen in the photograph")
             names = [f"tag {number}" for number in tags.ids[seen.places]]
             centers = _on_wall(tags.centers[seen.places], plane, names)
-            marks = tags_as_marks(seen.corners, centers, tags.sizes[seen.places], names)
-        return fit_view(marks, light.size), warnings
+            marks = tags_as_marks(corners, centers, tags.sizes[seen.places], names)
+        rows, columns = light.size
+        return fit_view(marks, (light.cell * rows, light.cell * columns)), warnings
     except PhotographError as error:
         if given.source in str(error):
             raise
@@ -334,15 +378,13 @@ def _beneath(view: FittedView, plane: WallPlane) -> Mask:
     return hidden
 
 
-def _doubts(view: FittedView, plane: WallPlane, coverage: float) -> list[str]:
+def _doubts(placement: float, coverage: float) -> list[str]:
     """Return lines of doubt about a rectified photograph."""
     doubts = []
-    side = np.sqrt(coverage)
-    error = view.standard_error(plane.pixel_corners()) / side
-    if error > 0.5:
+    if placement > _PLACED:
         doubts.append(
-            f"the marks place the photograph to {error:.1f} of the scene's pixels only, at the "
-            "corner of the field of view where it is worst; measure more of them, further apart"
+            f"the marks place the photograph to {placement:.1f} of the scene's pixels only, where "
+            "it is worst; measure more of them, further apart"
         )
     if coverage < 1:
         doubts.append(

@@ -20,7 +20,8 @@ class WallPoints:
     Attributes
     ----------
     pixels
-        (n, 2) column and row; the first pixel's centre is at (0.5, 0.5).
+        (n, 2) column and row; the first pixel's centre is at (0.5, 0.5). Of a camera's raw file
+        they are the sensor's, as viewers show them, not the half as many that are made of them.
     positions
         (n, 3) in metres, in the scene's coordinates.
     names

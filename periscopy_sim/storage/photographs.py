@@ -102,7 +102,7 @@ def read_sensor_image(
     if _is_encoded(picture):
         full = (values == np.iinfo(np.uint8).max).any(axis=2)
     light, warnings = _linear_light(picture, None, row.name, str(path))
-    exposure = sensor_image(light, str(path), white, full)
+    exposure = sensor_image(light, str(path), white, full, picture.cell)
     if exposure.white == np.inf and (plateau := saturated_pixels(exposure.values)).any():
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(

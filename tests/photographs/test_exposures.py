@@ -96,6 +96,19 @@ def test_other_sizes_are_refused_by_name():
         develop([LIGHT, LIGHT[:3]])
 
 
+def test_a_hot_pixel_of_the_dark_frame_does_not_shorten_the_range():
+    """White is what is left above the dark frame; one pixel of it may be white itself."""
+    light = np.full((*SIZE, 3), 100.0)
+    dark = np.full((*SIZE, 3), 64, np.uint16)
+    dark[3, 3] = 4095
+    shots = [shot(light, time, time) for time in (1, 30)]
+    single = [develop([each], dark=dark) for each in shots]
+    assert single[0].saturated[3, 3] and single[0].saturated.sum() == 1
+    found = develop([sensor_image(s, "y", 4095) for s in shots], times=[1, 30], dark=dark)
+    sound = ~found.saturated
+    assert found.values[sound].std() == pytest.approx(np.sqrt(100 / 31), rel=0.1)
+
+
 def test_times_must_be_positive_and_one_for_each():
     for times in ([1], [1, 0], [1, np.inf]):
         with pytest.raises(PhotographError, match="2 exposures"):

@@ -241,6 +241,39 @@ def test_whole_blocks_are_averaged_where_the_camera_is_the_scenes(scenario):
         prepare(light[:40, :60], scenario)
 
 
+def test_places_in_a_raw_file_are_those_of_its_sensor(photograph, scenario):
+    """Two by two pixels of the mosaic make one; points and masks are given as viewers show it."""
+    from periscopy_sim.photographs.exposures import sensor_image
+
+    points = clicked(8, 1)
+    whole = prepare(photograph, scenario, points=points)
+    cells = sensor_image(photograph, "y", cell=2)
+    on_sensor = WallPoints(2 * points.pixels, points.positions)
+    found = prepare(cells, scenario, points=on_sensor)
+    assert np.allclose(found.values, whole.values, rtol=1e-5, equal_nan=True)
+    assert found.coverage == pytest.approx(whole.coverage)
+    mask = np.ones((800, 1200), bool)
+    mask[:, 501] = False
+    half = np.ones(SIZE, bool)
+    half[:, 250] = False
+    one = prepare(cells, scenario, points=on_sensor, mask=mask)
+    other = prepare(photograph, scenario, points=points, mask=half)
+    assert (one.mask == other.mask).all() and one.masked.any()
+
+
+def test_bands_find_the_defects_that_the_whole_photograph_shows(scenario, monkeypatch):
+    from periscopy_sim.photographs import prepare as module
+
+    rng = np.random.default_rng(3)
+    light = rng.normal(1000, 10, (240, 360, 3))
+    light.reshape(-1, 3)[rng.choice(240 * 360, 60, replace=False)] *= 3
+    at_once = prepare(light, scenario)
+    monkeypatch.setattr(module, "_BAND", 50 * 360)
+    by_bands = prepare(light, scenario)
+    assert at_once.defects == by_bands.defects >= 55
+    assert np.array_equal(at_once.values, by_bands.values)
+
+
 def test_hot_pixels_are_left_out_of_the_averages(scenario):
     light = np.random.default_rng(0).normal(1000, 10, (240, 360, 3))
     spoiled = light.copy()

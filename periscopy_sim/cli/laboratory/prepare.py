@@ -47,7 +47,12 @@ def prepare(
     scene: arguments.SceneOption,
     out: arguments.OutFile,
     black: Annotated[
-        float, option("VALUE", "The camera's black level, taken off. Raw files tell theirs.")
+        float,
+        option(
+            "VALUE",
+            "The camera's black level, taken off. Raw files tell theirs.",
+            callback=arguments.not_nan,
+        ),
     ] = 0.0,
     dark: Annotated[
         list[Path] | None,
@@ -62,7 +67,11 @@ def prepare(
     ] = None,
     white: Annotated[
         float | None,
-        option("VALUE", "Pixels are saturated from this value on. [default: as the file shows]"),
+        option(
+            "VALUE",
+            "Pixels are saturated from this value on. [default: as the file shows]",
+            callback=arguments.not_nan,
+        ),
     ] = None,
     exposures: Annotated[
         str | None,
@@ -168,7 +177,7 @@ def _developed(
 ) -> tuple[SensorImage, inputs.Mask | None]:
     """Read the photographs, and make one picture of linear light of them."""
     from periscopy_sim.photographs.exposures import average
-    from periscopy_sim.photographs.prepare import develop
+    from periscopy_sim.photographs.prepare import develop, mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 
     count = len(photos) + len(dark or ()) + len(flat or ())
@@ -188,7 +197,9 @@ def _developed(
     even = average(taken(flat), f"the flat field {flat[-1]}") if flat else None
     first = next(iter(photographs := taken(photos)))
     used = None if mask is None else read_mask(mask)
-    on_photograph = used if used is not None and used.shape == first.size else None
+    on_photograph = None
+    if used is not None and max(used.shape) >= max(first.size):  # smaller ones are the film's
+        on_photograph = mask_of_pixels(used, first)
 
     def all_of_them() -> Iterator[SensorImage]:
         yield first
@@ -257,6 +268,13 @@ def _film(
             f"--bin {factor}: blocks of that side do not fill {light.size[0]} x {light.size[1]} "
             f"pixels; give one of {', '.join(map(str, films))}, or crop the photograph"
         )
+    height, width = scenario.photograph_shape
+    if height * light.size[1] != width * light.size[0]:
+        raise PeriscopyError(
+            f"--bin: {light.size[0]} x {light.size[1]} pixels (rows x columns) have other "
+            f"proportions than the {height} x {width} of the scene's camera; let its film have "
+            "the photograph's"
+        )
     return films[factor] if factor else advice.choose(list(films.values()))
 
 
@@ -298,7 +316,10 @@ def _tell(found: Prepared, advice: FilmAdvice, size: tuple[int, int]) -> None:
             if view.freedom
             else "are as many as the view needs: nothing checks them"
         )
-        say(f"{len(view.marks)} marks {fit}")
+        say(
+            f"{len(view.marks)} marks {fit}; they place the scene's pixels to "
+            f"{found.placement:.2f} of one where it is worst"
+        )
     reasons = {
         "outside": found.outside, "saturated": found.saturated, "masked": found.masked,
         "beneath tags": found.markers,
@@ -343,6 +364,7 @@ def _view_record(found: Prepared) -> dict[str, Any]:
     if found.view is not None:
         view = found.view
         record |= {
+            "view_placement": found.placement,
             "view_residual_pixels": float(np.sqrt(np.mean(view.residuals**2))),
             "view_residual_metres": float(np.sqrt(np.mean(view.residuals_on_wall**2))),
             "view_distortion": " ".join(map(repr, view.view.distortion)) or "none",

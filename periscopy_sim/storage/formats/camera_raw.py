@@ -51,10 +51,11 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
             raise PhotographError(f"{path}: is stored mirrored; export it as 16-bit linear TIFF")
         letters = raw.color_desc.decode("latin-1")
         if raw.num_colors == 1:
-            light, saturated = counts[..., np.newaxis], full
+            light, saturated, cell = counts[..., np.newaxis], full, 1
         else:
             light, saturated = _cells(counts, full, colours, letters, path)
-    return Picture(np.rot90(light, turns), saturated=np.rot90(saturated, turns))
+            cell = 2
+    return Picture(np.rot90(light, turns), saturated=np.rot90(saturated, turns), cell=cell)
 
 
 def _cells(

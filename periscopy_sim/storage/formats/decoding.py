@@ -40,6 +40,7 @@ class Picture:
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
     exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
+    cell: int = 1  # pixels of the sensor along each side of one of these
 
 
 def listed(names: Sequence[str]) -> str:

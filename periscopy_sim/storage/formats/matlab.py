@@ -36,7 +36,7 @@ def picture_of(matrices: dict[str, Matrix], path: Path) -> Picture:
     repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[-1])
     exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
     with np.errstate(over="ignore", invalid="ignore"):
-        return Picture(bayer_colours(counts), exposure=exposure)
+        return Picture(bayer_colours(counts), exposure=exposure, cell=2)
 
 
 def averaged_counts(

@@ -199,6 +199,13 @@ def broken(kind, tmp_path):
         return ("--bin", "some"), "neither auto nor a whole number"
     if kind == "a film that is set twice":
         return ("--bin", 4, "-D", "resolution=24"), "leave one of them out"
+    if kind == "other proportions":
+        save(tmp_path / "y.tif", LIGHT[:48])
+        return ("--bin", 4), "other proportions than the 126 x 126 of the scene's camera"
+    if kind == "a black level that is no number":
+        return ("--black", "nan"), "nan is not a number"
+    if kind == "photographs of two sizes":
+        return (save(tmp_path / "z.tif", LIGHT[:48]),), "photographs: 48 x 96 pixels"
     if kind == "a size that does not divide":
         return ("-D", "resolution=25"), "its film may have 96x96, 48x48, 32x32, 24x24"
     assert kind == "a mask of another size"
@@ -215,6 +222,7 @@ def broken(kind, tmp_path):
         "a dark frame of another size", "a dark frame and a black level", "a flat field with zeros",
         "times for other photographs", "blocks that do not fill it", "no blocks",
         "a film that is set twice", "a size that does not divide", "a mask of another size",
+        "other proportions", "a black level that is no number", "photographs of two sizes",
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_by_one_line(kind, photo, refused, tmp_path):
