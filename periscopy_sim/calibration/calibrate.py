@@ -48,6 +48,13 @@ from the best."""
 ITERATIONS = (12, 6)
 """Of the descents, at most; the last of them gain little and take long."""
 
+SAMPLES_NEAR = 4
+"""Of the second level where a ruler knows all: dips that fewer rays make are within its errors."""
+
+MARGIN = 1.3
+"""Times larger than by the linear theory that errors are told to be: valleys of the evidence are
+curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
+
 NEAR = 4.0
 """Scales of a parameter within which a descent needs no search before: where the ruler's error is
 no more."""
@@ -144,7 +151,9 @@ def calibrate(
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
     off = _monitor_off(named(backgrounds), y, first.photograph_shape, mask)
     in_front = InFront(first)
-    resolutions = (*LEVELS[:-1], replace(LEVELS[-1], samples=samples))
+    resolutions = [*LEVELS[:-1], replace(LEVELS[-1], samples=samples)]
+    if np.isfinite(prior.errors).all():
+        resolutions[1] = replace(resolutions[1], samples=SAMPLES_NEAR)
     levels = [
         ResolutionLevel(
             path, given, names, prior, y, off, mask, hidden, resolution, seed, in_front.check
@@ -232,7 +241,8 @@ def calibrate_levels(
         values, after = start, before
     visit(values, after.evidence)
     why = doubts(names, values, spreads, prior, gained, known)
-    alone = end.curvature.covariance(block_scores(fine, end.explanation, end.curvature.jacobian))
+    scores = block_scores(fine, end.explanation, end.curvature.jacobian)
+    alone = MARGIN**2 * end.curvature.covariance(scores)
     log.report(1.0)
     covariance = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(covariance))

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel
+from periscopy_sim.shipped import find_scene
+
+NAMES = ("occluder_dx", "occluder_dz")
+COARSE = Resolution(18, 6, 4, 4)
+
+
+def anything_goes(scenario):
+    assert scenario.photograph_shape
+
+
+def level(photograph, backgrounds=(), prior=None, resolution=COARSE):
+    given = {"resolution": str(len(photograph))}
+    return ResolutionLevel(
+        find_scene("chair"), given, NAMES, prior or Prior.none(2), photograph, backgrounds, None,
+        (29, 36), resolution, 0, anything_goes,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def photograph():
+    return 1 + np.random.default_rng(0).random((36, 36, 3))
+
+
+@pytest.mark.usefixtures("jit")
+def test_light_of_a_photograph_with_the_monitor_off_changes_nothing(photograph):
+    off = 1 + 0.3 * np.random.default_rng(1).random((36, 36, 3))  # unlike any far light
+    values = np.zeros(2)
+    for background, alike in (([], False), ([off], True)):
+        plain, lit = (
+            level(y, background).explain(values).evidence for y in (photograph, photograph + off)
+        )
+        assert (abs(lit - plain) < 1e-3 * abs(plain)) == alike
+
+
+@pytest.mark.usefixtures("jit")
+def test_the_evidence_holds_the_rulers_penalty(photograph):
+    prior = Prior(np.array([0.0, 0.01]), np.array([0.005, np.inf]))
+    values = np.array([0.01, 0.0])
+    alone, ruled = (level(photograph, prior=p).explain(values) for p in (None, prior))
+    assert ruled.evidence - alone.evidence == pytest.approx(4)
+    np.testing.assert_array_equal(ruled.images, alone.images)
+
+
+@pytest.mark.usefixtures("jit")
+def test_pixels_of_a_small_photograph_are_averaged_as_finely_as_those_of_a_large_one(photograph):
+    coarse, fine = (
+        level(photograph, resolution=Resolution(longest, 6, 1, 1)) for longest in (36, 144)
+    )
+    assert coarse.photograph_shape == fine.photograph_shape == (36, 36)
+    exact = level(photograph, resolution=Resolution(36, 6, 16, 64)).matrix(np.zeros(2))
+    errors = [np.linalg.norm(each.matrix(np.zeros(2)) - exact) for each in (coarse, fine)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.usefixtures("jit")
+def test_structure_tempers_the_likelihood_not_the_ruler(photograph):
+    prior = Prior(np.zeros(2), np.array([0.005, 0.005]))
+    here = level(photograph, prior=prior)
+    values = np.array([0.005, 0.0])
+    assert here.structured(9.0).explain(values).structure == 9
+    assert here.structure == 1
+    plain, tempered = (each.explain(values) for each in (here, here.structured(9.0)))
+    assert tempered.noise == pytest.approx(plain.noise, rel=0.2)
+    darkness = [each.darkness for each in (plain, tempered)]
+    assert darkness[1] == pytest.approx(darkness[0] / 9)
