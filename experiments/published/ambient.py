@@ -55,7 +55,7 @@ class Level:
     images
         (R, C, 3) by method.
     refusal
-        Why the light alone does not serve as a background photograph; empty if it does.
+        Why a background photograph does not serve; empty if it does.
     """
 
     lit: Capture
@@ -101,11 +101,14 @@ def run(setting: PublishedSetting) -> Section:
         lights = [read[alone] for _, alone in pairs if alone in read]
         if lights:
             tables.append(_light_table(folder, scene, lights))
-        lit = [
-            *([(dark, None)] if dark else []),
-            *((read[a], read.get(b)) for a, b in pairs if a in read),
-        ]
-        levels = [_level(scene, capture, alone, dark) for capture, alone in lit]
+        levels = []
+        brightest = max(lights, key=lambda light: light.photograph.mean(), default=None)
+        if dark is not None:
+            levels.append(_level(scene, dark, None, dark, brightest))
+        for name, alone_name in pairs:
+            if name in read:
+                alone = read.get(alone_name)
+                levels.append(_level(scene, read[name], alone, dark, alone or brightest))
         if not levels:
             continue
         tables += [_level_table(folder, levels), _image_table(folder, levels)]
@@ -117,15 +120,24 @@ def run(setting: PublishedSetting) -> Section:
         text="The mushroom under ambient light, and this light alone, by number: the fit of the "
         "first to a multiple of the mushroom without ambient light and one of the light alone says "
         "whether the numbers belong together (both near 1). The signal-to-background ratio is that "
-        "of the means, from these photographs alone. A background photograph is the light alone."
-        + ("" if tables else " No capture of it can be read."),
+        "of the means, from these photographs alone. A background photograph is the light alone; "
+        "the mushroom without ambient light, too, is given one, of the brightest light, which "
+        "shows the same wall's unevenness." + ("" if tables else " No capture of it can be read."),
         claims=claims,
         pictures=pictures,
         tables=[*tables, *missing],
     )
 
 
-def _level(scene: FittedScene, lit: Capture, alone: Capture | None, dark: Capture | None) -> Level:
+def _level(
+    scene: FittedScene,
+    lit: Capture,
+    alone: Capture | None,
+    dark: Capture | None,
+    background: Capture | None,
+) -> Level:
+    """Reconstruct a level by every method, some of them with a background photograph, too."""
+
     def published() -> ps.Differencing:
         return ps.Differencing.for_scene(scene.scenario, scene.A, stop="published")
 
@@ -137,11 +149,11 @@ def _level(scene: FittedScene, lit: Capture, alone: Capture | None, dark: Captur
     }
     refusal = ""
     images = {name: fit().reconstruct(lit.photograph) for name, fit in fits.items()}
-    if alone is not None:
+    if background is not None:
         given = (scene.scenario, scene.A, scene.B)
         for name, method in ((OURS_WITH, ps.NoiseAware), (PAPER_WITH, ps.Periscope)):
             try:
-                fitted = method.for_scene(*given, backgrounds=[alone.photograph])
+                fitted = method.for_scene(*given, backgrounds=[background.photograph])
                 images[name] = fitted.reconstruct(lit.photograph)
             except (ValueError, ps.PeriscopyError) as error:
                 refusal = str(error)

@@ -92,7 +92,8 @@ class DataSet:
 
     def identity(self) -> bytes:
         """Return names, sizes and times of all files, which tell this data set from others."""
-        stats = ((file, file.stat()) for file in sorted(self.root.rglob("*.mat")))
+        files = (file for file in sorted(self.root.rglob("*.mat")) if file.is_file())
+        stats = ((file, file.stat()) for file in files)
         lines = [
             f"{file.relative_to(self.root)} {stat.st_size} {stat.st_mtime_ns}"
             for file, stat in stats
@@ -187,8 +188,9 @@ def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
 def truth_of(matrices: dict[str, Matrix], path: Path, hidden: tuple[int, int]) -> Array | None:
     """Return what the monitor was sent, as linear light, (R, C, 3); None if the file has none.
 
-    It is of 0 to 255, or of 0 to 1 where nothing is larger, and encoded by the sRGB curve, as what
-    is sent to monitors. Anything else under the name is a PhotographError.
+    A black image counts as none, since nothing can be compared with it. What was sent is of 0 to
+    255, or of 0 to 1 where nothing is larger, and encoded by the sRGB curve, as monitors take it.
+    An image of other numbers is a PhotographError.
     """
     if "ground_truth" not in matrices:
         return None
@@ -199,6 +201,8 @@ def truth_of(matrices: dict[str, Matrix], path: Path, hidden: tuple[int, int]) -
     sent = np.asarray(values, np.float64)
     if not (np.isfinite(sent).all() and sent.min() >= 0 and sent.max() <= 255):
         raise PhotographError(f"{path}: 'ground_truth' is no image of 0 to 255; save it again")
+    if not sent.any():
+        return None
     whole = values.dtype.kind in "ui" or sent.max() > 1
     return area_average(srgb_decode(sent / 255 if whole else sent), hidden)
 

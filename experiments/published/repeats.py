@@ -83,14 +83,15 @@ def run(setting: PublishedSetting) -> Section:
         _TITLE,
         text="Repeats differ by noise alone, but for drift, which is divided out. The scatter of a "
         "patch is its standard deviation over the repeats. Told standard errors also count what "
-        "total variation may do to the image, alike in all repeats, so that the scatter should "
-        "stay below them.",
+        "is alike in all repeats, what total variation does to the image and an uneven wall, so "
+        "that the scatter should stay below them.",
         claims=[_claim(repeated) for repeated in found],
         pictures=[
             Picture(
                 setting.out / "repeats.png",
                 "The first repeat's image, that of the mean photograph, and the scatter over the "
-                "repeats beside the standard errors told (mean over the channels, one scale).",
+                "repeats beside the standard errors told (mean over the channels, % of the image's "
+                "99th percentile).",
             )
         ],
         tables=[_table(found), *tables],
@@ -169,8 +170,9 @@ def _draw(setting: PublishedSetting, found: Sequence[Repeated]) -> None:
             label_row(row[0], repeated.folder)
             show_light(row[0], repeated.images[OURS][0])
             show_light(row[1], repeated.of_mean[OURS])
-            scatter = repeated.images[OURS].std(axis=0, ddof=1).mean(axis=2)
-            errors = repeated.standard_errors.mean(axis=2)
+            percent = 100 / np.percentile(repeated.of_mean[OURS], 99)
+            scatter = percent * repeated.images[OURS].std(axis=0, ddof=1).mean(axis=2)
+            errors = percent * repeated.standard_errors.mean(axis=2)
             for ax, values in ((row[2], scatter), (row[3], errors)):
                 image = ax.imshow(values, vmin=0, vmax=max(scatter.max(), errors.max()))
                 ax.set_axis_off()

@@ -75,8 +75,9 @@ def test_what_was_shown_is_decoded_from_either_scale(tmp_path, whole, published)
     assert np.allclose(read(tmp_path / "c.mat").truth, [0, 0.2158605, 1], atol=1e-6)
 
 
-def test_a_capture_without_ground_truth_is_a_capture(tmp_path, published):
-    published.save_capture(tmp_path / "c.mat", GREY, None)
+@pytest.mark.parametrize("truth", [None, np.zeros((10, 12, 3))])
+def test_a_capture_without_ground_truth_is_a_capture(tmp_path, truth, published):
+    published.save_capture(tmp_path / "c.mat", GREY, truth)
     assert read(tmp_path / "c.mat").truth is None
 
 

@@ -118,7 +118,9 @@ def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkey
             assert float(factor) == pytest.approx(1, abs=0.01)
     images = table(section, f"{layout.AMBIENT}: PSNR")
     lowest, brightest = images[-1], images[0]
-    assert first_number(lowest[ambient.OURS_WITH]) > first_number(brightest[ambient.OURS]) - 1.5
+    # A background photograph shows the paint, also to a photograph without ambient light.
+    assert first_number(brightest[ambient.OURS_WITH]) > first_number(brightest[ambient.OURS]) + 1
+    assert first_number(lowest[ambient.OURS_WITH]) > first_number(lowest[ambient.OURS]) + 1
     assert first_number(lowest[ambient.NATURE]) < first_number(brightest[ambient.NATURE]) - 3
     assert {claim.verdict for claim in section.claims} <= set(Verdict)
     assert len(section.claims) == 3 and section.claims[1].verdict is Verdict.AGREES
