@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
 from periscopy_sim.reconstruction.explained import Explained
+from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
 from periscopy_sim.reconstruction.observation import Mask, observation_of
 from periscopy_sim.reconstruction.unevenness import Unevenness
 
@@ -112,7 +113,8 @@ class StillMethod(ABC, Generic[Precision]):
     ValueError
         If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite
         where it is used, the wall reflects nothing in a channel, a number is out of range, or a
-        background photograph is of another size, not finite where it is used, or without light.
+        background photograph is of another size, not finite where it is used, without light, or
+        shows the monitor (see `monitor_left_on`; of methods that use B).
     """
 
     precision: type[np.floating[Any]] = np.float64
@@ -220,11 +222,12 @@ class StillMethod(ABC, Generic[Precision]):
                 plane *= self._evenness(plane) if evenness is None else evenness
         return planes
 
-    def _ambient_basis(self, B: Image | None, rank_tolerance: float) -> Array:
+    def _ambient_basis(self, A: Any, B: Image | None, rank_tolerance: float) -> Array:
         """Return an orthonormal basis of all ambient light, (M', r); learn of the wall's paint."""
         smooth = background_basis(self._observation.used(B), rank_tolerance)
         if not self._observation.backgrounds:
             return smooth
+        check_monitor_off(A, smooth, self._observation)
         if smooth.shape[1]:
             self._unevenness = Unevenness(smooth, self._observation)
         return joined_basis(smooth, self._observation.ambient(None))

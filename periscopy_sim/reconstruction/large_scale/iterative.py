@@ -125,12 +125,12 @@ class IterativePeriscope(StillMethod[np.float64]):
         super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         check_weight("regularization", regularization)
         check_stopping(tolerance, max_iterations)
-        if self._observation.mask is not None:
-            A = used_rows(A, self._observation.mask.ravel())
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = self._ambient_basis(B, rank_tolerance)
+        Q = self._ambient_basis(A, B, rank_tolerance)
+        if self._observation.mask is not None:
+            A = used_rows(A, self._observation.mask.ravel())
         self.transport = TransportOperator(A, Q)
 
     def _unexplained(self, rows: Array) -> Array:

@@ -172,7 +172,7 @@ class NoiseAware(StillMethod[np.float64]):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         used = self._observation.used_transport(A)
-        Q = self._ambient_basis(B, rank_tolerance)
+        Q = self._ambient_basis(A, B, rank_tolerance)
         self._background = np.ascontiguousarray(Q.T)
         self._transport = np.ascontiguousarray(used.T, np.float32)
         C = Q.T @ used

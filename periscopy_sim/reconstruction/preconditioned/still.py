@@ -138,7 +138,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(
-            self._observation.used(A), self._ambient_basis(B, rank_tolerance)
+            self._observation.used(A), self._ambient_basis(A, B, rank_tolerance)
         )
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
