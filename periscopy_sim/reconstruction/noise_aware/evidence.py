@@ -17,13 +17,44 @@ LARGEST_RATIO = 30
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that the objective needs of a photograph."""
+    """All that the objective needs of a photograph.
+
+    Where the channels share noise, the coefficients and the noise are those along `axes`.
+    """
 
     coefficients: Array  # (3, N) WᵀA⊥ᵀ y, y over its level and A⊥ over a patch's root mean energy
     noise: Array  # (3,) standard deviation of the noise in y, likewise
     level: float  # root mean square of the photograph, range(B) projected out
     share: float  # the level over the root mean square of the photograph itself
     noise_to_signal: float  # energy of the noise in y over that of the signal
+    axes: Array | None = None  # (3, 3) axes of colour, a row each; None for the channels themselves
+    slow: Array | None = None  # (3,) κ of `common_noise` along them
+
+    @property
+    def channel_noise(self) -> Array:
+        """(3,) standard deviation of the noise in each channel."""
+        if self.axes is None:
+            return self.noise
+        return np.asarray(np.sqrt(self.noise**2 @ self.axes**2))
+
+    @property
+    def mean_noise(self) -> float:
+        """The σ that λ is counted in: over the channels; along axes, of their mean precision."""
+        if self.axes is None:
+            return float(self.noise.mean())
+        return float(np.mean(self.noise**-2.0) ** -0.5)
+
+    @property
+    def weighed_noise(self) -> Array:
+        """(3,) σ over the root of each channel's weight: its noise, or along axes σ^¼ σ_a^¾."""
+        if self.axes is None:
+            return self.noise
+        return np.asarray(self.mean_noise**0.25 * self.noise**0.75)
+
+    @property
+    def slowness(self) -> float:
+        """The factor κ^⅓ on λ, of the noisiest axis; 1 where noise is white."""
+        return 1.0 if self.slow is None else float(self.slow[0] ** (1 / 3))
 
 
 def root_mean_squares(planes: Array) -> Array:

@@ -79,8 +79,8 @@ class Objective:
         With the frame before, `previous`, (3, R, C), ≥ 0 where f is, the weight of the distance to
         it is λ₂ = `l1_weight` λ.
         """
-        σ = float(evidence.noise.mean())
-        w = (σ / evidence.noise) ** 2
+        σ = evidence.mean_noise
+        w = (σ / evidence.weighed_noise) ** 2
         λ = self.regularization * np.sqrt(len(self.basis.rows)) * σ / 2
         data = w[:, None] * evidence.coefficients
         ridge = self.basis.combined(data / (w[:, None] * self.basis.curvatures + RIDGE))
@@ -90,6 +90,7 @@ class Objective:
         threshold = schedule.penalty * scale
         ρ = λ / threshold
         solve = self.basis.solver(w, ρ, data, schedule.weak)
+        axes = None if evidence.axes is None else evidence.axes.astype(np.float32)
         drawn_to = None
         if previous is not None and l1_weight > 0:
             drawn_to = np.ascontiguousarray(np.clip(previous, -FARTHEST, FARTHEST), np.float32)
@@ -97,7 +98,12 @@ class Objective:
         pull = l1_weight * threshold
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
-            f = solve(right_hand_side(split), renew=iteration % schedule.renewed == 0)
+            g = right_hand_side(split)
+            if axes is not None:
+                g = axes @ g
+            f = solve(g, renew=iteration % schedule.renewed == 0)
+            if axes is not None:
+                f = np.ascontiguousarray(axes.T @ f)
             iteration += 1
             image = f.reshape(split.v.shape)
             residuals = advance(image, split, threshold, self.positive, drawn_to, pull)

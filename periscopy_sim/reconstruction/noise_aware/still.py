@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,11 @@ from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.noise_aware.common_noise import (
+    common_noise,
+    is_shared,
+    noise_covariance,
+)
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
     noise_of,
@@ -195,7 +201,7 @@ class NoiseAware(StillMethod[np.float64]):
         planes, shares = self._rejected(np.asarray(photograph)[None])
         (evidence,) = self._evidence(planes, shares)
         if self._wall_gain is None:
-            found, _ = self.recover(evidence)
+            found, _ = self.recover(self._in_its_axes(evidence, planes[0]))
         else:
             found = self._recover_with_gain(self._wall_gain, planes, evidence)
         found.warn_unless_converged()
@@ -289,13 +295,14 @@ class NoiseAware(StillMethod[np.float64]):
             schedule = self._schedule(self.max_iterations)
         unit = evidence.level / self._unit
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
-        regularization = self.regularization * max(1.0, np.sqrt(evidence.noise_to_signal))
+        regularization = self.regularization * evidence.slowness
+        regularization *= max(1.0, np.sqrt(evidence.noise_to_signal))
         objective = Objective(self._basis, self.hidden_shape, regularization, self.positive)
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         found = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
-            noise=evidence.level * evidence.noise,
-            weight=regularization * self.norm / (evidence.level * float(evidence.noise.mean())),
+            noise=evidence.level * evidence.channel_noise,
+            weight=regularization * self.norm / (evidence.level * evidence.mean_noise),
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
@@ -310,9 +317,19 @@ class NoiseAware(StillMethod[np.float64]):
         They are (R, C, 3), in units of the image, and assume that A and B are right, that a gain
         over the wall is known, and that what the wall hides of the image varies like what it shows.
         """
-        misfit = float(np.sum(self._explicable(found)[1] ** 2))
+        evidence = found.evidence
+        noise, weighed = evidence.noise, evidence.weighed_noise
+        left = self._explicable(found)[1] * (noise / weighed)[:, None]
+        slow = None if evidence.slow is None else evidence.slow * (noise / weighed) ** 2
         return standard_errors(
-            self._gram, found.noise, found.image, found.weight, misfit, len(self._curvatures)
+            self._gram,
+            evidence.level * weighed,
+            found.image,
+            found.weight,
+            float(np.sum(left**2)),
+            len(self._curvatures),
+            evidence.axes,
+            slow,
         )
 
     def _unexplained(self, rows: Array) -> Array:
@@ -335,15 +352,57 @@ class NoiseAware(StillMethod[np.float64]):
         image = first.image.reshape(-1, 3).T / evidence.level
         gain = wall_gain.estimate(planes[0], evidence.noise, image)
         if gain.accepted:
-            (even,) = self._evidence(planes - gain.added, np.array([evidence.share]))
+            planes = planes - gain.added
+            (even,) = self._evidence(planes, np.array([evidence.share]))
             level, share = evidence.level * even.level, evidence.share * even.level
             evidence = replace(even, level=level, share=share)
         rest = self._schedule(self.max_iterations - first.iterations)
-        found, _ = self.recover(evidence, rest, split)
+        found, _ = self.recover(self._in_its_axes(evidence, planes[0]), rest, split)
         found = replace(found, iterations=first.iterations + found.iterations)
         if not gain.accepted:
             return found
         return replace(found, gain=gain.field, first_image=first.image)
+
+    def _in_its_axes(self, evidence: Evidence, y: Array) -> Evidence:
+        """Return evidence along the axes of the noise that the channels share, if they do.
+
+        y, (3, M'), is what it is of, of the evidence's level.
+        """
+        seen, rank = evidence.coefficients[:, self._seen], len(self._background)
+        covariance = noise_covariance(y, seen, self._curvatures, rank)
+        if self._observation.rows_and_columns is None or not is_shared(covariance):
+            return evidence
+        left = self._placed(self._left(y, evidence.coefficients))
+        noise = common_noise(covariance, left, self._white)
+        return replace(
+            evidence,
+            coefficients=noise.axes @ evidence.coefficients,
+            noise=noise.σ,
+            axes=noise.axes,
+            slow=noise.slow,
+        )
+
+    def _left(self, y: Array, coefficients: Array) -> Array:
+        """Return what the least-squares image leaves of y, (3, M')."""
+        weights = np.zeros_like(coefficients)
+        weights[:, self._seen] = coefficients[:, self._seen] / self._curvatures
+        images = self._basis.combined(weights) / np.float32(self._unit)
+        explained = np.zeros(y.shape, np.float32)
+        subtract_combinations(explained, -images, self._transport)
+        explained = explained.astype(np.float64)
+        return np.asarray(y - explained + (explained @ self._background.T) @ self._background)
+
+    @cached_property
+    def _white(self) -> Array:
+        """What the fit leaves of white noise of variance 1, (3, rows, columns), 0 elsewhere."""
+        y = np.random.default_rng(0).standard_normal((3, self._transport.shape[1]))
+        subtract_combinations(y, times_rows(y, self._background), self._background)
+        (evidence,) = self._evidence(y[None], np.ones(1))
+        return self._placed(evidence.level * self._left(y, evidence.coefficients))
+
+    def _placed(self, planes: Array) -> Array:
+        """Return (3, M') planes as (3, rows, columns), 0 where pixels are left out."""
+        return np.nan_to_num(self._observation.placed(planes.T))
 
     def _schedule(self, max_iterations: int) -> Schedule:
         return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)
@@ -371,6 +430,8 @@ class NoiseAware(StillMethod[np.float64]):
         """Return what A⊥ can explain of y, (3, N'), and what of it the image leaves, over σ."""
         evidence = found.evidence
         images = found.image.reshape(-1, 3).T / (evidence.level * self._unit)
+        if evidence.axes is not None:
+            images = evidence.axes @ images
         shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
         scales = np.sqrt(self._curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self._seen] / scales

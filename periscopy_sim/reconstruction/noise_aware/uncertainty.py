@@ -47,6 +47,8 @@ def standard_errors(
     weight: float,
     misfit: float,
     rank: int,
+    axes: Array | None = None,
+    slow: Array | None = None,
 ) -> Array:
     """Return the standard error of each patch, (R, C, 3), in units of the image.
 
@@ -55,12 +57,13 @@ def standard_errors(
     account, so that errors of images with much black are told too large.
 
     The arguments are A⊥ᵀA⊥, (N, N), of a given rank, σ_c, (3,), f̂, (R, C, 3), λ > 0, and the
-    misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c².
+    misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c². Where the channels share noise, c counts its axes, (3, 3),
+    and the noise is κ_c, (3,), times σ_c² where the image is; see `common_noise`.
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
     variances, pulls = np.empty((2, len(gram), 3))
-    pulled = squared = 0.0
+    pulled = squared = extra = 0.0
     for channel, σ in enumerate(noise):
         H = gram / σ**2 + P.toarray()
         # A constant that no pixel shows is not known at all; a little keeps the factor finite.
@@ -73,9 +76,18 @@ def standard_errors(
         pulls[:, channel] = np.sum(inverse * X, axis=0)
         pulled += float(np.trace(X))
         squared += float(np.sum(X * X.T))
+        if slow is not None:
+            extra += (slow[channel] - 1) * (float(np.sum(X * X.T)) - len(gram) + rank)
     unseen = 3 * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
-    τ = contrast(misfit, pulled - unseen, squared - unseen)
-    return np.asarray(np.sqrt(variances + (τ - 1) * pulls).reshape(f.shape))
+    τ = contrast(misfit - extra, pulled - unseen, squared - unseen)
+    # Of H⁻¹ = H⁻¹(A⊥ᵀA⊥/σ²)H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
+    if slow is None:
+        variances += (τ - 1) * pulls
+    else:
+        variances = slow * (variances - pulls) + τ * pulls
+    if axes is not None:
+        variances = variances @ axes**2
+    return np.asarray(np.sqrt(variances).reshape(f.shape))
 
 
 def contrast(misfit: float, pulled: float, squared: float) -> float:

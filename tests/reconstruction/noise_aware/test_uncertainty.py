@@ -162,3 +162,22 @@ def test_errors_are_numbers_where_rounding_outweighs_them():
         found = method.solve(y)
     assert (method.standard_errors(found) > 0).all()
     assert contrast(misfit=0, pulled=1, squared=-1e-9) == 0
+
+
+def test_errors_along_axes_are_the_roots_of_the_covariance():
+    weight, slow = 30.0, np.array([20.0, 2.0, 1.0])
+    axes = np.linalg.qr(RNG.standard_normal((3, 3)))[0]
+    P = curvature_by_loops(TRUTH, weight)
+    inverses = [np.linalg.inv(GRAM / σ**2 + P) for σ in NOISE]
+    left = [np.eye(N) - GRAM @ inverse / σ**2 for σ, inverse in zip(NOISE, inverses, strict=True)]
+    noise = [np.trace(X @ X) for X in left]
+    misfit = 3 * (slow @ noise) + 200
+    extra = (slow - 1) @ noise
+    τ = contrast(misfit - extra, sum(map(np.trace, left)), sum(noise))
+    found = standard_errors(GRAM, NOISE, TRUTH, weight, misfit, N, axes, slow)
+    along = [
+        np.diag(inverse @ (κ * GRAM / σ**2 + τ * P) @ inverse)
+        for κ, σ, inverse in zip(slow, NOISE, inverses, strict=True)
+    ]
+    expected = np.sqrt(np.transpose(along) @ axes**2)
+    np.testing.assert_allclose(found.reshape(-1, 3), expected, rtol=1e-6)
