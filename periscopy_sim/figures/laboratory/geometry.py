@@ -12,8 +12,15 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.scenario import Array, Scenario
 
-LARGE = 2.5
-"""Times the laboratory's size: a larger shape (a floor, a room) is drawn where it is in sight."""
+FARTHEST = 1.0
+"""Times the size of camera, monitor and view: what reaches farther from their middle (a floor, a
+room) is drawn where it is in sight."""
+
+COVERING = 0.15
+"""Part of a panel: what covers more is drawn as its ground."""
+
+PANELS = (0, 1), (1, 2)
+"""Axes of the plan and the side view, by their places in `WorldAxes`."""
 
 MOST_TOLD, CHARACTERS = 5, 138
 """Occluders whose distances are told, and characters of a line."""
@@ -58,11 +65,31 @@ def drawn_box(survey: Survey) -> tuple[Array, Array]:
     """Return the box of what is to be drawn, with a margin."""
     core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
     size = float(np.max(np.ptp(core, axis=0)))
-    kept = [s.points for s in survey.solids if np.ptp(s.points, axis=0).max() < LARGE * size]
+    middle = (core.min(axis=0) + core.max(axis=0)) / 2
+    kept = [
+        solid.points
+        for solid in survey.solids
+        if np.abs(solid.points - middle).max() < FARTHEST * size
+    ]
     points = np.concatenate([core, *kept])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.09 * float(np.max(high - low))
     return low - margin, high + margin
+
+
+def standing(survey: Survey, axes: WorldAxes, shown: Sequence[tuple[int, int]]) -> list[Solid]:
+    """Return the solids that cover little of every panel shown, unlike tables, floors and walls.
+
+    A panel shows two of the axes, by their places in `WorldAxes`.
+    """
+    low, high = drawn_box(survey)
+    found = []
+    for solid in survey.solids:
+        inside = np.minimum(solid.points.max(axis=0), high)
+        inside = np.maximum(inside - np.maximum(solid.points.min(axis=0), low), 0) / (high - low)
+        if all(inside[axes.axes[h]] * inside[axes.axes[v]] < COVERING for h, v in shown):
+            found.append(solid)
+    return found
 
 
 def groups_of(solids: Sequence[Solid]) -> dict[str, Array]:
@@ -98,7 +125,8 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
         f"{facing:.0f}° from facing it squarely.",
     ]
     told = []
-    for name, points in groups_of(survey.solids).items():
+    solids = standing(survey, world_axes(scenario, survey), PANELS)
+    for name, points in groups_of(solids).items():
         heights = (points - middle) @ normal
         distance = float(heights.min() + heights.max()) / 2
         if 0 < distance < before:

@@ -21,8 +21,11 @@ class Labels:
         self._avoided: list[Array] = []
 
     def add(self, text: str, points: Array, colour: str) -> None:
-        """Name what covers the points (n, 2), in the panel's coordinates."""
-        self._asked.append((text, np.asarray(points, float), colour))
+        """Name what covers the points (n, 2), in the panel's coordinates, if it is in sight."""
+        (left, right), (bottom, top) = sorted(self._ax.get_xlim()), sorted(self._ax.get_ylim())
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        if (high > (left, bottom)).all() and (low < (right, top)).all():
+            self._asked.append((text, np.asarray(points, float), colour))
 
     def avoid(self, points: Array) -> None:
         """Keep labels off what covers the points (n, 2), too."""

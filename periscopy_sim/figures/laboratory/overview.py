@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.laboratory.geometry import drawn_box, hull
+from periscopy_sim.figures.laboratory.geometry import PANELS, drawn_box, hull, standing, world_axes
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
 from periscopy_sim.rendering.overview import View, covered, find_view, render_overview
@@ -70,8 +70,8 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
         if text == "camera":
             ax.plot(*at[0], marker="o", markersize=5, color=colour)
         labels.add(text, at, colour)
-    for points in inside:
-        labels.avoid(view.project(points)[0])
+    for solid in standing(survey, world_axes(scenario, survey), PANELS):
+        labels.avoid(view.project(solid.points)[0])
     _draw_triad(ax, view)
     ax.set_xlim(0, shape[1])
     ax.set_ylim(shape[0], 0)

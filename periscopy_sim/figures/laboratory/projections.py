@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.laboratory.geometry import WorldAxes, extremes, groups_of, hull, in_words
+from periscopy_sim.figures.laboratory.geometry import (
+    PANELS,
+    WorldAxes,
+    extremes,
+    groups_of,
+    hull,
+    in_words,
+    standing,
+)
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.panels import OKABE_ITO
-from periscopy_sim.rendering.survey import Survey
+from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
-VIEWED, MONITOR, OCCLUDER = OKABE_ITO[0], OKABE_ITO[1], "0.25"
+VIEWED, MONITOR, OCCLUDER, GROUND = OKABE_ITO[0], OKABE_ITO[1], "0.25", "0.93"
 
 GRID = {True: 150, False: 40}
 """Points of the wall along its panel's width; fewer where one ray is traced after the other."""
@@ -73,15 +82,18 @@ def draw_projection(
     ax.plot(
         *seen[list(extremes(seen))].T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4
     )
-    _draw_shadow_rays(ax, survey, scenario, (h, v))
+    upright = standing(survey, frame, [shown])
+    _draw_shadow_rays(ax, standing(survey, frame, PANELS), survey, scenario, (h, v))
     for solid in survey.solids:
+        stands = solid in upright
         if solid.faces is None:
             outlines = [hull(solid.points[:, [h, v]])]
         else:
             outlines = list(solid.points[:, [h, v]][solid.faces])
-        look: dict[str, Any] = {"facecolor": OCCLUDER, "edgecolor": OCCLUDER, "linewidth": 0.4}
-        ax.add_collection(PolyCollection(outlines, zorder=5, **look))
-    for name, points in groups_of(survey.solids).items():
+        colour = OCCLUDER if stands else GROUND
+        look: dict[str, Any] = {"facecolor": colour, "edgecolor": colour, "linewidth": 0.4}
+        ax.add_collection(PolyCollection(outlines, zorder=5 if stands else 0.5, **look))
+    for name, points in groups_of(upright).items():
         labels.add(name, points[:, [h, v]], "black")
     monitor = hull(survey.monitor_points[:, [h, v]])
     ax.add_patch(Polygon(monitor, facecolor=MONITOR, edgecolor=MONITOR, linewidth=2.4, zorder=6))
@@ -148,13 +160,15 @@ def _share(
     return survey.lit_share(points, scenario.patch_centers).reshape(len(z), len(x))
 
 
-def _draw_shadow_rays(ax: Any, survey: Survey, scenario: Scenario, axes: tuple[int, int]) -> None:
+def _draw_shadow_rays(
+    ax: Any, solids: Sequence[Solid], survey: Survey, scenario: Scenario, axes: tuple[int, int]
+) -> None:
     """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
     h, v = axes
     middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
-    points = np.concatenate([s.points for s in survey.solids]) if survey.solids else None
-    if points is None:
+    if not solids:
         return
+    points = np.concatenate([solid.points for solid in solids])
     before = (survey.monitor_points - middle) @ normal
     height = (points - middle) @ normal
     points = points[(height > 1e-3) & (height < before.min() - 1e-3)]
@@ -176,7 +190,7 @@ def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxe
     depth = frame.axes[1]
     monitor, wall = scenario.patch_centers.mean(axis=0)[depth], survey.view_points[4][depth]
     bottom, top = ax.get_ylim()
-    groups = groups_of(survey.solids).values()
+    groups = groups_of(standing(survey, frame, PANELS)).values()
     between = sorted({round(float(points.mean(axis=0)[depth]), 2) for points in groups})
     inside = [at for at in between if min(monitor, wall) + 0.02 < at < max(monitor, wall) - 0.02]
     stops = [monitor, *(inside if len(inside) < 3 else [float(np.mean(inside))]), wall]

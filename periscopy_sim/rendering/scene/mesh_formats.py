@@ -7,8 +7,13 @@ ends, numbers that are not finite, and indices of no vertex.
 from __future__ import annotations
 
 import hashlib
+import io
+import json
+import logging
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,11 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.scene.meshes import check_mesh
+from periscopy_sim.rendering.variant import use_variant
 
 FOREIGN = ("stl", "glb", "off")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
+
+
+MOST_FACES = 20_000_000
+"""Triangles of a file, its repeated parts counted each time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +61,7 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     if not content:
         raise ValueError("is empty")
     if kind in ("obj", "ply"):
+        use_variant()
         try:
             check_mesh(path, kind)
         except RuntimeError as error:
@@ -59,6 +70,8 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     announced = _triangles_of_stl(content) if kind == "stl" else None
     if kind == "off":
         _check_off(content)
+    if kind == "glb":
+        _check_glb(content)
     mesh = _checked(_concatenated(_parts(content, kind)))
     if announced not in (None, len(mesh.faces)):
         raise ValueError(f"announces {announced} triangles and holds {len(mesh.faces)}")
@@ -101,21 +114,36 @@ def _copies() -> TemporaryDirectory[str]:
 
 def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
     """Return what a file holds of triangles, each part placed as the file says."""
-    import io
-
     import trimesh
 
     try:
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
-        placed = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
-        return [
-            _placed(scene.geometry[name], np.asarray(to_scene, np.float64))
-            for to_scene, name in placed
-            if isinstance(scene.geometry[name], trimesh.Trimesh)
-        ]
+        with _in_silence():
+            scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
+            placed = [
+                (scene.geometry[name], to_scene)
+                for to_scene, name in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
+                if isinstance(scene.geometry[name], trimesh.Trimesh)
+            ]
+            faces = sum(len(part.faces) for part, _ in placed)
+            if faces > MOST_FACES:
+                raise ValueError(f"{faces} triangles, more than {MOST_FACES}")
+            return [_placed(part, np.asarray(matrix, np.float64)) for part, matrix in placed]
     except Exception as error:  # trimesh raises whatever its readers meet
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"cannot be read ({type(error).__name__}: {reason})") from None
+
+
+@contextmanager
+def _in_silence() -> Iterator[None]:
+    """Keep trimesh from logging what it tries in vain."""
+    logger, handler = logging.getLogger("trimesh"), logging.NullHandler()
+    before, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = before
 
 
 def _placed(part: Any, to_scene: NDArray[np.float64]) -> TriangleMesh:
@@ -200,3 +228,15 @@ def _check_off(content: bytes) -> None:
     for row in body[int(vertices) : wanted]:
         if not re.fullmatch("[0-9]{1,9}", row[0]) or len(row) <= int(row[0]) or int(row[0]) < 3:
             raise ValueError(f"has the face '{' '.join(row)[:60]}', which lacks corners")
+
+
+def _check_glb(content: bytes) -> None:
+    """Refuse a GLB file that announces more numbers than it has bytes: they would be allocated."""
+    try:
+        length = int.from_bytes(content[12:16], "little")
+        accessors = json.loads(content[20 : 20 + length]).get("accessors", [])
+        most = max((accessor["count"] for accessor in accessors), default=0)
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        raise ValueError("has no GLB header, or a damaged one") from None
+    if most > len(content):
+        raise ValueError(f"is cut short: it should hold an array of {most} entries")

@@ -8,7 +8,14 @@ from PIL import Image
 from periscopy_sim.errors import SceneError
 from periscopy_sim.figures.laboratory import drawing
 from periscopy_sim.figures.laboratory.drawing import draw_laboratory, laboratory_figure
-from periscopy_sim.figures.laboratory.geometry import NO_BREAK, facts, groups_of
+from periscopy_sim.figures.laboratory.geometry import (
+    NO_BREAK,
+    drawn_box,
+    facts,
+    groups_of,
+    standing,
+    world_axes,
+)
 from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import Solid, Survey
@@ -141,6 +148,30 @@ def test_file_holds_its_metadata_and_is_1600_pixels_wide(scenario, figure, tmp_p
     draw_laboratory(tmp_path / "lab.png", scenario, metadata={"Source": "plant"})
     with Image.open(tmp_path / "lab.png") as picture:
         assert picture.size[0] == 1600 and picture.text["Source"] == "plant"
+
+
+def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_path):
+    """A table is the plan's ground, a line from the side; a wall far behind is nowhere."""
+    shape = (
+        '<shape type="cube" id="{}"><transform name="to_world"><scale value="{}"/>'
+        '<translate value="{}"/></transform></shape>'
+    )
+    shapes = shape.format("table", "1.2, 0.7, 0.01", "0.8, 0.5, -0.01")
+    shapes += shape.format("far", "1, 0.01, 1", "0, -9, 0")
+    plant = find_scene("plant")
+    text = plant.read_text().replace('value="meshes/', f'value="{plant.parent}/meshes/')
+    (tmp_path / "room.xml").write_text(text.replace("</scene>", f"{shapes}</scene>"))
+    furnished = load_scenario(tmp_path / "room.xml", (4, 5), photograph=(16, 16))
+    survey = Survey(furnished)
+    axes = world_axes(furnished, survey)
+    names = [[s.name for s in standing(survey, axes, panels)] for panels in ([(0, 1)], [(1, 2)])]
+    assert names == [["plant", "pedestal", "far"], ["plant", "pedestal", "table", "far"]]
+    figure = laboratory_figure(furnished)
+    labels = [{text.get_text() for text in ax.texts} for ax in figure.axes]
+    assert "table" in labels[1] and "table" not in labels[2]
+    assert not any("far" in each for each in labels)
+    low, high = drawn_box(survey)
+    assert (low > -1.5).all() and (high < 2.5).all()
 
 
 def test_shapes_whose_names_share_a_stem_are_named_once():

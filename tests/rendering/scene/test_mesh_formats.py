@@ -2,11 +2,13 @@
 
 import json
 import struct
+import sys
 
 import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene import mesh_formats
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import read_mesh, write_ply
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -226,12 +228,27 @@ def test_texture_coordinates_that_are_not_finite_are_refused(mesh_file):
         ("off", off(faces=[(0, 1, 2)]).replace(b"3 0 1 2", b"2 0 1"), "which lacks corners"),
         ("off", b"OFF BINARY\n\xff\xfe", "is no text in UTF-8"),
         ("off", off().replace(b"0.5", b"one", 1), "cannot be read"),
-        ("glb", b"glTF", "cannot be read"),
-        ("glb", stl(), "cannot be read"),
+        ("glb", b"glTF", "has no GLB header"),
+        ("glb", stl(), "has no GLB header"),
+        ("glb", glb().replace(b'"count": 4', b'"count":4e17'), "hold an array of 4e+17 entries"),
+        ("glb", glb().replace(b'"count": 4', b'"count": 5'), "cannot be read"),
     ],
 )
 def test_what_is_of_another_form_is_refused(mesh_file, form, content, said):
     assert said in refusal(mesh_file(form, content))
+
+
+def test_parts_that_repeat_without_end_are_refused(mesh_file, monkeypatch):
+    path = mesh_file("glb", glb(nodes=({"mesh": 0},) * 30))
+    assert len(read_mesh(path).faces) == 120
+    monkeypatch.setattr(mesh_formats, "MOST_FACES", 100)
+    assert "120 triangles, more than 100" in refusal(path)
+
+
+def test_nothing_is_logged_of_what_is_tried_in_vain(mesh_file, caplog):
+    refusal(mesh_file("stl", stl_in_text().replace(b"vertex", b"vortex", 1)))
+    read_mesh(mesh_file("stl", stl_in_text().replace(b"normal 0 0 0", b"normal a 0 0", 1)))
+    assert not caplog.records and "trimesh" in sys.modules
 
 
 def test_other_formats_are_refused_with_those_that_are_read(tmp_path):
