@@ -118,15 +118,12 @@ class DataSet:
         return self._read[key]
 
     def problems_of(self, folder: str, names: Sequence[str]) -> list[tuple[str, str]]:
-        """Return those captures of a folder that could not be read, and why.
-
-        They are one row where nothing can be read, all for the same reason.
-        """
-        asked = [f"{folder}/{name}" for name in names]
-        rows = [(name, self.problems[name]) for name in asked if name in self.problems]
-        if len(rows) == len(names) > 1 and len({why for _, why in rows}) == 1:
-            return [(f"{folder}: all {len(rows)}", rows[0][1])]
-        return rows
+        """Return which captures of a folder could not be read, together, for each reason."""
+        by_reason: dict[str, list[str]] = {}
+        for name in names:
+            if (why := self.problems.get(f"{folder}/{name}")) is not None:
+                by_reason.setdefault(why, []).append(name)
+        return [(f"{folder}: {', '.join(names)}", why) for why, names in by_reason.items()]
 
     def readable(self, names: Iterable[str], shape: tuple[int, int]) -> list[Capture]:
         """Return those captures that can be read."""

@@ -93,12 +93,12 @@ OBJECTS: Mapping[str, Sequence[str]] = {
 
 
 def captures() -> list[str]:
-    """Return the names of all captures of the data set, with their folders."""
+    """Return the names of all captures of the data set, with their folders, one after another."""
     by_folder = [STILLS, REPEATS, FRAMES, BLOCKS, OBJECTS]
     names = [f"{folder}/{name}" for part in by_folder for folder in part for name in part[folder]]
     names += [f"{folder}/{name}" for folder, *pair in LEVELS for name in pair]
     names += [f"{AMBIENT}/{WITHOUT_AMBIENT[AMBIENT]}"]  # the chair's is one of its stills
-    return sorted(names)
+    return sorted(names, key=lambda name: name.rpartition("/")[0])
 
 
 # The field of view's sides are 0.401 for the shipped chair and 0.4372 for the shipped plate.

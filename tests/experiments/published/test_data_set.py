@@ -137,10 +137,13 @@ def test_problems_and_strangers_are_named(tmp_path, published):
     assert "is empty" in data.problems[names[1]] and str(tmp_path) not in data.problems[names[1]]
     assert "no such file" in data.problems[names[2]]
     last = [name.rpartition("/")[2] for name in names]
-    assert data.problems_of(layout.CHAIR, last) == list(data.problems.items())
+    assert data.problems_of(layout.CHAIR, last) == [
+        (f"{layout.CHAIR}: {name}", data.problems[f"{layout.CHAIR}/{name}"]) for name in last[1:]
+    ]
     assert data.readable([f"{layout.PLATE}/image_test{end}" for end in ("", "_bur")], (6, 8)) == []
     missing = data.problems_of(layout.PLATE, ["image_test", "image_test_bur"])
-    assert missing == [(f"{layout.PLATE}: all 2", "no such file; check the path")]
+    said = f"{layout.PLATE}: image_test, image_test_bur"
+    assert missing == [(said, "no such file; check the path")]
     assert data.unknown() == [f"{layout.CHAIR}/mine.mat"]
 
 

@@ -36,12 +36,14 @@ def first_number(text):
 
 def test_captures_are_counted_and_what_is_missing_is_named(setting, data):
     section = captures.run(setting)
-    missing = {name for name, _ in section.tables[1].rows}
-    assert missing == {
-        *data.left_out,
-        f"{layout.PLATE}/image_test_bur",
-        f"{layout.SOLID}/image_test_2",
+    missing = {
+        f"{folder}/{name}"
+        for told, _ in section.tables[1].rows
+        for folder, _, names in [told.partition(": ")]
+        for name in names.split(", ")
     }
+    damaged = {f"{layout.PLATE}/image_test_bur", f"{layout.SOLID}/image_test_2"}
+    assert missing == data.left_out | damaged
     assert f"{132 - len(missing)} of the 132" in section.text
     assert section.tables[2].rows == [("stranger.mat",)]
     (row,) = (row for row in table(section, "Captures") if row["folder"] == layout.PLATE)
@@ -135,13 +137,22 @@ def test_photographs_of_another_level_do_not_pass_for_this_one(setting):
     assert ambient.mixture(ambient.Level(lit, None, dark, {})) is None
 
 
+def test_a_claim_is_judged_only_where_its_ratio_was_measured(setting, monkeypatch):
+    dark = {layout.AMBIENT: layout.WITHOUT_AMBIENT[layout.AMBIENT]}
+    monkeypatch.setattr(ambient, "WITHOUT_AMBIENT", dark)
+    third = [level for level in layout.LEVELS if level[1] == "image_test_mush3"]
+    monkeypatch.setattr(ambient, "LEVELS", third)
+    claim = ambient.run(setting).claims[0]
+    assert claim.verdict is Verdict.MEASURED and "no ambient light to SBR 3.00" in claim.measured
+
+
 def test_video_frames_are_recovered_in_order(setting):
     section = video.run(setting)
     rows = table(section, "PSNR of each frame")
     assert [row["frame"] for row in rows] == [f"frame_{k}" for k in (0, 1, 2, 3, 1, 2, 3, 4)]
     assert all(float(row[video.OURS]) > 18 for row in rows)
-    missing = [name for found in section.tables[1:] for name, _ in found.rows]
-    assert f"{layout.VIDEO}/frame_4" in missing
+    (said, why), *_ = section.tables[1].rows
+    assert said.startswith(f"{layout.VIDEO}: frame_4, frame_5") and "no such file" in why
 
 
 def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
@@ -189,7 +200,7 @@ def test_the_page_goes_on_after_a_damaged_file_and_keeps_what_was_made(setting, 
     names = ["captures", "objects"]
     assert page.run(PAGE, names, setting) == 0
     text = (setting.out / "index.html").read_text("utf-8")
-    assert f"{layout.SOLID}/image_test_2" in text and "stranger.mat" in text
+    assert f"{layout.SOLID}: image_test_2" in text and "stranger.mat" in text
     capsys.readouterr()
     assert page.run(PAGE, names, setting) == 0
     assert capsys.readouterr().out.count("(kept)") == 2
