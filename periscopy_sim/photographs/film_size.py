@@ -19,7 +19,12 @@ from periscopy_sim.photographs.homography import Array
 from periscopy_sim.scenario import Scenario, wall_frame
 
 PIXELS_IN_STEP = 2.0
-"""Pixels that a step of the shadows should have: its finest detail is then sampled twice."""
+"""Pixels that a step of the shadows should have.
+
+Of photographs by the chair scene itself (15 x 18 patches, SBR 0.5), 3.5, 1.7, 1.2 and 0.6 pixels in
+a step give 25.0, 24.7, 24.5 and 22.9 dB at an SNR of 40 dB a fine pixel, 34.0, 32.9, 32.4 and 29.0
+dB at 55 dB. Where paint or bounced light limits the picture, less is lost, or nothing.
+"""
 
 SHARPEST = 10.0
 """Percentile of the occluders' edges whose step counts: a corner that touches the wall does not."""

@@ -39,7 +39,7 @@ from periscopy_sim.photographs.wall_view import WallPlane, wall_plane
 from periscopy_sim.scenario import Scenario
 
 OFF_WALL = 0.02
-"""Distance from the wall that a mark may have, over the extent of all."""
+"""Distance from the wall that a mark may have, over the diagonal of the camera's field of view."""
 
 _PLACED = 0.5  # of a new pixel; standard error from which on more marks are asked for
 _BAND = 1 << 20  # pixels in which defects are looked for at once
@@ -333,12 +333,12 @@ def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
     if not np.isfinite(positions).all():
         raise PhotographError("a mark's position is not finite; give metres")
     heights = plane.heights(positions)
-    extent = np.linalg.norm(np.ptp(positions, axis=0)) if len(positions) else 0
+    extent = np.linalg.norm(np.ptp(plane.pixel_corners(), axis=0))
     worst = int(np.abs(heights).argmax())
     if abs(heights[worst]) > OFF_WALL * extent:
         raise PhotographError(
             f"{names[worst]} lies {abs(heights[worst]):.3g} m off the scene's wall, more than "
-            f"{OFF_WALL:.0%} of the marks' extent; measure it in the scene's coordinates, or move "
+            f"{OFF_WALL:.0%} of the field of view; measure it in the scene's coordinates, or move "
             "the scene's wall"
         )
     return plane.coordinates(positions)

@@ -127,6 +127,8 @@ def prepare(
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags both tell the view; give one of them")
     patches = arguments.parse_size(hidden)
+    if min(patches) < 1:
+        raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     times = None if exposures is None else _times(exposures, photos)
     factor = None if bin_by is None else _factor(bin_by)
     mask_file = out.parent / MASK
@@ -350,7 +352,7 @@ def _advised(advice: FilmAdvice, shape: tuple[int, int], found: Prepared) -> str
     if not advice.fits(shape) or pixels >= 2 * PIXELS_IN_STEP:
         return f"{line}; coarser would do: --bin auto"
     if pixels < PIXELS_IN_STEP and found.coverage >= 4:
-        return f"{line}; finer would show more: --bin auto"
+        return f"{line}; finer may show more: --bin auto"
     return line
 
 

@@ -199,6 +199,11 @@ def broken(kind, tmp_path):
         return ("--bin", "some"), "neither auto nor a whole number"
     if kind == "a film that is set twice":
         return ("--bin", 4, "-D", "resolution=24"), "leave one of them out"
+    if kind == "one point many times":
+        rows[:] = rows[0]
+        return ("--points", write_points(tmp_path / "p.csv", rows)), "points lie on a line"
+    if kind == "no patches":
+        return ("--hidden", "0x4"), "one patch at least"
     if kind == "other proportions":
         save(tmp_path / "y.tif", LIGHT[:48])
         return ("--bin", 4), "other proportions than the 126 x 126 of the scene's camera"
@@ -222,7 +227,8 @@ def broken(kind, tmp_path):
         "a dark frame of another size", "a dark frame and a black level", "a flat field with zeros",
         "times for other photographs", "blocks that do not fill it", "no blocks",
         "a film that is set twice", "a size that does not divide", "a mask of another size",
-        "other proportions", "a black level that is no number", "photographs of two sizes",
+        "one point many times", "no patches", "other proportions",
+        "a black level that is no number", "photographs of two sizes",
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_by_one_line(kind, photo, refused, tmp_path):
