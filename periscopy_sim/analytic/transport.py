@@ -129,6 +129,8 @@ def _wall_coordinates(wall: WallFrame, points: Array) -> Array:
 
 def _check_closed_forms(scenario: Scenario) -> tuple[EmissionProfile, float]:
     """Angular profile of the monitor and albedo of the wall."""
+    if scenario.wall_texture is not None:
+        raise _refusal(scenario, "wall", "is textured; give it one reflectance")
     if scenario.wall_reflectance is None:
         raise _refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
     if scenario.blur > SHARP * _pixel_side(scenario):

@@ -104,6 +104,11 @@ class ResolutionLevel:
         scenario = load_scenario(
             self.path, self.hidden_shape, self._fixed | given, photograph=self.photograph_shape
         )
+        if scenario.channel_gain.ndim == 2:
+            raise SceneError(
+                f"scene '{self.path}': the wall's texture has colours, which calibrate does not "
+                "know; mask them, and give the wall a grey texture or one reflectance"
+            )
         self._check(scenario)
         return scenario
 

@@ -350,6 +350,11 @@ def test_an_occluder_beside_a_tilted_monitor_is_refused():
         analytic_transport(beside)
 
 
+def test_textured_wall_is_refused_by_name():
+    with pytest.raises(SceneError, match=r"shape 'wall' is textured; give it one reflectance"):
+        analytic_transport(replace(make_scenario(), wall_texture=np.ones(99)))
+
+
 def test_no_samples_are_refused():
     with pytest.raises(ValueError, match="0 samples"):
         analytic_transport(make_scenario(), samples=0)

@@ -45,7 +45,7 @@ def scenario_of(configuration: Configuration, number: int) -> Scenario:
     scene = configuration.scenes[draw.source].scene
     try:
         with _rendering:
-            return load_scenario(
+            scenario = load_scenario(
                 found_scene(configuration, scene), configuration.hidden, draw.parameters
             )
     except SceneError as error:
@@ -53,6 +53,11 @@ def scenario_of(configuration: Configuration, number: int) -> Scenario:
         raise ConfigurationError(
             f"geometry {number} ({given or 'no parameters'}): {error}"
         ) from error
+    if scenario.wall_texture is not None:
+        raise ConfigurationError(
+            f"geometry {number}: the wall of {scene} is textured; data sets need one reflectance"
+        )
+    return scenario
 
 
 def found_scene(configuration: Configuration, name: str) -> Path:

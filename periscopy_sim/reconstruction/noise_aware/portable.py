@@ -49,7 +49,7 @@ class PortableNoiseAware:
         self._rows = moved(method._basis.rows, xp.float32)
         self._curvatures = moved(method._basis.curvatures, xp.float64)
         self._background = moved(method._background, xp.float64)
-        self._gain = moved(self._observation.channel_gain, xp.float64)
+        self._gain = moved(self._observation.used_gain, xp.float64)
         mask = self._observation.mask
         self._used = None if mask is None else moved(np.flatnonzero(mask), xp.int64)
 

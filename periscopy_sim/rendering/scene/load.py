@@ -60,10 +60,10 @@ def load_scenario(
     Raises
     ------
     SceneError
-        If the contract is broken, a pixel misses the wall, the wall is textured, partly a mirror or
-        reflects nothing to the camera, the monitor faces away or shines outside of its UV square,
-        a shape lets light through or holds a participating medium, or the hidden size is not
-        possible.
+        If the contract is broken, a pixel misses the wall, the wall is partly a mirror, reflects
+        nothing to the camera, or changes from place to place by more than its reflectance, the
+        monitor faces away or shines outside of its UV square, a shape lets light through or holds a
+        participating medium, or the hidden size is not possible.
     """
     use_variant()
     path, hidden = find_scene(path), _hidden_size(hidden)
@@ -77,9 +77,8 @@ def load_scenario(
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
     pixels = _photograph_size(scene, photograph, hidden, path)
-    points, normals, reflectance, gain, blur = seen_wall(
-        scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material
-    )
+    wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
+    points, normals = wall.points, wall.normals
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
     _check_facing(points, normals, centers, patch_normals, path)
     return Scenario(
@@ -89,8 +88,8 @@ def load_scenario(
         hidden_shape=hidden,
         wall_points=points,
         wall_normals=normals,
-        wall_reflectance=reflectance,
-        channel_gain=gain,
+        wall_reflectance=wall.reflectance,
+        channel_gain=wall.channel_gain,
         patch_centers=centers,
         patch_normals=patch_normals,
         patch_across=across,
@@ -100,7 +99,8 @@ def load_scenario(
         occluders=tuple(
             _occluder(shape) for name, shape in shapes.items() if name not in ("wall", "monitor")
         ),
-        blur=blur,
+        blur=wall.blur,
+        wall_texture=wall.texture,
     )
 
 

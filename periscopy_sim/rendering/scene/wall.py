@@ -1,8 +1,9 @@
-"""The wall as the camera's own rays meet it: of one material, of one colour, no mirror."""
+"""The wall as the camera's own rays meet it: of one material, plain or textured, no mirror."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,35 @@ SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
 """Directions about the wall's normal in which its colour is looked at, too."""
 
 
+UNIFORM = 1e-4
+"""Of the largest reflectance: what changes less from place to place is no texture."""
+
+STRATA = 4
+"""Points of a pixel, down and across, over which a texture is averaged."""
+
+BLACK = 1e-3
+"""Of the mean reflectance: a pixel of less has no colour."""
+
+DARK_CHANNEL = 0.1
+"""Of a pixel's mean reflectance: a channel of less would drown in noise, divided by it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenWall:
+    """What a `Scenario` tells of its wall."""
+
+    points: Array  # (M, 3)
+    normals: Array  # (M, 3)
+    reflectance: Array | None  # (3,) or (M, 3)
+    channel_gain: Array  # (3,) or (M, 3)
+    texture: Array | None  # (M,)
+    blur: float
+
+
 def seen_wall(
     scene: Any, camera: Any, wall: Any, pixels: tuple[int, int], where: str, material: str
-) -> tuple[Array, Array, Array | None, Array, float]:
-    """Return points, normals, reflectance, channel gain and blur of a `Scenario`.
+) -> SeenWall:
+    """Return what the camera sees of the wall.
 
     `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
     """
@@ -34,10 +60,9 @@ def seen_wall(
     rows, columns = pixels
     row, column = np.divmod(np.arange(rows * columns), columns)
     film = np.stack([(column + 0.5) / columns, (row + 0.5) / rows], axis=1)
+    meet = _meet(scene, camera, wall)
     try:
-        points, normals, shading, views, hit, blur, *colors = map_points(
-            _meet(scene, camera, wall), film
-        )
+        points, normals, shading, views, hit, blur, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
@@ -47,13 +72,43 @@ def seen_wall(
             f" at row {first[0]}, column {first[1]}; move the camera, its film or what stands "
             "between it and the wall"
         )
-    albedo, diffuse = _reflection(wall, colors, where, material)
+    _check_reflection(colors, where, material)
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
     normals = np.where(own, shading, normals)
     normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
-    reflectance = np.pi * albedo if diffuse else None
-    return points, normals, reflectance, albedo / albedo.mean(), float(blur.max())
+    if np.ptp(colors[1], axis=0).max() <= UNIFORM * colors[1].max():
+        albedo = colors[1].mean(axis=0)
+        texture, gain = None, albedo / albedo.mean()
+    else:
+        albedo = _averaged(meet, film, (rows, columns))
+        texture, gain = _textured(albedo, where, material)
+    reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
+    return SeenWall(points, normals, reflectance, gain, texture, float(blur.max()))
+
+
+def _averaged(meet: Callable[[Any], tuple[Any, ...]], film: Array, size: tuple[int, int]) -> Array:
+    """Return the reflection along the normal averaged over each pixel, (M, 3)."""
+    rows, columns = size
+    steps = (np.arange(STRATA) + 0.5) / STRATA - 0.5
+    offsets = [np.array([x / columns, y / rows]) for y in steps for x in steps]
+    return np.asarray(np.mean([map_points(meet, film + offset)[7] for offset in offsets], axis=0))
+
+
+def _textured(albedo: Array, where: str, material: str) -> tuple[Array, Array]:
+    """Return a wall's texture, (M,), and its channel gain, (3,) or (M, 3), of (M, 3) albedo."""
+    grey = albedo.mean(axis=1)
+    lit = grey > BLACK * grey.mean()
+    gain = np.divide(albedo, grey[:, None], out=np.ones_like(albedo), where=lit[:, None])
+    if np.ptp(gain[lit], axis=0).max() <= UNIFORM * gain.max():
+        return grey / grey.mean(), np.asarray(gain[lit].mean(axis=0))
+    gain[(gain < DARK_CHANNEL).any(axis=1)] = 0
+    if not (gain > 0).any():
+        raise SceneError(
+            f"{where}: the wall ({material}) hardly reflects one of the three colours; give it a "
+            "texture that does"
+        )
+    return grey / grey.mean(), gain
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
@@ -90,10 +145,8 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
     return meet
 
 
-def _reflection(wall: Any, colors: list[Array], where: str, material: str) -> tuple[Array, bool]:
-    """Albedo over π of a wall of one colour, (3,), and whether it is diffuse."""
-    import mitsuba as mi
-
+def _check_reflection(colors: list[Array], where: str, material: str) -> None:
+    """Refuse a wall without reflection, or whose colour changes with direction."""
     facing, color, *tilted = colors
     if not (np.isfinite(facing).all() and np.isfinite(color).all()):
         raise SceneError(f"{where}: the wall's reflectance is not finite ({material}); fix it")
@@ -102,22 +155,25 @@ def _reflection(wall: Any, colors: list[Array], where: str, material: str) -> tu
             f"{where}: the wall ({material}) reflects nothing to the camera; turn its "
             "front to the camera or make it two-sided"
         )
-    albedo = color.mean(axis=0)
-    if np.ptp(color, axis=0).max() > 1e-4 * albedo.max():
+    # What the wall reflects sideways, over what it reflects along the normal, is one number.
+    slanted = np.array(tilted)
+    fall = slanted.sum(axis=(1, 2), keepdims=True) / color.sum()
+    if (np.abs(slanted - fall * color) > UNIFORM * fall * color.max()).any():
         raise SceneError(
-            f"{where}: the wall is textured ({material}); only a wall of one uniform "
-            "material can be treated"
+            f"{where}: the colour of the wall's reflection ({material}) changes with direction, or "
+            "differently from place to place; use a wall of one material, plain or with a texture "
+            "of its diffuse reflectance"
         )
-    slanted = np.array([values.mean(axis=0) for values in tilted])
-    mean = slanted.mean(axis=1, keepdims=True) * albedo.mean()
-    if (np.abs(slanted * albedo.mean() - mean / albedo.mean() * albedo) > 1e-4 * mean).any():
-        raise SceneError(
-            f"{where}: the colour of the wall's reflection ({material}) changes with direction; "
-            "use a wall of one colour"
-        )
+
+
+def _is_diffuse(wall: Any, colors: list[Array]) -> bool:
+    """Return whether a wall that passed `_check_reflection` is diffuse."""
+    import mitsuba as mi
+
+    _, color, *tilted = colors
     flags = int(wall.bsdf().flags())
     other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
     plain = flags & int(mi.BSDFFlags.DiffuseReflection) and not flags & other
     # Not so of a diffuse wall beneath a normal map.
-    falls_as_cosine = np.abs(slanted / 0.6 - albedo).max() <= 1e-4 * albedo.max()
-    return albedo, bool(plain and falls_as_cosine)
+    falls_as_cosine = np.abs(np.array(tilted) / 0.6 - color).max() <= UNIFORM * color.max()
+    return bool(plain and falls_as_cosine)

@@ -17,6 +17,9 @@ from periscopy_sim.scenario import Scenario
 LANES = 1 << 22
 """Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
 
+TEXTURE_SAMPLES = 16
+"""Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
+
 RAYS = 1 << 28
 """Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
 
@@ -79,9 +82,12 @@ class RenderedTransport:
         import drjit as dr
         import mitsuba as mi
 
-        entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
+        pixel_samples = self.pixel_samples
+        if self.scenario.wall_texture is not None:
+            pixel_samples = max(pixel_samples, TEXTURE_SAMPLES)
+        entries = make_kernel(self.scenario, self.samples, self.strata, pixel_samples)
         pixels, patches = self.shape
-        rays = self.samples * self.pixel_samples
+        rays = self.samples * pixel_samples
         height = max(1, min(self.lanes, RAYS // rays) // patches)
         for start in range(0, pixels, height):
             rows = slice(start, min(start + height, pixels))

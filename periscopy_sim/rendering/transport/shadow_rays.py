@@ -50,7 +50,7 @@ def render_transport(
         or ``"midpoint"`` (no noise; penumbrae in steps).
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
-        averaged.
+        averaged. A textured wall has at least `TEXTURE_SAMPLES`.
     seed
         Seed of the jitter. The same seed and variant give the same bytes.
     out
