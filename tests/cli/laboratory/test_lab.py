@@ -32,7 +32,7 @@ def test_example_is_printed_as_it_stands_and_makes_a_scene(succeeds, tmp_path):
         ("distance: 1.05 m +- 3 mm", "distance: 1.05", "wall.distance: 1.05 has no unit"),
         ("distance: 1.05 m +- 3 mm", "distance: -1.05 m", "wall.distance: '-1.05 m' is not positi"),
         ("  width: 40.2 cm +- 2 mm\n", "", "monitor.width: is missing"),
-        ("diameter: 16 cm", "diamter: 16 cm", "did you mean 'diameter'?"),
+        ("diameter: 16 cm +- 0 mm", "diamter: 16 cm", "did you mean 'diameter'?"),
         ("kind: box  ", "kind: mesh\n    file: none.stl\n    unit: mm  ", "is not known"),
     ],
 )
