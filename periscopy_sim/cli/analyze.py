@@ -53,6 +53,7 @@ def analyze(
         scenario = inputs.load(scene, hidden, define)
         used = inputs.read_mask(mask, scenario)
         dark = inputs.read_backgrounds(background, scenario, used)
+        inputs.check_memory(scenario)
         A = inputs.render_transport(scenario, samples, seed, model)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'"), progress("analyzing") as report:

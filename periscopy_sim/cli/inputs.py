@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.cli.arguments import parse_definitions, parse_size
 from periscopy_sim.cli.output import fixable, progress, warn
-from periscopy_sim.errors import PhotographError
+from periscopy_sim.errors import PeriscopyError, PhotographError
 
 if TYPE_CHECKING:
     from periscopy_sim.photographs.checking import Photograph
@@ -50,6 +50,34 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
 
 
 # -- the transport matrix ------------------------------------------------------------------------
+
+
+FIXED_MEMORY = 0.6e9
+"""Bytes of the renderer and of a block of rows, beside A."""
+
+
+def check_memory(scenario: Scenario, method: str | None = None) -> None:
+    """Tell how much memory A and what is fitted to it need; refuse what cannot be had."""
+    from periscopy_sim.numerics.memory import available_memory
+    from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+
+    pixels, patches = scenario.transport_shape
+    entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
+    needed = FIXED_MEMORY + (4 if method is None else entry.bytes_per_entry) * pixels * patches
+    available = available_memory()
+    told = f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory"
+    if available is not None and needed > available:
+        other = "" if method is None else ", or take --method iterative"
+        raise PeriscopyError(
+            f"{told}, where {available / 1e9:.1f} GB can be had; average pixels by periscopy "
+            f"prepare --bin, ask for fewer patches by --hidden{other}"
+        )
+    if needed > TOLD_MEMORY:
+        print(f"periscopy: {told}", file=sys.stderr, flush=True)
+
+
+TOLD_MEMORY = 2e9
+"""Bytes from which they are told beforehand."""
 
 
 def render_transport(

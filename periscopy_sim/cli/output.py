@@ -95,7 +95,7 @@ def progress(label: str, *, lines: bool = True) -> Iterator[Callable[[float], No
 
         def report(fraction: float) -> None:
             update(total=1.0, completed=fraction)
-            told(f"{100 * fraction:.0f} %")
+            told(f"{100 * fraction:.0f} %", fraction)
 
         yield report
 
@@ -119,27 +119,36 @@ def counted_progress(label: str, unit: str) -> Iterator[Callable[[int, int], Non
             rate = (done - before) / max(time.perf_counter() - start, 1e-9)
             text = f"{rate:.1f} {unit}/s" if done > before else ""
             update(total=total, completed=done, rate=text)
-            told(f"{done} of {total} {unit}")
+            told(f"{done} of {total} {unit}", done / max(total, 1))
 
         yield report
+
+
+def _left(passed: float, fraction: float) -> str:
+    """Return how long the rest takes if it goes on as it did, as ", about 12 s left"."""
+    if not 0 < fraction < 1:
+        return ""
+    left = passed * (1 - fraction) / fraction
+    return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"
 
 
 @contextmanager
 def _shown(
     label: str, *columns: Any, lines: bool = True
-) -> Iterator[tuple[Callable[..., None], Callable[[str], None]]]:
+) -> Iterator[tuple[Callable[..., None], Callable[[str, float], None]]]:
     """Yield what updates a bar, and what prints a line if it is time for one."""
     from rich.console import Console
     from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     watched = console.is_terminal
-    last = time.monotonic()
+    begun = last = time.monotonic()
 
-    def told(how_far: str) -> None:
+    def told(how_far: str, fraction: float) -> None:
         nonlocal last
         if lines and not watched and time.monotonic() - last > BETWEEN_LINES:
             last = time.monotonic()
+            how_far += _left(last - begun, fraction)
             print(f"periscopy: {label}: {how_far}", file=sys.stderr, flush=True)
 
     if lines and not watched:

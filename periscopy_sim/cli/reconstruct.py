@@ -74,6 +74,7 @@ def reconstruct(
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
         with timed("transport matrix"):
+            inputs.check_memory(scenario, method)
             A, origin = inputs.transport(scenario, matrix, samples, seed, model)
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)

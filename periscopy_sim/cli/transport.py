@@ -26,6 +26,7 @@ def transport(
     record_file = out.with_suffix(".json")
     with staged_file(out) as staged, staged_file(record_file) as staged_record:
         scenario = inputs.load(scene, hidden, define)
+        inputs.check_memory(scenario)
         A = inputs.render_transport(scenario, samples, seed, model)
         np.save(staged, A)
         record = {

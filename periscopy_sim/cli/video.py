@@ -135,6 +135,7 @@ def video(
                     path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
                 )
         with timed("transport matrix"):
+            inputs.check_memory(scenario, method)
             A, origin = inputs.transport(scenario, matrix, samples, seed, model)
         with timed("fit the method"), fixable(str(matrix or f"scene '{scenario.path}'")):
             B = point_light_backgrounds(scenario)

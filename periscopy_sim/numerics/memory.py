@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 
 def fits_in_memory(size: int) -> bool:
@@ -12,3 +13,29 @@ def fits_in_memory(size: int) -> bool:
     except (AttributeError, ValueError, OSError):  # not told here
         return True
     return 2 * size < memory
+
+
+def available_memory() -> int | None:
+    """Return how many bytes can be had now, no more than a container may have; None if unknown."""
+    known = [_of_machine(), _of_container()]
+    return min((size for size in known if size is not None), default=None)
+
+
+def _of_machine() -> int | None:
+    try:
+        for line in Path("/proc/meminfo").read_text("ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def _of_container(folder: Path = Path("/sys/fs/cgroup")) -> int | None:
+    """Return what cgroups (version 2) leave, without what their cache could give back."""
+    try:
+        limit, used = ((folder / f"memory.{name}").read_text() for name in ("max", "current"))
+        cached = dict(map(str.split, (folder / "memory.stat").read_text().splitlines()))
+        return int(limit) - int(used) + int(cached.get("inactive_file", 0))
+    except (ValueError, OSError):  # no container, or no limit
+        return None

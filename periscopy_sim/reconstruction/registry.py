@@ -63,6 +63,7 @@ class MethodEntry:
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it is told the prototype backgrounds
     video: VideoEntry | None = None  # None if it recovers no videos
+    bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
 
     def __call__(
         self,
@@ -156,6 +157,7 @@ _ENTRIES = (
         DEFAULT,
         "the noise taken where it is white, in the photograph",
         "noise_aware.still:NoiseAware",
+        bytes_per_entry=25,
         options=(
             replace(
                 _TV_WEIGHT,
@@ -188,6 +190,7 @@ _ENTRIES = (
         "iterative",
         "the paper's problem without P, for fine grids",
         "large_scale.iterative:IterativePeriscope",
+        bytes_per_entry=14,
         options=(
             replace(
                 _TV_WEIGHT,
@@ -215,6 +218,7 @@ _ENTRIES = (
         "truncated-svd",
         "the paper's with A's top singular vectors in place of P",
         "baselines.truncated_svd:TruncatedSVD",
+        bytes_per_entry=20,
         options=(_IN_ERRORS, _REPAIR),
     ),
     MethodEntry(

@@ -2,10 +2,14 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from periscopy_sim.cli import inputs
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics import memory
 from periscopy_sim.rendering.variant import examine_variants
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -244,3 +248,24 @@ def test_matrix_without_a_record_is_taken_with_a_warning(periscopy, succeeds, tm
         "periscopy: warning: A.npy has no JSON file beside it: it may be of another scene of this "
         "size\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("method", "advice"),
+    [(None, "--bin"), ("noise-aware", "iterative"), ("mine.py:Mine", "--hidden")],
+)
+def test_what_does_not_fit_in_memory_is_refused_with_advice(method, advice, monkeypatch):
+    scenario = SimpleNamespace(transport_shape=(960_000, 4096))
+    monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
+    with pytest.raises(PeriscopyError, match=r"need about .* GB of memory, where 8.0 GB") as error:
+        inputs.check_memory(scenario, method)
+    assert advice in str(error.value) and "\n" not in str(error.value)
+
+
+def test_memory_is_told_where_it_is_much(monkeypatch, capfd):
+    monkeypatch.setattr(memory, "available_memory", lambda: 10**12)
+    inputs.check_memory(SimpleNamespace(transport_shape=(15000, 576)), "noise-aware")
+    assert capfd.readouterr().err == ""
+    inputs.check_memory(SimpleNamespace(transport_shape=(100_000, 1000)), "noise-aware")
+    line = "periscopy: 100000 pixels x 1000 patches need about 3.1 GB of memory\n"
+    assert capfd.readouterr().err == line

@@ -89,7 +89,7 @@ def test_long_work_tells_now_and_then_how_far_it_is(monkeypatch, capfd):
     with progress("rendering") as report:
         for fraction in (0.1, 0.42, 0.5, 0.9):
             report(fraction)
-    lines = ["rendering", "rendering: 42 %", "rendering: 90 %"]
+    lines = ["rendering", "rendering: 42 %, about 35 s left", "rendering: 90 %, about 6 s left"]
     assert capfd.readouterr().err == "".join(f"periscopy: {line}\n" for line in lines)
 
 
@@ -98,7 +98,10 @@ def test_counted_progress_tells_of_how_many(monkeypatch, capfd):
     monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
     with counted_progress("making", "samples") as report:
         report(3, 12)
-    assert capfd.readouterr().err == "periscopy: making\nperiscopy: making: 3 of 12 samples\n"
+    assert (
+        capfd.readouterr().err
+        == "periscopy: making\nperiscopy: making: 3 of 12 samples, about 0 s left\n"
+    )
 
 
 @pytest.mark.usefixtures("plain_environment")
