@@ -277,13 +277,16 @@ def _descend(
     """Descend, see `descend`, and again where less is left than the residual's structure said.
 
     A misplaced scene leaves structured residuals; as it finds its place, they go. Returned is the
-    level with the structure of what is left at last.
+    level with the structure of what is left at last, and with the wall's unevenness divided out, as
+    it shows where the first descent begins.
     """
 
     def structured(explanation: Explanation) -> ResolutionLevel:
         return level.structured(residual_structure(explanation, level.used, level.seed))
 
-    here = structured(level.explain(start))
+    found = level.explain(start)
+    level, seen = level.evened(found), level
+    here = structured(found if level is seen else level.explain(start))
     for _ in range(ROUNDS):
         end = descend(here, start, steps, longest, iterations, visit)
         after = structured(end.explanation)

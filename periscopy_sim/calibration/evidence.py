@@ -126,6 +126,14 @@ class Explanation:
         errors = errors - self._background @ (self._background.T @ errors)
         return self._beyond_image(errors)
 
+    def left_of_rows(self, rows: Array) -> Array:
+        """Return what any image and light would leave of rows, (J, M), each taken as green."""
+        errors = rows.T - self._background @ (self._background.T @ rows.T)
+        response = linalg.solve(
+            self._hessians[1], self._projected.T @ errors, assume_a="pos", check_finite=False
+        )
+        return np.asarray((errors - self._projected @ response).T)
+
     def _beyond_image(self, moved: Array) -> Array:
         response = np.zeros_like(self.images)
         for c, (positive, factor) in enumerate(self._positive):

@@ -15,7 +15,9 @@ from periscopy_sim.calibration.evidence import Explanation, explain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.photographs.checking import blackened
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
+from periscopy_sim.reconstruction.observation import Observation
+from periscopy_sim.reconstruction.unevenness import Unevenness
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.scenario import Array, Scenario
@@ -81,9 +83,10 @@ class ResolutionLevel:
             means = area_average(blackened(light, mask), self.photograph_shape)
             return np.asarray(means[self.used] / coverage[self.used])
 
-        self._y = averaged(photograph)
-        self._off = [averaged(background) for background in backgrounds]
+        self._y = self._seen = averaged(photograph)
+        self._off = {str(k): averaged(background) for k, background in enumerate(backgrounds)}
         self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
+        self._smooth: Array | None = None
         self._background: Array | None = None
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
@@ -96,6 +99,23 @@ class ResolutionLevel:
         """Return the same level for residuals of another structure."""
         other = copy(self)
         other.structure = structure
+        return other
+
+    def evened(self, found: Explanation) -> ResolutionLevel:
+        """Return the same level with the photograph as an even wall would have shown it.
+
+        What the photographs with the monitor off show of paint is divided out, if the photograph,
+        as it was explained, agrees; see `unevenness`.
+        """
+        if not self._off or self._smooth is None or not self._smooth.shape[1]:
+            return self
+        seen = Observation(
+            self.used.size, self.hidden_shape, np.ones(3), self.used, self.photograph_shape,
+            {name: off.T for name, off in self._off.items()},
+        )  # fmt: skip
+        evenness = Unevenness(self._smooth, seen).evenness(self._seen.T, found.left_of_rows)
+        other = copy(self)
+        other._y = self._seen * evenness.T
         return other
 
     def scenario(self, values: Values) -> Scenario:
@@ -135,7 +155,8 @@ class ResolutionLevel:
         """
         if self._background is None:
             B = point_light_backgrounds(self.scenario(values))[self.used.ravel()]
-            basis = background_basis(np.hstack([B, *self._off]))
+            self._smooth = background_basis(B)
+            basis = joined_basis(self._smooth, np.hstack([B[:, :0], *self._off.values()]))
             if len(basis) <= 2 * basis.shape[1]:
                 raise PhotographError(
                     f"at {self.photograph_shape[0]}x{self.photograph_shape[1]} pixels "

@@ -68,3 +68,26 @@ def test_structure_tempers_the_likelihood_not_the_ruler(photograph):
     assert tempered.noise == pytest.approx(plain.noise, rel=0.2)
     darkness = [each.darkness for each in (plain, tempered)]
     assert darkness[1] == pytest.approx(darkness[0] / 9)
+
+
+@pytest.mark.usefixtures("jit")
+def test_paint_that_a_photograph_with_the_monitor_off_shows_is_divided_out():
+    values, random = np.zeros(2), np.random.default_rng(3)
+    resolution = Resolution(36, 6, 4, 4)
+    A = level(np.ones((36, 36, 3)), resolution=resolution).matrix(values)
+    signal = (A @ (1 + random.random((A.shape[1], 3)))).reshape(36, 36, 3)
+    signal /= signal.mean()
+    ambient = 1 + 0.5 * np.linspace(-1, 1, 36)[:, None, None] * np.ones((36, 36, 3))
+    paint = 1 + 0.01 * random.standard_normal((36, 36, 1))
+    noise = 1e-3
+    on, off = (
+        light * paint + noise * random.standard_normal(light.shape)
+        for light in (signal + ambient, ambient)
+    )
+    painted = level(on, [off], resolution=resolution)
+    evened = painted.evened(painted.explain(values))
+    before, after = (each.explain(values).noise.mean() for each in (painted, evened))
+    assert before > 4 * noise  # of the columns of B alone
+    assert after < 2.5 * noise  # the noise of both photographs
+    even = level((signal + ambient) * 1.0, resolution=resolution)
+    assert even.evened(even.explain(values)) is even

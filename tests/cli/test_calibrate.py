@@ -237,12 +237,19 @@ HELD = [
 """Of what the chair's scene declares, all but two."""
 
 
+@pytest.mark.usefixtures("near_search")
 def test_what_a_ruler_does_not_know_is_free_by_default(photograph, periscopy, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
+    off = ps.point_light_backgrounds(ps.load_scenario("chair", (6, 7), {"resolution": 32}))[:, 40]
+    off = np.tile(off.reshape(32, 32, 1) / off.mean(), 3)
+    np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
     rulers = [word for error in HELD for word in ("-D", error)]
-    outcome = periscopy("calibrate", "y.npy", *SCENE, *rulers, "--out", "found.xml")
+    outcome = periscopy(
+        "calibrate", "y.npy", *SCENE, *rulers, "--background", "off.npy", "--out", "found.xml"
+    )
     assert (outcome.code, outcome.err) == (0, "")
     record = json.loads((tmp_path / "found.json").read_text())
+    assert record["backgrounds"] == ["off.npy"]
     assert record["trusted"] and record["doubts"] == [] and record["better_than_start"]
     assert set(record["parameters"]) == set(MOVED)
     for name, truth in MOVED.items():
@@ -252,6 +259,7 @@ def test_what_a_ruler_does_not_know_is_free_by_default(photograph, periscopy, tm
     assert "± 0.005 by the ruler: by the photograph" in outcome.out
 
 
+@pytest.mark.usefixtures("near_search")
 def test_what_leaves_the_ruler_is_not_to_be_trusted_and_nobody_overlooks_it(
     photograph, periscopy, tmp_path
 ):
