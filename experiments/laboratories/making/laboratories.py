@@ -55,4 +55,19 @@ BOTTLE = Laboratory(
     seed=4,
 )
 
+TUTORIAL = Laboratory(
+    name="tutorial",
+    hidden_image="mushroom",
+    hidden=(15, 20),
+    block=4,
+    meshes={"lamp": meshes.lamp},
+    paint=Paint(seed=5),
+    camera=Camera(vignetting=0.15, sensitivity=(0.7, 1.0, 0.7)),
+    poster=Poster(0.24, 0.40, 0.04, 0.22, seed=7),
+    sbr=0.4,
+    rulers=1,
+    seed=5,
+)
+"""Small enough to be shipped, see `tutorial`."""
+
 LABORATORIES = {laboratory.name: laboratory for laboratory in (LAMP, PLATE, SHELF, BOTTLE)}
