@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from periscopy_sim.photographs.prepare import Prepared
     from periscopy_sim.scenario import Scenario
 
-MASK = "wall_mask.png"
-"""Where the wall is measured, beside --out."""
-
 FILM_SIZES = (
     ("height", "width"), ("rows", "columns"), ("film_height", "film_width"),
     ("resolution_y", "resolution_x"), ("resolution",),
@@ -75,7 +72,7 @@ def prepare(
     ] = None,
     exposures: Annotated[
         str | None,
-        option("T1,T2,...", "SensorImage times of the photographs, which are merged to one."),
+        option("T1,T2,...", "Exposure times of the photographs, which are merged to one."),
     ] = None,
     points: Annotated[
         Path | None,
@@ -115,8 +112,8 @@ def prepare(
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
 
-    It is written as an EXR file. Beside it, wall_mask.png leaves out what lies outside of the
-    photograph, what is saturated in every exposure, and the tags.
+    It is written as an EXR file, NAME.exr. Beside it, NAME_mask.png leaves out what lies outside of
+    the photograph, what is saturated in every exposure, and the tags.
     """
     from periscopy_sim.photographs.film_size import advise
     from periscopy_sim.photographs.prepare import prepare as prepared_from
@@ -131,7 +128,7 @@ def prepare(
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     times = None if exposures is None else _times(exposures, photos)
     factor = None if bin_by is None else _factor(bin_by)
-    mask_file = out.parent / MASK
+    mask_file = out.with_name(f"{out.stem}_mask.png")
     with staged_file(out) as staged, staged_file(mask_file) as staged_mask:
         with progress("reading the scene and the photograph") as report:
             scenario = inputs.load(scene, "1x1", define)

@@ -56,6 +56,14 @@ def test_blocks_are_averaged_to_the_scenes_film(photo, succeeds, tmp_path):
     assert mask.shape == (24, 24, 3) and (mask == 255).all()
 
 
+def test_two_photographs_in_a_folder_keep_a_mask_each(photo, succeeds, tmp_path):
+    for name in ("wall.exr", "monitor_off.exr"):
+        succeeds("prepare", photo, *SCENE, "--black", 512, "--out", name)
+    assert {path.name for path in tmp_path.glob("*_mask.png")} == {
+        "wall_mask.png", "monitor_off_mask.png"
+    }  # fmt: skip
+
+
 def test_what_is_prepared_is_read_by_the_other_commands(photo, succeeds, tmp_path):
     succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
     values = read_photograph(tmp_path / "wall.exr", (24, 24), read_mask(tmp_path / "wall_mask.png"))
