@@ -11,7 +11,16 @@ import numpy as np
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
-from periscopy_sim.cli.output import Stopwatch, as_json, fixable, say, told_folder, warn, write_json
+from periscopy_sim.cli.output import (
+    Stopwatch,
+    as_json,
+    fixable,
+    progress,
+    say,
+    told_folder,
+    warn,
+    write_json,
+)
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage.outputs.provenance import as_text
 
@@ -65,7 +74,7 @@ def reconstruct(
     settings = settings_for(method, options, FOR_STILLS)
     timed = Stopwatch()
     with told_folder(out) as folder:
-        with timed("load the scene"):
+        with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
@@ -78,7 +87,8 @@ def reconstruct(
             A, origin = inputs.transport(scenario, matrix, samples, seed, model)
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
-        with timed("fit the method"), fixable(str(matrix or f"scene '{scenario.path}'")):
+        place = str(matrix or f"scene '{scenario.path}'")
+        with timed("fit the method"), progress(f"fitting {method}"), fixable(place):
             B = point_light_backgrounds(scenario)
             fitted = fit_method(method, scenario, A, B, used, dark, **settings)
         with (

@@ -113,7 +113,7 @@ def video(
     weights = {name: settings[name] for name in settings if name not in for_stills}
     timed = Stopwatch()
     with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
-        with timed("load the scene"):
+        with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
         with timed("read the frames"), progress("reading the photographs") as report:
             used = inputs.read_mask(mask, scenario)
@@ -137,7 +137,8 @@ def video(
         with timed("transport matrix"):
             inputs.check_memory(scenario, method)
             A, origin = inputs.transport(scenario, matrix, samples, seed, model)
-        with timed("fit the method"), fixable(str(matrix or f"scene '{scenario.path}'")):
+        place = str(matrix or f"scene '{scenario.path}'")
+        with timed("fit the method"), progress(f"fitting {method}"), fixable(place):
             B = point_light_backgrounds(scenario)
             still: Any = fit_method(
                 method, scenario, A, B, used, dark, **{name: settings[name] for name in for_stills}
