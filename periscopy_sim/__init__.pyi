@@ -26,6 +26,7 @@ from .photographs.wall_marks import WallPoints, WallTags
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
+from .reconstruction.noise_aware.joint_evenness import joint_evenness
 from .reconstruction.noise_aware.portable import PortableNoiseAware
 from .reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
@@ -83,6 +84,7 @@ __all__ = [
     "flips",
     "form_preconditioner",
     "gain_matched",
+    "joint_evenness",
     "load_configuration",
     "load_scenario",
     "make_dataset",
