@@ -101,11 +101,12 @@ class PlateLevel(ResolutionLevel):
         self.path, self.names, self.prior, self.seed = Path("plate"), tuple(RULER), prior, seed
         self.photograph_shape, self.hidden_shape = (PIXELS, PIXELS), HIDDEN
         self.used = np.ones(self.photograph_shape, bool)
-        self._y = photograph.reshape(-1, 3)
+        self._y = self._seen = photograph.reshape(-1, 3)
+        self._off = {str(k): image.reshape(-1, 3) for k, image in enumerate(off)}
         self.scale = float(np.sqrt(np.mean(self._y**2)))
         smooth = np.stack([field.ravel() for field in smooth_fields()], axis=1)
-        columns = np.hstack([smooth, *(image.reshape(-1, 3) for image in off)])
-        self._background = np.linalg.qr(columns)[0]
+        self._smooth = np.linalg.qr(smooth)[0]
+        self._background = np.linalg.qr(np.hstack([smooth, *self._off.values()]))[0]
 
     def matrix(self, values: Array, seed: int | None = None) -> Array:
         """Return the transport matrix; no ray is random, whatever the seed."""
