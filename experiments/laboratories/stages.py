@@ -27,6 +27,8 @@ from periscopy_sim.storage.outputs.staging import staged_file
 TRUE, TRUE_OFF = "true scene, even wall", "the same, monitor off"
 AS_IT_COMES, PREPARED = "as it comes", "prepare"
 BACKGROUND, CALIBRATED = "--background", "calibrate"
+ROW = 1.6
+"""Inches that a step's pictures are high."""
 STAGES = (TRUE, TRUE_OFF, AS_IT_COMES, PREPARED, BACKGROUND, CALIBRATED)
 
 
@@ -294,7 +296,7 @@ def _parameters_table(ways: Sequence[Way]) -> Table:
 
 
 def _draw(gone: Way, place: Workplace) -> Picture:
-    """Draw the pictures and what is left of the photographs, one column a step."""
+    """Draw the pictures and what is left of the photographs, one row a step."""
     import matplotlib.image as mpl_image
 
     from periscopy_sim.evaluation.metrics import gain_matched
@@ -302,27 +304,26 @@ def _draw(gone: Way, place: Workplace) -> Picture:
 
     name = f"{gone.laboratory}_{gone.ruler}"
     truth = np.load(place.rendered / gone.laboratory / "truth" / "hidden.npy")
-    columns = len(gone.stages) + 1
-    aspect = truth.shape[0] / truth.shape[1]
-    height = PAGE / columns * (aspect + 1.0) + 0.5
-    with drawn(place.out, name, PAGE, height) as figure:
-        axes = figure.subplots(2, columns, height_ratios=[aspect, 0.7])
+    rows = len(gone.stages) + 1
+    with drawn(place.out, name, PAGE, ROW * rows) as figure:
+        axes = figure.subplots(rows, 2, width_ratios=[truth.shape[1] / truth.shape[0], 3])
         for ax in axes.flat:
             ax.set_axis_off()
         axes[0, 0].imshow(np.clip(srgb_encode(truth), 0, 1), interpolation="nearest")
-        axes[0, 0].set_title("hidden image", fontsize=6)
-        for column, stage in enumerate(gone.stages, start=1):
-            axes[0, column].set_title(f"{stage.name}\n{stage.psnr:.1f} dB", fontsize=6)
+        axes[0, 0].set_title("hidden image")
+        for row, stage in enumerate(gone.stages, start=1):
             if stage.failure:
+                axes[row, 0].set_title(f"{stage.name}: failed")
                 continue
+            axes[row, 0].set_title(f"{stage.name}: {stage.psnr:.1f} dB")
             image = np.load(Path(stage.folder) / "reconstruction.npy").astype(float)
             shown = np.clip(srgb_encode(gain_matched(image, truth)), 0, 1)
-            axes[0, column].imshow(shown, interpolation="nearest")
+            axes[row, 0].imshow(shown, interpolation="nearest")
             residual = Path(stage.folder) / "residual.png"
             if residual.is_file():
-                axes[1, column].imshow(mpl_image.imread(residual))
+                axes[row, 1].imshow(mpl_image.imread(residual))
     return Picture(
         place.out / f"{name}.png",
-        f"Ruler {gone.ruler}: the picture after each step, gain-matched, and below it what the "
-        "scene leaves unexplained.",
+        f"Ruler {gone.ruler}: the picture after each step, gain-matched, and beside it what the "
+        "scene leaves of the photograph.",
     )
