@@ -89,7 +89,7 @@ def test_truth_adds_metrics_and_a_contact_sheet(
     out = succeeds("video", "y.npy", *tiny, "--truth", given, "--out", "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         *("frames", "frames.npy", "frames_sheet.png"),
-        *("metrics.csv", "summary.json", "video.png"),
+        *("metrics.csv", "residual.png", "summary.json", "video.png"),
     }
     frames, summary, table = results(tmp_path / "out")
     errors = own_metrics(frames, truth)
