@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.consider_analysis import (
     UncertainParameters,
     require_effect,
@@ -24,7 +25,13 @@ from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, sett
 from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.residual_structure import residual_structure
-from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.resolution_level import (
+    Resolution,
+    ResolutionLevel,
+    Values,
+    Visit,
+    fitted,
+)
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
@@ -35,9 +42,13 @@ from periscopy_sim.reconstruction.background_photographs import (
     check_distinct,
     named,
 )
+from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.reconstruction.monitor_left_on import COARSE, check_monitor_off
+from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
-from periscopy_sim.scenario import Array
+from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
 LEVELS = (Resolution(32, 12, 4, 9), Resolution(63, 36, 16, 4), Resolution(126, 36, 16, 1))
@@ -150,6 +161,9 @@ def calibrate(
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
     off = _monitor_off(named(backgrounds), y, first.photograph_shape, mask)
+    if off:
+        small = load_scenario(path, fitted(hidden, COARSE), given)
+        _refuse_monitor(small, backgrounds, mask, seed)
     in_front = InFront(first)
     resolutions = [*LEVELS[:-1], replace(LEVELS[-1], samples=samples)]
     if np.isfinite(prior.errors).all():
@@ -186,6 +200,20 @@ def _monitor_off(
     except ValueError as error:
         raise PhotographError(str(error)) from None
     return checked
+
+
+def _refuse_monitor(
+    scenario: Scenario, backgrounds: Backgrounds, mask: NDArray[np.bool_] | None, seed: int
+) -> None:
+    """Refuse photographs with the monitor on; see `check_monitor_off`."""
+    A = render_transport(scenario, seed=seed)
+    sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
+    try:
+        observation = observation_of(A, *sizes, backgrounds)
+        smooth = background_basis(observation.used(point_light_backgrounds(scenario)))
+        check_monitor_off(A, smooth, observation)
+    except ValueError as error:
+        raise PhotographError(str(error)) from None
 
 
 def calibrate_levels(
@@ -237,7 +265,8 @@ def calibrate_levels(
     before = fine.explain(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
-    if not gained and np.isfinite(prior.errors).all():
+    set_back = not gained and bool(np.isfinite(prior.errors).all())
+    if set_back:
         values, after = start, before
     visit(values, after.evidence)
     why = doubts(names, values, spreads, prior, gained, known)
@@ -245,6 +274,8 @@ def calibrate_levels(
     alone = MARGIN**2 * end.curvature.covariance(scores)
     log.report(1.0)
     covariance = alone + moves @ moves.T
+    if set_back:  # what the ruler said is as good as the ruler, not as the photograph
+        covariance = np.diag(np.maximum(prior.errors**2, np.diag(covariance)))
     deviations = np.sqrt(np.diag(covariance))
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
     return Calibration(

@@ -124,10 +124,10 @@ class ResolutionLevel:
         scenario = load_scenario(
             self.path, self.hidden_shape, self._fixed | given, photograph=self.photograph_shape
         )
-        if scenario.channel_gain.ndim == 2:
+        if scenario.wall_texture is not None:  # it moves in the photograph as the camera does
             raise SceneError(
-                f"scene '{self.path}': the wall's texture has colours, which calibrate does not "
-                "know; mask them, and give the wall a grey texture or one reflectance"
+                f"scene '{self.path}': the wall is textured, which calibrate does not treat; mask "
+                "what is drawn there, and give the wall one reflectance"
             )
         self._check(scenario)
         return scenario

@@ -57,7 +57,7 @@ def sensor_image(
     saturated: NDArray[np.bool_] | None = None,
     cell: int = 1,
 ) -> SensorImage:
-    """Return a picture as an `SensorImage`.
+    """Return a picture as a `SensorImage`.
 
     Parameters
     ----------

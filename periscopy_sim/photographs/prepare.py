@@ -104,7 +104,7 @@ def develop(
     photographs
         (rows, columns, 3) each. They are averaged; with `times` they are merged.
     times
-        SensorImage time of each, in any unit; the result is light per unit of time.
+        Exposure time of each, in any unit; the result is light per unit of time.
     black
         The camera's black level, taken off every photograph and the flat field.
     dark
@@ -138,7 +138,9 @@ def develop(
     light = average(taken(), "photographs") if times is None else merge(list(taken()), times)
     if flat is None:
         return light
-    even = without_offset(_as_sensor_image(flat, "the flat field"), offset)
+    even = _as_sensor_image(flat, "the flat field")
+    check_same_size(even.size, light.size, "the flat field")
+    even = without_offset(even, offset)
     return evenly_sensitive(light, even, mask)
 
 

@@ -211,8 +211,6 @@ def _check_enough(marks: Marks) -> None:
     if len(marks) < (2 if tags else 4):
         least, kind = ("two tags", "tags") if tags else ("four points", "points")
         raise PhotographError(f"{len(marks)} {kind} do not tell the view; give at least {least}")
-    if tags and len(marks) < 3:  # whose corners are not on a line
-        return
     points = marks.centers()
     for places, where in ((points.anchors, "on the wall"), (points.pixels, "in the photograph")):
         if are_on_a_line(places, LINE) and not tags:
@@ -347,12 +345,17 @@ def _fitted(marks: Marks, size: tuple[int, int], order: int) -> _Fit:
     scales = _Scales(
         origin, spread, np.array([columns / 2, rows / 2]), float(np.hypot(columns, rows) / 2)
     )
-    homography, angles = _start(marks)
-    start = np.concatenate([scales.unknowns(homography), np.zeros(order), angles])
-    found = least_squares(
-        lambda solution: scales.residuals(marks, solution, order).ravel(),
-        start, method="lm", xtol=1e-13, ftol=1e-13, gtol=1e-13,
-    )  # fmt: skip
+    try:
+        homography, angles = _start(marks)
+        start = np.concatenate([scales.unknowns(homography), np.zeros(order), angles])
+        found = least_squares(
+            lambda solution: scales.residuals(marks, solution, order).ravel(),
+            start, method="lm", xtol=1e-13, ftol=1e-13, gtol=1e-13,
+        )  # fmt: skip
+    except (ValueError, np.linalg.LinAlgError):  # a horizon through the marks, or no homography
+        raise PhotographError(
+            "no view of a plane wall shows the marks so; look at their order, and at each number"
+        ) from None
     return _Fit(marks, found.x, order, found.fun.reshape(-1, 2), scales)
 
 

@@ -121,6 +121,23 @@ def test_what_cannot_be_calibrated_is_refused(photograph, refused, tmp_path, opt
     assert message in refused("calibrate", "y.npy", *SCENE, *options, *out)
 
 
+def test_a_background_with_the_monitor_on_is_refused(photograph, refused, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    np.save(tmp_path / "on.npy", ps.add_noise(photograph, 60, 4))
+    line = refused(
+        "calibrate", "y.npy", *SCENE, "--background", "on.npy", "--out", "found.xml"
+    )  # fmt: skip
+    assert "on.npy: still shows the monitor" in line
+
+
+def test_a_textured_wall_is_refused(photograph, refused, edited_scene, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    paint = '<texture type="checkerboard" name="reflectance"/>'
+    scene = edited_scene(('<rgb name="reflectance" value="0.8"/>', paint))
+    given = ("--scene", scene, *SCENE[2:], "--free", "occluder_dx", "--out", "found.xml")
+    assert "the wall is textured" in refused("calibrate", "y.npy", *given)
+
+
 def test_a_mask_that_no_coarse_pixel_survives_is_refused(photograph, refused, tmp_path):
     np.save(tmp_path / "y.npy", np.repeat(np.repeat(photograph, 2, 0), 2, 1))
     rows = np.zeros((64, 64), bool)

@@ -128,6 +128,13 @@ def test_too_few_and_aligned_points_are_refused():
         fit_view(marks_of(twice), SIZE)
 
 
+def test_corners_of_a_square_in_a_wrong_order_are_refused():
+    square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+    places = 200 + 400 * square[[1, 0, 2, 3]]
+    with pytest.raises(PhotographError, match=r"mirror image|no view of a plane wall"):
+        fit_view(points_as_marks(places, square, list("abcd")), SIZE)
+
+
 def test_a_mirror_image_is_refused():
     points = scattered(8, 0)
     marks = points_as_marks(seen(points * [-1, 1]), points, ["p"] * 8)

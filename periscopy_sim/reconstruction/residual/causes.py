@@ -41,7 +41,7 @@ class Cause:
 
 
 ADVICE = {
-    "paint": "uneven paint (--background: a photograph with the monitor off)",
+    "paint": "uneven paint (--background: a photograph with the monitor off, or more of them)",
     "geometry": "a scene that is off at the edges of shadows (periscopy calibrate; more --samples)",
     "smooth light": "vignetting, or ambient light from nearer than the model's",
     "pixels": "single pixels (--mask)",

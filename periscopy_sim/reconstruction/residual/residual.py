@@ -89,7 +89,7 @@ class Residual:
         """Return that more than noise is left and its likely causes; empty where it is not."""
         if not self.causes or self.noise_alone is None:
             return ""
-        likely = "; ".join(f"{ADVICE[each.name]}, {100 * each.share:.0f} %" for each in self.causes)
+        likely = "; ".join(ADVICE[each.name] for each in self.causes)
         smooth = self.structure
         told = (
             f"the scene leaves {100 * self.unexplained:.2f} % of the photograph unexplained, where "
@@ -97,7 +97,7 @@ class Residual:
         )
         if smooth is not None and smooth.excess > SMOOTH_EXCESS:
             told += (
-                f"; smoothed over {smooth.scale:g} pixels it has {smooth.excess:.0f} times "
+                f"; blurred by a Gaussian of {smooth.scale:g} px it has {smooth.excess:.0f} times "
                 "the energy of noise"
             )
         return f"{told}; likely causes, the likeliest first: {likely}"

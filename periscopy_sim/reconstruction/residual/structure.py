@@ -32,7 +32,7 @@ FEWEST = 6.0
 ERROR_RATE = 1e-3
 """Part, at most, of white residuals that are taken for structured; likewise for what is common."""
 
-COPIES = 0.999
+COPIES = 1 - 1e-6
 """Correlation of two channels' differences from which they are taken for copies of one."""
 
 GRAIN = 0.5

@@ -64,6 +64,18 @@ def test_two_photographs_in_a_folder_keep_a_mask_each(photo, succeeds, tmp_path)
     }  # fmt: skip
 
 
+def test_an_input_is_not_written_over(photo, succeeds, refused, tmp_path):
+    succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
+    before = (tmp_path / "wall.exr").read_bytes()
+    assert "wall.exr would replace an input" in refused(
+        "prepare", "wall.exr", "--scene", "chair", "-D", "resolution=12", "--out", "wall.exr"
+    )
+    assert "wall_mask.png would replace an input" in refused(
+        "prepare", photo, *SCENE, "--mask", "wall_mask.png", "--out", "wall.exr"
+    )
+    assert (tmp_path / "wall.exr").read_bytes() == before
+
+
 def test_what_is_prepared_is_read_by_the_other_commands(photo, succeeds, tmp_path):
     succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
     values = read_photograph(tmp_path / "wall.exr", (24, 24), read_mask(tmp_path / "wall_mask.png"))
@@ -199,6 +211,12 @@ def broken(kind, tmp_path):
         return ("--dark", save(tmp_path / "d.tif", LIGHT), "--black", 3), "give one of the two"
     if kind == "a flat field with zeros":
         return ("--flat", save(tmp_path / "f.tif", LIGHT * (LIGHT > 2950))), "not positive"
+    if kind == "a flat field of another size than the dark frame":
+        save(tmp_path / "d.tif", np.full_like(LIGHT, 512))
+        return (
+            ("--dark", "d.tif", "--flat", save(tmp_path / "f.tif", LIGHT[:48])),
+            "the flat field: 48 x 96 pixels",
+        )
     if kind == "times for other photographs":
         return ("--exposures", "1,2"), "give 1 positive times"
     if kind == "blocks that do not fill it":
@@ -236,6 +254,7 @@ def broken(kind, tmp_path):
         "times for other photographs", "blocks that do not fill it", "no blocks",
         "a film that is set twice", "a size that does not divide", "a mask of another size",
         "one point many times", "no patches", "other proportions",
+        "a flat field of another size than the dark frame",
         "a black level that is no number", "photographs of two sizes",
     ],
 )  # fmt: skip
