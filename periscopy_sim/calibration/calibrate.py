@@ -203,7 +203,10 @@ def _monitor_off(
 
 
 def _refuse_monitor(
-    scenario: Scenario, backgrounds: Backgrounds, mask: NDArray[np.bool_] | None, seed: int
+    scenario: Scenario,
+    backgrounds: Backgrounds | None,
+    mask: NDArray[np.bool_] | None,
+    seed: int,
 ) -> None:
     """Refuse photographs with the monitor on; see `check_monitor_off`."""
     A = render_transport(scenario, seed=seed)
