@@ -27,13 +27,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO
-from periscopy_sim.reconstruction.residual.structure import COPIES
 
 Array = NDArray[np.float64]
 
 SHARED = 0.6
 """Part of the channels' noise, each over its own, along one axis from which they share it: of
 independent ones it is a third, and of images of a rendered A at most half."""
+
+COPIES = 0.9995
+"""Correlation of two channels from which they are one, as in a grey photograph, or where hot pixels
+are all that is left: neither is noise that they share."""
 
 ROUNDING = 1e-6
 """Noise below this part of the photograph is rounding, which the channels may share."""
