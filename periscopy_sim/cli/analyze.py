@@ -51,6 +51,7 @@ def analyze(
 
     with told_folder(out) as folder:
         scenario = inputs.load(scene, hidden, define)
+        unseen = inputs.warn_without_shadows(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         dark = inputs.read_backgrounds(background, scenario, used)
         inputs.check_memory(scenario)
@@ -90,6 +91,7 @@ def analyze(
             "rank_tolerance": rank_tolerance,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
+            "warnings": unseen,
             **numbers,
             "rank_table": table,
             "provenance": provenance,

@@ -49,28 +49,36 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
     return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
 
 
+def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
+    """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
+    from periscopy_sim.rendering.shadow_check import shadow_doubt
+
+    doubt = shadow_doubt(scenario)
+    if doubt:
+        warn(f"{name}: {doubt}")
+    return [f"{name}: {doubt}"] if doubt else []
+
+
 # -- the transport matrix ------------------------------------------------------------------------
-
-
-FIXED_MEMORY = 0.6e9
-"""Bytes of the renderer and of a block of rows, beside A."""
 
 
 def check_memory(scenario: Scenario, method: str | None = None) -> None:
     """Tell how much memory A and what is fitted to it need; refuse what cannot be had."""
-    from periscopy_sim.numerics.memory import available_memory
+    from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
     from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
     pixels, patches = scenario.transport_shape
     entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
-    needed = FIXED_MEMORY + (4 if method is None else entry.bytes_per_entry) * pixels * patches
-    available = available_memory()
+    per_entry = 4 if method is None else entry.bytes_per_entry
+    needed = transport_memory(pixels, patches, per_entry)
     told = f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory"
-    if available is not None and needed > available:
-        other = "" if method is None else ", or take --method iterative"
+    if not has_memory(needed):
+        thrifty = min(METHODS.values(), key=lambda each: each.bytes_per_entry)
+        would_do = has_memory(transport_memory(pixels, patches, thrifty.bytes_per_entry))
+        other = f", or take --method {thrifty.name}" if method is not None and would_do else ""
         raise PeriscopyError(
-            f"{told}, where {available / 1e9:.1f} GB can be had; average pixels by periscopy "
-            f"prepare --bin, ask for fewer patches by --hidden{other}"
+            f"{told}, where {(available_memory() or 0) / 1e9:.1f} GB can be had; average pixels by "
+            f"periscopy prepare --bin, ask for fewer patches by --hidden{other}"
         )
     if needed > TOLD_MEMORY:
         print(f"periscopy: {told}", file=sys.stderr, flush=True)

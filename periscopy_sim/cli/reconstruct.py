@@ -76,6 +76,7 @@ def reconstruct(
     with told_folder(out) as folder:
         with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
+        unseen = inputs.warn_without_shadows(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
         dark = inputs.read_backgrounds(background, scenario, used)
@@ -118,7 +119,7 @@ def reconstruct(
             **told.numbers,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
-            "warnings": [*given.warnings, *defects.warnings, *told.doubts],
+            "warnings": [*unseen, *given.warnings, *defects.warnings, *told.doubts],
             "truth": truth,
         }
         if known is not None:

@@ -115,6 +115,7 @@ def video(
     with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
+        unseen = inputs.warn_without_shadows(scenario, scene)
         with timed("read the frames"), progress("reading the photographs") as report:
             used = inputs.read_mask(mask, scenario)
             dark = inputs.read_backgrounds(background, scenario, used)
@@ -213,7 +214,7 @@ def video(
             "white": white,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
-            "warnings": [*warnings, *defects.warnings, *doubted],
+            "warnings": [*unseen, *warnings, *defects.warnings, *doubted],
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,

@@ -1,9 +1,15 @@
-"""Whether arrays fit in this machine's memory."""
+"""How much memory a light transport matrix needs, and whether this machine has it."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+
+FIXED = 0.6e9
+"""Bytes of the renderer and of a block of rows, beside A."""
+
+BYTES_PER_ENTRY = 25
+"""Of A, while the default method is fitted to it: A and B themselves, and copies (measured)."""
 
 
 def fits_in_memory(size: int) -> bool:
@@ -13,6 +19,17 @@ def fits_in_memory(size: int) -> bool:
     except (AttributeError, ValueError, OSError):  # not told here
         return True
     return 2 * size < memory
+
+
+def transport_memory(pixels: int, patches: int, bytes_per_entry: float = BYTES_PER_ENTRY) -> float:
+    """Return the bytes that A, (pixels, patches), and what is made of it need."""
+    return FIXED + bytes_per_entry * pixels * patches
+
+
+def has_memory(size: float) -> bool:
+    """Return whether so many bytes can be had now; True where that is not known."""
+    available = available_memory()
+    return available is None or size <= available
 
 
 def available_memory() -> int | None:

@@ -14,7 +14,7 @@ from math import gcd
 
 import numpy as np
 
-from periscopy_sim.numerics.memory import fits_in_memory
+from periscopy_sim.numerics.memory import has_memory, transport_memory
 from periscopy_sim.photographs.homography import Array
 from periscopy_sim.scenario import Scenario, wall_frame
 
@@ -31,7 +31,6 @@ SHARPEST = 10.0
 
 _ON_EDGE = 8  # points looked at on each edge of a mesh
 _MOST_POINTS = 200_000
-_FULL = 4 * 3  # bytes of A's single precision, and of what methods make of it
 
 
 @dataclass(frozen=True)
@@ -74,8 +73,8 @@ class FilmAdvice:
         return 4 * shape[0] * shape[1] * self.patches
 
     def fits(self, shape: tuple[int, int]) -> bool:
-        """Return whether a method has room for A and what it makes of it."""
-        return fits_in_memory(self.size(shape) // 4 * _FULL)
+        """Return whether the default method has room for A and what it makes of it."""
+        return has_memory(transport_memory(shape[0] * shape[1], self.patches))
 
 
 def advise(scenario: Scenario, hidden: tuple[int, int] | None = None) -> FilmAdvice:

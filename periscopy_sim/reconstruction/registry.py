@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.method import Seen, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
@@ -157,7 +158,7 @@ _ENTRIES = (
         DEFAULT,
         "the noise taken where it is white, in the photograph",
         "noise_aware.still:NoiseAware",
-        bytes_per_entry=25,
+        bytes_per_entry=BYTES_PER_ENTRY,
         options=(
             replace(
                 _TV_WEIGHT,

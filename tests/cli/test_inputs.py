@@ -1,5 +1,6 @@
 """Scenes and matrices as the commands are given them, mostly through `periscopy transport`."""
 
+import json
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import pytest
 from periscopy_sim.cli import inputs
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
+from periscopy_sim.photographs.film_size import FilmAdvice
 from periscopy_sim.rendering.variant import examine_variants
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -251,15 +253,39 @@ def test_matrix_without_a_record_is_taken_with_a_warning(periscopy, succeeds, tm
 
 
 @pytest.mark.parametrize(
-    ("method", "advice"),
-    [(None, "--bin"), ("noise-aware", "iterative"), ("mine.py:Mine", "--hidden")],
+    ("method", "shape", "other"),
+    [
+        (None, (960_000, 4096), False),
+        ("noise-aware", (20_000, 20_000), True),  # 10.6 GB, by the iterative one 6.2
+        ("truncated-svd", (20_000, 20_000), True),
+        ("noise-aware", (960_000, 4096), False),  # not even that one
+        ("iterative", (960_000, 4096), False),
+        ("mine.py:Mine", (960_000, 4096), False),
+    ],
 )
-def test_what_does_not_fit_in_memory_is_refused_with_advice(method, advice, monkeypatch):
-    scenario = SimpleNamespace(transport_shape=(960_000, 4096))
+def test_what_does_not_fit_in_memory_is_refused_with_advice(method, shape, other, monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"need about .* GB of memory, where 8.0 GB") as error:
-        inputs.check_memory(scenario, method)
-    assert advice in str(error.value) and "\n" not in str(error.value)
+        inputs.check_memory(SimpleNamespace(transport_shape=shape), method)
+    message = str(error.value)
+    assert "--bin" in message and "--hidden" in message and "\n" not in message
+    assert ("--method iterative" in message) == other
+
+
+def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
+    """A film that `prepare` calls too large is one that the default method refuses."""
+    advice = FilmAdvice(0.01, 0.001, (100, 100), 1000)
+    for side in range(100, 1000, 50):
+        needed = 0.6e9 + 25 * side**2 * 1000
+        for available in (0.99 * needed, 1.01 * needed):
+            monkeypatch.setattr(memory, "available_memory", lambda size=available: size)
+            scenario = SimpleNamespace(transport_shape=(side**2, 1000))
+            if advice.fits((side, side)):
+                inputs.check_memory(scenario, "noise-aware")
+            else:
+                with pytest.raises(PeriscopyError):
+                    inputs.check_memory(scenario, "noise-aware")
+            assert advice.fits((side, side)) == (available > needed)
 
 
 def test_memory_is_told_where_it_is_much(monkeypatch, capfd):
@@ -269,3 +295,37 @@ def test_memory_is_told_where_it_is_much(monkeypatch, capfd):
     inputs.check_memory(SimpleNamespace(transport_shape=(100_000, 1000)), "noise-aware")
     line = "periscopy: 100000 pixels x 1000 patches need about 3.1 GB of memory\n"
     assert capfd.readouterr().err == line
+
+
+# -- shadows -------------------------------------------------------------------------------------
+
+
+NO_SHADOW = "no occluder casts a shadow of the monitor"
+BEHIND = ("--scene", "chair", "-D", "resolution=24", "-D", "occluder_dy=-0.8")
+
+
+@pytest.mark.usefixtures("few_lights")
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("draw", "chair", *BEHIND[2:], "--out", "lab.png"),
+        ("prepare", "y.npy", *BEHIND, "--out", "wall.exr"),
+        ("reconstruct", "y.npy", *BEHIND, *HIDDEN, "--out", "r"),
+        ("video", "stack.npy", *BEHIND, *HIDDEN, "--out", "v"),
+        ("analyze", "chair", *BEHIND[2:], *HIDDEN, "--out", "a"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_every_command_says_that_no_shadow_falls_into_view(command, periscopy, tmp_path):
+    light = np.random.default_rng(3).uniform(1, 2, (24, 24, 3))
+    np.save(tmp_path / "y.npy", light)
+    np.save(tmp_path / "stack.npy", np.stack([light, light + 0.1]))
+    outcome = periscopy(*command)
+    assert outcome.code == 0
+    (line,) = [line for line in outcome.err.splitlines() if NO_SHADOW in line]
+    assert line.startswith(f"periscopy: warning: chair: {NO_SHADOW}")
+    assert "'chair' is 0.32 m large" in line and line.endswith("behind the monitor")
+    for folder in ("r", "v", "a"):
+        if (tmp_path / folder).is_dir():
+            told = json.loads((tmp_path / folder / "summary.json").read_text())["warnings"]
+            assert any(NO_SHADOW in warning for warning in told)

@@ -50,7 +50,7 @@ def test_memory_bounds_the_film(scenario, monkeypatch):
 
     advice = advise(scenario, (290, 360))
     films = list(films_of_blocks((1008, 1008)).values())
-    monkeypatch.setattr(film_size, "fits_in_memory", lambda size: size < 1e9)
+    monkeypatch.setattr(film_size, "has_memory", lambda size: size < 3e9)
     chosen = advice.choose(films)
     assert advice.fits(chosen) and not advice.fits((2 * chosen[0], 2 * chosen[1]))
     assert advice.size((10, 20)) == 4 * 200 * 290 * 360

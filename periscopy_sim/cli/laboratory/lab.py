@@ -7,9 +7,13 @@ from typing import Annotated
 
 import typer
 
+from periscopy_sim.cli import inputs
 from periscopy_sim.cli.arguments import require_suffix
 from periscopy_sim.cli.output import say, say_written
 from periscopy_sim.errors import PeriscopyError
+
+TRIED = (32, 32)
+"""Pixels by which a new scene is looked through."""
 
 
 def lab(
@@ -43,7 +47,9 @@ def lab(
         )
     require_suffix(out, ".xml", "the scene")
     from periscopy_sim.laboratory.build import build_laboratory
+    from periscopy_sim.rendering.scene.load import load_scenario
 
     written = build_laboratory(measurements, out)
     say_written(*written)
+    inputs.warn_without_shadows(load_scenario(out, (1, 1), photograph=TRIED), str(out))
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")

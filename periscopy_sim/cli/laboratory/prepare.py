@@ -148,6 +148,7 @@ def prepare(
             scenario = inputs.load(scene, "1x1", [*(define or []), *more])
         with progress("averaging its pixels"):
             found = prepared_from(light, scenario, mask=used, **marks)
+        shadowless = inputs.warn_without_shadows(scenario, scene)
         for warning in found.warnings:
             warn(f"{photos[0]}: {warning}")
         record = {
@@ -161,7 +162,7 @@ def prepare(
         text = as_text(record)
         write_exr(staged, found.values, text)
         write_png(staged_mask, np.repeat(found.mask[..., np.newaxis], 3, axis=2), text)
-    _tell(found, advice, light.size)
+    _tell(found, advice, light.size, casts=not shadowless)
     say_written(out, mask_file)
     if given:
         definitions = " ".join(f"-D {name}={value}" for name, value in given.items())
@@ -314,7 +315,7 @@ def _film_definitions(
 # -- what is told --------------------------------------------------------------------------------
 
 
-def _tell(found: Prepared, advice: FilmAdvice, size: tuple[int, int]) -> None:
+def _tell(found: Prepared, advice: FilmAdvice, size: tuple[int, int], *, casts: bool) -> None:
     """Print how well the view is known, what was left out, and which film the shadows need."""
     rows, columns = found.mask.shape
     if found.view is not None:
@@ -342,15 +343,16 @@ def _tell(found: Prepared, advice: FilmAdvice, size: tuple[int, int]) -> None:
         f"{size[0]}x{size[1]} pixels averaged to {rows}x{columns}, {found.coverage:.3g} in each"
         f"{single}{left_out}"
     )
-    say(_advised(advice, (rows, columns), found))
+    say(_advised(advice, (rows, columns), found, casts=casts))
 
 
-def _advised(advice: FilmAdvice, shape: tuple[int, int], found: Prepared) -> str:
+def _advised(advice: FilmAdvice, shape: tuple[int, int], found: Prepared, *, casts: bool) -> str:
     """Return the line that tells whether the film is as fine as the shadows need."""
     megabytes = advice.size(shape) / 1e6
     room = f"A takes {megabytes:.3g} MB" + ("" if advice.fits(shape) else ", too much here")
     if advice.step is None:
-        return f"film: no mesh casts a shadow into the field of view; {room}"
+        reason = "film: the shadows are none of a mesh's edges; " if casts else "film: "
+        return f"{reason}{room}"
     pixels = advice.pixels_in_step(shape)
     line = (
         f"film: {pixels:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm from patch "

@@ -67,3 +67,16 @@ def test_what_is_to_be_written_must_be_named(refused, tmp_path):
     assert "name measurements and --out" in refused("lab", "mine.yaml")
     assert ".xml" in refused("lab", "mine.yaml", "--out", "lab.png")
     assert "No such file" in refused("lab", "none.yaml", "--out", "lab.xml")
+
+
+def test_scene_without_a_shadow_is_written_and_told(periscopy, tmp_path):
+    """Every occluder of the example, moved behind its monitor."""
+    text = (
+        EXAMPLE.read_text("utf-8").replace(", 58 cm, ", ", -58 cm, ").replace("52 cm, 0", "-9 m, 0")
+    )
+    (tmp_path / "mine.yaml").write_text(text)
+    outcome = periscopy("lab", "mine.yaml", "--out", "lab.xml")
+    assert outcome.code == 0 and (tmp_path / "lab.xml").is_file()
+    (line,) = outcome.err.splitlines()
+    assert line.startswith("periscopy: warning: lab.xml: no occluder casts a shadow")
+    assert "'foot' is 0.16 m large" in line and "behind the monitor" in line
