@@ -60,6 +60,7 @@ def analyze(
         with fixable(f"scene '{scenario.path}'"), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
             B = observed.joined(point_light_backgrounds(scenario))
+            used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)
             report(0.4)
