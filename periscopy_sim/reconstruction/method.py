@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
 from periscopy_sim.reconstruction.explained import Explained
-from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
 from periscopy_sim.reconstruction.observation import Mask, observation_of
-from periscopy_sim.reconstruction.unevenness import Unevenness
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
     from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.reconstruction.unevenness import Unevenness
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -225,6 +223,11 @@ class StillMethod(ABC, Generic[Precision]):
 
     def _ambient_basis(self, A: Any, B: Image | None, rank_tolerance: float) -> Array:
         """Return an orthonormal basis of all ambient light, (M', r); learn of the wall's paint."""
+        # Here, so that the command line, which asks for the methods' names, starts without solvers.
+        from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
+        from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
+        from periscopy_sim.reconstruction.unevenness import Unevenness
+
         smooth = background_basis(self._observation.used(B), rank_tolerance)
         if not self._observation.backgrounds:
             return smooth

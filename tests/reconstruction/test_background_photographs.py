@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.evaluation.methods import fit_method
-from periscopy_sim.reconstruction import method as method_module
+from periscopy_sim.reconstruction import monitor_left_on
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
@@ -153,7 +153,7 @@ def test_what_is_no_background_photograph_is_refused_by_name(method, off, messag
 @pytest.mark.parametrize("method", sorted(set(ALL) - {"portable"}))
 @pytest.mark.parametrize("exposure", [1, 2.5])
 def test_photograph_given_as_its_own_background_is_refused(method, exposure, monkeypatch):
-    monkeypatch.setattr(method_module, "check_monitor_off", lambda *_: None)
+    monkeypatch.setattr(monitor_left_on, "check_monitor_off", lambda *_: None)
     fitted = ALL[method](A, B, backgrounds={"lamp": OFF, "off.exr": exposure * Y})
     with pytest.raises(ValueError, match=r"^off\.exr: is the photograph itself"):
         fitted.reconstruct(Y)
