@@ -15,7 +15,7 @@ import typer
 from numpy.typing import NDArray
 
 from periscopy_sim.cli.arguments import parse_definitions, parse_size
-from periscopy_sim.cli.output import fixable, progress, warn
+from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn
 from periscopy_sim.errors import PeriscopyError, PhotographError
 
 if TYPE_CHECKING:
@@ -61,6 +61,9 @@ def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
 
 # -- the transport matrix ------------------------------------------------------------------------
 
+TOLD_MEMORY = 2e9
+"""Bytes from which they are told beforehand."""
+
 
 def check_memory(scenario: Scenario, method: str | None = None) -> None:
     """Tell how much memory A and what is fitted to it need; refuse what cannot be had."""
@@ -84,10 +87,6 @@ def check_memory(scenario: Scenario, method: str | None = None) -> None:
         print(f"periscopy: {told}", file=sys.stderr, flush=True)
 
 
-TOLD_MEMORY = 2e9
-"""Bytes from which they are told beforehand."""
-
-
 def render_transport(
     scenario: Scenario, samples: int, seed: int, model: Model = Model.rendered
 ) -> NDArray[np.float32]:
@@ -103,20 +102,38 @@ def render_transport(
         return shadow_rays.render_transport(scenario, samples=samples, seed=seed, progress=report)
 
 
-def transport(
-    scenario: Scenario, file: Path | None, samples: int, seed: int, model: Model
-) -> tuple[NDArray[np.float32], dict[str, Any]]:
-    """Read A from a file, or compute it; also return what a summary tells of it."""
-    if file is None:
-        A = render_transport(scenario, samples, seed, model)
-        return A, {"model": model.value, "transport": None, "samples": samples}
-    return read_transport(file, scenario), {"model": "file", "transport": file, "samples": None}
+def fit(
+    method: str,
+    settings: Mapping[str, float],
+    scenario: Scenario,
+    used: Mask | None,
+    dark: Mapping[str, Array],
+    timed: Stopwatch,
+    *,
+    matrix: Path | None,
+    samples: int,
+    seed: int,
+    model: Model,
+) -> tuple[Any, dict[str, Any]]:
+    """Fit a method to a scene's B and A, from a file or computed; also return what tells of A."""
+    from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.evaluation.methods import fit_method
 
-
-def warn_without_record(file: Path | None) -> None:
-    """Warn of a matrix whose scene is not known; said once it has served."""
-    if file is not None and not file.with_suffix(".json").is_file():
-        warn(f"{file} has no JSON file beside it: it may be of another scene of this size")
+    with timed("transport matrix"):
+        check_memory(scenario, method)
+        if matrix is None:
+            A = render_transport(scenario, samples, seed, model)
+            origin: dict[str, Any] = {"model": model.value, "transport": None, "samples": samples}
+        else:
+            A = read_transport(matrix, scenario)
+            origin = {"model": "file", "transport": matrix, "samples": None}
+    place = str(matrix or f"scene '{scenario.path}'")
+    with timed("fit the method"), progress(f"fitting {method}"), fixable(place):
+        B = point_light_backgrounds(scenario)
+        fitted = fit_method(method, scenario, A, B, used, dark, **settings)
+    if matrix is not None and not matrix.with_suffix(".json").is_file():
+        warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
+    return fitted, origin
 
 
 def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:

@@ -63,8 +63,7 @@ def reconstruct(
     **options: float | None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.evaluation.methods import find_method, fit_method, own_errors, source_sha256
+    from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
     from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.photographs.checking import blackened
@@ -83,15 +82,12 @@ def reconstruct(
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
-        with timed("transport matrix"):
-            inputs.check_memory(scenario, method)
-            A, origin = inputs.transport(scenario, matrix, samples, seed, model)
+        fitted, origin = inputs.fit(
+            method, settings, scenario, used, dark, timed,
+            matrix=matrix, samples=samples, seed=seed, model=model,
+        )  # fmt: skip
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
-        place = str(matrix or f"scene '{scenario.path}'")
-        with timed("fit the method"), progress(f"fitting {method}"), fixable(place):
-            B = point_light_backgrounds(scenario)
-            fitted = fit_method(method, scenario, A, B, used, dark, **settings)
         with (
             timed("reconstruct"),
             fixable(f"{photo} by {method}"),
@@ -100,7 +96,6 @@ def reconstruct(
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
             told = _told(fitted, seen, solved, scenario.hidden_shape, defects)
-        inputs.warn_without_record(matrix)
         _write_told(folder, told, image, seen, text)
         if told.residual is not None:
             draw_residual(folder / "residual.png", seen, told.residual, text)

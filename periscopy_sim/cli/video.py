@@ -96,9 +96,7 @@ def video(
     """Recover a hidden video from photographs of the wall."""
     from threadpoolctl import threadpool_limits
 
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import video_metrics
-    from periscopy_sim.evaluation.methods import fit_method
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.shipped import find_image
@@ -135,17 +133,11 @@ def video(
                 known = decoded_truth(
                     path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
                 )
-        with timed("transport matrix"):
-            inputs.check_memory(scenario, method)
-            A, origin = inputs.transport(scenario, matrix, samples, seed, model)
-        place = str(matrix or f"scene '{scenario.path}'")
-        with timed("fit the method"), progress(f"fitting {method}"), fixable(place):
-            B = point_light_backgrounds(scenario)
-            still: Any = fit_method(
-                method, scenario, A, B, used, dark, **{name: settings[name] for name in for_stills}
-            )
-            recovery = entry.frames_by(still, coupling, **weights)
-        inputs.warn_without_record(matrix)
+        still, origin = inputs.fit(
+            method, {name: settings[name] for name in for_stills}, scenario, used, dark, timed,
+            matrix=matrix, samples=samples, seed=seed, model=model,
+        )  # fmt: skip
+        recovery = entry.frames_by(still, coupling, **weights)
         records = []
         doubts: dict[str, str] = {}
         # Products this small gain little from threads, which wait for each other on a busy machine.
