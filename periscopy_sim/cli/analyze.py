@@ -47,6 +47,8 @@ def analyze(
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
+    from periscopy_sim.reconstruction.background_subspace import background_basis
+    from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
     from periscopy_sim.reconstruction.observation import observation_of
 
     with told_folder(out) as folder:
@@ -59,7 +61,10 @@ def analyze(
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'"), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
-            B = observed.joined(point_light_backgrounds(scenario))
+            lights = point_light_backgrounds(scenario)
+            if dark:
+                check_monitor_off(A, background_basis(observed.used(lights)), observed)
+            B = observed.joined(lights)
             used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)

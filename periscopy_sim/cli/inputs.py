@@ -114,8 +114,8 @@ def fit(
     samples: int,
     seed: int,
     model: Model,
-) -> tuple[Any, dict[str, Any]]:
-    """Fit a method to a scene's B and A, from a file or computed; also return what tells of A."""
+) -> tuple[Any, NDArray[np.float32], dict[str, Any]]:
+    """Fit a method to a scene's B and A, from a file or computed; return it, A and A's origin."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation.methods import fit_method
 
@@ -133,7 +133,7 @@ def fit(
         fitted = fit_method(method, scenario, A, B, used, dark, **settings)
     if matrix is not None and not matrix.with_suffix(".json").is_file():
         warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
-    return fitted, origin
+    return fitted, A, origin
 
 
 def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
@@ -242,11 +242,11 @@ class Defects:
     warnings: Sequence[str]
     """A line of them, if there are any."""
 
-    def else_warned(self, residual: Residual | None) -> str:
+    def else_warned(self, residual: Residual | None, *, has_backgrounds: bool) -> str:
         """Return what a residual warns of, unless these pixels are the likeliest cause; or none."""
         if residual is None or (self.warnings and residual.likeliest == "pixels"):
             return ""
-        return residual.warning
+        return residual.warned(has_backgrounds=has_backgrounds)
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
         """Write a mask that leaves them out too, if there are any."""

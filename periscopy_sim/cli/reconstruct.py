@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.reconstruction.residual.residual import Residual
-    from periscopy_sim.scenario import Array
+    from periscopy_sim.scenario import Array, Scenario
 
 
 @takes_options_of(FOR_STILLS)
@@ -82,7 +82,7 @@ def reconstruct(
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
-        fitted, origin = inputs.fit(
+        fitted, A, origin = inputs.fit(
             method, settings, scenario, used, dark, timed,
             matrix=matrix, samples=samples, seed=seed, model=model,
         )  # fmt: skip
@@ -95,7 +95,11 @@ def reconstruct(
         ):
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, seen, solved, scenario.hidden_shape, defects)
+            told = _told(fitted, seen, solved, scenario.hidden_shape, defects, bool(dark))
+            left = told.residual
+            if left and left.likeliest not in ("", "object") and not (dark or told.doubt):
+                told = replace(told, doubt=_doubt(scenario, A, used, seen))
+        doubts = list(filter(None, (told.doubt, told.misfit)))
         _write_told(folder, told, image, seen, text)
         if told.residual is not None:
             draw_residual(folder / "residual.png", seen, told.residual, text)
@@ -114,7 +118,7 @@ def reconstruct(
             **told.numbers,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
-            "warnings": [*unseen, *given.warnings, *defects.warnings, *told.doubts],
+            "warnings": [*unseen, *given.warnings, *defects.warnings, *doubts],
             "truth": truth,
         }
         if known is not None:
@@ -122,7 +126,7 @@ def reconstruct(
         write_json(
             folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
         )
-    for doubt in told.doubts:
+    for doubt in doubts:
         warn(f"{photo}: {doubt}")
     if told.remark:
         say(told.remark)
@@ -149,18 +153,24 @@ def _recovered(
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """What a method knows beside the image: pictures (R, C, 3), its doubt, what a summary keeps."""
+    """What a method knows beside the image: pictures (R, C, 3), doubts, what a summary keeps."""
 
     stages: Sequence[tuple[str, Array]] = ()
     standard_errors: Array | None = None
     residual: Residual | None = None
     remark: str = ""
-    doubts: Sequence[str] = ()
+    doubt: str = ""
+    misfit: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
 def _told(
-    method: Any, photograph: Array, found: Any, shape: tuple[int, int], defects: inputs.Defects
+    method: Any,
+    photograph: Array,
+    found: Any,
+    shape: tuple[int, int],
+    defects: inputs.Defects,
+    has_backgrounds: bool,
 ) -> _Told:
     """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
     from periscopy_sim.evaluation.methods import promised
@@ -176,15 +186,28 @@ def _told(
     numbers = {**method.told(found), **(residual.told() if residual else {})}
     as_json(numbers)
     remarks = [residual.remark if residual else "", str(method.remark(found))]
-    warnings = [str(method.doubt(found)), defects.else_warned(residual)]
     return _Told(
         [(str(title), displayable(image)) for title, image in stages],
         None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),
         residual,
         "; ".join(filter(None, remarks)),
-        list(filter(None, warnings)),
+        str(method.doubt(found)),
+        defects.else_warned(residual, has_backgrounds=has_backgrounds),
         numbers,
     )
+
+
+def _doubt(scenario: Scenario, A: Any, mask: inputs.Mask | None, seen: Array) -> str:
+    """Return why a photograph may show no monitor, though the scene does not explain it."""
+    from periscopy_sim.analytic.point_light import point_light_backgrounds
+    from periscopy_sim.reconstruction.background_subspace import background_basis
+    from periscopy_sim.reconstruction.monitor_left_on import monitor_doubt
+    from periscopy_sim.reconstruction.observation import observation_of
+
+    sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
+    observed = observation_of(A, *sizes)
+    smooth = background_basis(observed.used(point_light_backgrounds(scenario)))
+    return monitor_doubt(A, smooth, observed, seen)
 
 
 def _write_told(

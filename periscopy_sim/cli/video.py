@@ -133,7 +133,7 @@ def video(
                 known = decoded_truth(
                     path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
                 )
-        still, origin = inputs.fit(
+        still, _, origin = inputs.fit(
             method, {name: settings[name] for name in for_stills}, scenario, used, dark, timed,
             matrix=matrix, samples=samples, seed=seed, model=model,
         )  # fmt: skip
@@ -164,7 +164,7 @@ def video(
         doubted = _counted(str(frames), doubts)
         for doubt in doubted:
             warn(doubt)
-        if warning := defects.else_warned(residual):
+        if warning := defects.else_warned(residual, has_backgrounds=bool(dark)):
             warn(f"{first}: {warning}")
             doubted.append(f"{first}: {warning}")
         images = mapped_stack(folder / "frames.npy")

@@ -123,3 +123,33 @@ def test_constant_photograph_and_the_photograph_itself_are_refused_by_name(refus
     for command in (("reconstruct", "y.npy"), ("video", "frames.npy")):
         line = refused(*command, *scene, "--background", "copy.npy")
         assert "copy.npy: is the photograph itself; give one of the same wall" in line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("analyze", "chair"),
+        ("reconstruct", "y.npy", "--scene", "chair", "--method", "differencing"),
+        ("reconstruct", "y.npy", "--scene", "chair", "--method", "truncated-svd"),
+    ],
+    ids=lambda command: command[-1],
+)
+@pytest.mark.usefixtures("given")
+def test_monitor_left_on_is_refused_whatever_the_method(command, refused, transport, tmp_path):
+    lit = (transport.astype(np.float64) @ np.eye(20)[:, 7]).reshape(24, 24, 1)
+    np.save(tmp_path / "lit.npy", lit / lit.mean() + np.load(tmp_path / "off.npy") * 1e-3)
+    line = refused(*command, *TINY, "--background", "lit.npy", "--out", "out")
+    assert "lit.npy: still shows the monitor" in line
+
+
+@pytest.mark.usefixtures("given")
+def test_photograph_with_the_monitor_off_is_doubted(periscopy, scenario, tmp_path):
+    wall = 1 + 0.01 * np.random.default_rng(2).standard_normal((24, 24, 1))
+    lamp = ps.point_light_backgrounds(scenario)[:, :1].reshape(24, 24, 1)
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((24, 24, 3))
+    np.save(tmp_path / "dark.npy", wall * lamp / lamp.mean() + noise)
+    outcome = periscopy("reconstruct", "dark.npy", "--scene", "chair", *TINY, "--out", "out")
+    assert outcome.code == 0
+    assert "dark.npy: the photograph hardly shows a hidden image: " in outcome.err
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    assert any("hidden image: " in warning for warning in told)

@@ -8,7 +8,11 @@ from scipy.ndimage import gaussian_filter
 
 import periscopy_sim as ps
 from periscopy_sim.reconstruction.large_scale.transport_operator import UsedRows
-from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off, coarse_transport
+from periscopy_sim.reconstruction.monitor_left_on import (
+    check_monitor_off,
+    coarse_transport,
+    monitor_doubt,
+)
 from periscopy_sim.reconstruction.observation import observation_of
 
 SIZE, HIDDEN = (30, 30), (8, 10)
@@ -87,7 +91,14 @@ def test_coarse_transport_is_that_of_images_of_few_patches(mask):
 
 
 @pytest.mark.parametrize(
-    "method", [ps.NoiseAware, ps.IterativePeriscope, partial(ps.Periscope, explicit=False)]
+    "method",
+    [
+        ps.NoiseAware,
+        ps.IterativePeriscope,
+        partial(ps.Periscope, explicit=False),
+        ps.Differencing,
+        ps.TruncatedSVD,
+    ],
 )
 def test_methods_refuse_it(chair, method):
     A, _, lamp = chair
@@ -95,3 +106,29 @@ def test_methods_refuse_it(chair, method):
     settings = {"hidden_shape": HIDDEN, "photograph_shape": SIZE}
     with pytest.raises(ValueError, match="photograph 1 of 1: still shows the monitor"):
         method(A, lamp[:, None] * np.ones((1, 2)), backgrounds=[off], **settings)
+
+
+@pytest.mark.parametrize("mask", [None, MASK])
+@pytest.mark.parametrize("seed", range(3))
+def test_photograph_whose_monitor_is_off_is_doubted_and_no_other(chair, mask, seed):
+    A, smooth, lamp = chair
+    used = slice(None) if mask is None else mask.ravel()
+    smooth = np.linalg.qr(smooth[used])[0]
+    observation = observation_of(A, HIDDEN, None, mask, SIZE)
+    image = np.zeros(HIDDEN)
+    image[seed : seed + 4, 2 + seed : 7] = 1
+    monitor = A @ image.ravel()
+    noise = 0.001 * np.random.default_rng(seed).normal(size=(900, 3))
+    wall = grains(rms=0.004, size=1, seed=seed)
+    for share in (0.0, 0.3, 1.0):
+        light = lamp / lamp.mean() + share * monitor / monitor.mean()
+        seen = (wall * light[:, None]) + noise
+        doubt = monitor_doubt(A, smooth, observation, seen.reshape(*SIZE, 3))
+        assert ("hardly shows a hidden image: " in doubt) == (share == 0)
+
+
+def test_nothing_is_doubted_where_photographs_cannot_be_turned(chair):
+    A, smooth, lamp = chair
+    observation = observation_of(A, HIDDEN)
+    seen = (lamp[:, None] + 0.01 * np.random.default_rng(0).normal(size=(900, 3))).reshape(900, 3)
+    assert monitor_doubt(A, smooth, observation, seen) == ""

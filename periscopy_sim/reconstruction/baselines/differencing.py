@@ -24,6 +24,7 @@ from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbo
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.preconditioned.still import noise_level
@@ -68,7 +69,8 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own. An iteration costs one
     product with the N x N Gram matrix, or three to four with the published steps.
 
-    Other parameters and errors are those of `StillMethod`. B serves `residual` alone.
+    Other parameters and errors are those of `StillMethod`. B serves `residual`, and
+    tells whether background photographs show the monitor.
 
     Parameters
     ----------
@@ -115,6 +117,8 @@ class Differencing(StillMethod[np.float64]):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance)
+        if self._observation.backgrounds:
+            check_monitor_off(A, background_basis(self._observation.used(B)), self._observation)
         self._ambient = self._observation.ambient(B)
         self._A = A = self._observation.used(A)
         self.wrap = wrap

@@ -12,6 +12,7 @@ from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, StillMethod
+from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
@@ -30,7 +31,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
 
-    Other parameters and errors are those of `StillMethod`. B is not used.
+    Other parameters and errors are those of `StillMethod`. B only tells whether
+    background photographs show the monitor.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     def __init__(
         self,
         A: Image,
-        B: Image | None = None,  # noqa: ARG002
+        B: Image | None = None,
         *,
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
@@ -67,6 +69,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         used = self._observation.used_transport(A)
+        if self._observation.backgrounds:
+            check_monitor_off(A, background_basis(self._observation.used(B)), self._observation)
         Q = background_basis(self._observation.ambient(None))
         self._background = Q
         self._A = used - Q @ (Q.T @ used) if Q.size else used

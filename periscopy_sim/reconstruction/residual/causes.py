@@ -1,18 +1,19 @@
 """What a residual looks like: which part of it each likely cause would leave.
 
 Causes are asked for their part one after the other, each of what those before it leave: single
-pixels that stand out; penumbrae that are elsewhere, as the light's derivatives along the moves that
-geometry makes; smooth light; and paint, which changes all the channels by one factor.
+pixels that stand out; one place of the wall that holds most of all, where something hangs;
+penumbrae that are elsewhere, as the light's derivatives along the moves that geometry makes; smooth
+light; and paint, which changes all the channels by one factor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, optimize
+from scipy import fft, ndimage, optimize
 
 Array = NDArray[np.float64]
 
@@ -38,9 +39,20 @@ class Cause:
 
     name: str  # of `ADVICE`
     share: float  # of the residual's energy beyond the noise's, at most 1
+    place: str = ""  # in the photograph, of a cause that has one
 
+
+HELD = 0.6
+"""Part of what is left beyond noise that one place of the wall must hold to be told of."""
+
+COMPACT = 0.15
+"""Part of the photograph that such a place has at most."""
+
+LOUD = 10.0
+"""Variances of the noise that are left there, at least."""
 
 ADVICE = {
+    "object": "something on the wall, such as a poster, a socket or a reflection, {place} (--mask)",
     "paint": "uneven paint (--background: a photograph with the monitor off, or more of them)",
     "geometry": "a scene that is off at the edges of shadows (periscopy calibrate; more --samples)",
     "smooth light": "vignetting, or ambient light from nearer than the model's",
@@ -48,6 +60,30 @@ ADVICE = {
     "shared noise": "noise that neighbouring pixels share (a rectified or compressed photograph)",
 }
 """What each cause is, for a user, and what helps."""
+
+BESIDE_BACKGROUNDS = {
+    "paint": "what no photograph with the monitor off shows (a scene that is off: periscopy "
+    "calibrate; light that bounces; a camera or a wall that moved between the photographs)",
+    "smooth light": "vignetting (prepare --flat), or light that was not there with the monitor off",
+}
+"""The same of causes that photographs with the monitor off have taken most of, if they were given:
+what is left then changes like light in all colours, but is hardly paint."""
+
+
+def advice_for(causes: Sequence[Cause], *, has_backgrounds: bool) -> str:
+    """Return what likely causes are, and what helps, in order.
+
+    Beside photographs with the monitor off, what looks like paint comes after the scene.
+    """
+    places = {cause.name: cause.place for cause in causes}
+    names = list(places)
+    told = ADVICE
+    if has_backgrounds:
+        told = {**ADVICE, **BESIDE_BACKGROUNDS}
+        if {"paint", "geometry"} <= set(names) and names.index("paint") < names.index("geometry"):
+            names.remove("paint")
+            names.insert(names.index("geometry") + 1, "paint")
+    return "; ".join(told[name].format(place=places[name]) for name in names)
 
 
 def likely_causes(
@@ -77,6 +113,8 @@ def likely_causes(
         return left
 
     told("pixels", np.where(_outstanding(r), 0, r))
+    there = _compact(r, used, beyond)
+    told("object", np.where(there[used], 0, r))
     candidates = [
         _moves(light, noise, unexplained, used) for light in (signal, signal[:, ::-1, ::-1])
     ]
@@ -94,7 +132,12 @@ def likely_causes(
     shares["paint"] = of_paint / beyond
     shares["geometry"] += of_edges / beyond
     shares["shared noise"] = float(np.sum(r**2 - 1) - np.sum(common - 1)) / beyond
-    found = [Cause(name, min(share, 1.0)) for name, share in shares.items() if share >= TOLD]
+    places = {"object": _told_place(there)}
+    found = [
+        Cause(name, min(share, 1.0), places.get(name, ""))
+        for name, share in shares.items()
+        if share >= TOLD
+    ]
     return tuple(sorted(found, key=lambda cause: -cause.share)[:MOST])
 
 
@@ -107,6 +150,29 @@ def _outstanding(r: Array) -> NDArray[np.bool_]:
     spread = 1.4826 * np.median(np.abs(r), axis=1, keepdims=True)
     outstanding = (np.abs(r) > OUTSTANDING * np.maximum(spread, 1)).any(axis=0)
     return np.asarray(outstanding & (outstanding.mean() <= FEW))
+
+
+def _compact(r: Array, used: NDArray[np.bool_], beyond: float) -> NDArray[np.bool_]:
+    """Return where, (rows, columns), one place holds most of the energy of residuals, (3, m).
+
+    Nowhere, if none does. Paint and shadows are all over the wall, what hangs on it is not.
+    """
+    energy = np.zeros(used.shape)
+    energy[used] = np.sum(r**2, axis=0) - len(r)
+    around = ndimage.uniform_filter(energy, max(3, round(min(used.shape) / 12)), mode="constant")
+    places, count = ndimage.label(around > around.max() / 4)
+    held = ndimage.sum_labels(energy, places, np.arange(1, count + 1))
+    place = np.asarray(places == 1 + int(np.argmax(held)))
+    size = np.count_nonzero(place & used)
+    holds = held.max() > max(HELD * beyond, LOUD * len(r) * size)
+    return place if holds and size < COMPACT * used.sum() else np.zeros(used.shape, bool)
+
+
+def _told_place(there: NDArray[np.bool_]) -> str:
+    if not there.any():
+        return ""
+    rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
+    return f"in rows {rows[0]} to {rows[-1]}, columns {columns[0]} to {columns[-1]}"
 
 
 def _moves(

@@ -13,7 +13,7 @@ from scipy import linalg
 from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
-from periscopy_sim.reconstruction.residual.causes import ADVICE, Cause, likely_causes
+from periscopy_sim.reconstruction.residual.causes import Cause, advice_for, likely_causes
 from periscopy_sim.reconstruction.residual.structure import Structure, structure_of
 
 Array = NDArray[np.float64]
@@ -74,10 +74,9 @@ class Residual:
     @property
     def remark(self) -> str:
         """Return how much is unexplained, and how much noise alone would leave."""
-        told = f"unexplained: {100 * self.unexplained:.2f} % of the photograph"
-        if self.noise_alone is None:
-            return told
-        return f"{told}; noise alone would leave {100 * self.noise_alone:.2f} %"
+        unexplained, alone = self._percentages
+        told = f"unexplained: {unexplained} % of the photograph"
+        return told if self.noise_alone is None else f"{told}; noise alone would leave {alone} %"
 
     @property
     def likeliest(self) -> str:
@@ -87,20 +86,35 @@ class Residual:
     @property
     def warning(self) -> str:
         """Return that more than noise is left and its likely causes; empty where it is not."""
+        return self.warned(has_backgrounds=False)
+
+    def warned(self, *, has_backgrounds: bool) -> str:
+        """Return `warning`, whose causes depend on whether background photographs were given."""
         if not self.causes or self.noise_alone is None:
             return ""
-        likely = "; ".join(ADVICE[each.name] for each in self.causes)
+        likely = advice_for(self.causes, has_backgrounds=has_backgrounds)
+        unexplained, alone = self._percentages
+        told = f"the scene leaves {unexplained} % of the photograph unexplained"
+        if self.unexplained > self.noise_alone:
+            told += f", where noise alone would leave {alone} %"
         smooth = self.structure
-        told = (
-            f"the scene leaves {100 * self.unexplained:.2f} % of the photograph unexplained, where "
-            f"noise alone would leave {100 * self.noise_alone:.2f} %"
-        )
         if smooth is not None and smooth.excess > SMOOTH_EXCESS:
             told += (
-                f"; blurred by a Gaussian of {smooth.scale:g} px it has {smooth.excess:.0f} times "
+                f"; blurred by a Gaussian of {smooth.scale:g} px it has "
+                f"{smooth.excess:.{0 if smooth.excess >= 10 else 1}f} times "
                 "the energy of noise"
             )
         return f"{told}; likely causes, the likeliest first: {likely}"
+
+    @property
+    def _percentages(self) -> tuple[str, str]:
+        """`unexplained` and `noise_alone` in percent; of a warning, until digits differ."""
+        numbers = 100 * self.unexplained, 100 * (self.noise_alone or 0.0)
+        for digits in range(2, 5 if self.causes else 3):
+            first, second = (f"{number:.{digits}f}" for number in numbers)
+            if first != second:
+                break
+        return first, second
 
     def told(self) -> dict[str, Any]:
         """Return the numbers that a summary keeps, by name."""

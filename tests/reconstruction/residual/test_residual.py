@@ -7,6 +7,9 @@ import pytest
 from scipy import ndimage
 
 from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.residual.causes import Cause, advice_for
+from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.reconstruction.residual.structure import Structure
 
 SHAPE, HIDDEN = (40, 44), (4, 5)
 V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in SHAPE), indexing="ij")
@@ -100,6 +103,9 @@ def test_right_scenes_are_rarely_warned_of():
 SPOTS = np.zeros((*SHAPE, 1))
 SPOTS[RNG.integers(0, 40, 8), RNG.integers(0, 44, 8)] = 0.2
 
+POSTER = np.zeros((*SHAPE, 1))
+POSTER[6:14, 31:39] = np.random.default_rng(8).uniform(-0.5, 0.1, (8, 8, 1))
+
 
 @pytest.mark.parametrize(
     ("y", "cause", "advice"),
@@ -108,6 +114,7 @@ SPOTS[RNG.integers(0, 40, 8), RNG.integers(0, 44, 8)] = 0.2
         (photograph(wall=0.01 * paint(0)), "paint", "--background"),
         (photograph(transport(0.12)), "geometry", "periscopy calibrate"),
         (photograph(wall=SPOTS), "pixels", "--mask"),
+        (photograph(wall=POSTER), "object", "in rows 5 to 14, columns 30 to 39 (--mask)"),
         (
             photograph(noise=0)
             + ndimage.uniform_filter(
@@ -146,3 +153,54 @@ def test_photograph_without_noise_or_without_rows_is_no_error():
     flat = type(method)(A, B, hidden_shape=HIDDEN)
     y = photograph().reshape(-1, 3)
     assert flat.residual(y, flat.solve(y)) is None
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_paint_and_shadows_are_nothing_that_hangs_on_the_wall(size):
+    for seed in range(10):
+        wrong = (
+            photograph(wall=0.01 * paint(size, seed), seed=seed),
+            photograph(transport(0.1 + 0.02 * seed), seed=seed),
+        )
+        for y in wrong:
+            left, _, _ = residual(y)
+            assert "object" not in [cause.name for cause in left.causes]
+
+
+def test_causes_depend_on_whether_the_monitor_was_photographed_off():
+    for y in (photograph(wall=0.01 * paint(1.2)), photograph(transport(0.12))):
+        left, _, _ = residual(y)
+        beside = left.warned(has_backgrounds=True)
+        assert "--background" not in beside and "uneven paint" not in beside
+        assert "periscopy calibrate" in beside
+        assert left.warned(has_backgrounds=False) == left.warning
+    both = [Cause("paint", 0.9), Cause("geometry", 0.4), Cause("smooth light", 0.2)]
+    alone = advice_for(both, has_backgrounds=False).split("; ")
+    beside = advice_for(both, has_backgrounds=True)
+    assert alone[0].startswith("uneven paint") and alone[1].startswith("a scene that is off")
+    assert beside.startswith("a scene that is off") and "--flat" in beside
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "alone", "told"),
+    [
+        (
+            0.0034,
+            0.0011,
+            "leaves 0.34 % of the photograph / 0.11 %",
+        ),
+        (
+            0.00122,
+            0.00118,
+            "leaves 0.122 % of the photograph / 0.118 %",
+        ),
+        (0.001201, 0.001199, "0.1201 % of the photograph / 0.1199 %"),
+        (0.0011, 0.0012, "the scene leaves 0.11 % of the photograph unexplained; blurred by a Ga"),
+    ],
+)
+def test_two_numbers_are_told_by_the_digits_in_which_they_differ(unexplained, alone, told):
+    smooth = Structure(1e-9, 4.0, 1.84, 0.5, True, 0.0)
+    causes = (Cause("smooth light", 1.0),)
+    left = Residual(np.zeros((*SHAPE, 3)), unexplained, alone, None, smooth, causes)
+    assert told in left.warning.replace("unexplained, where noise alone would leave", "/")
+    assert "of 4 px it has 1.8 times the energy of noise" in left.warning
