@@ -15,7 +15,7 @@ from periscopy_sim.cli.calibrate import _open
 
 pytestmark = pytest.mark.usefixtures("jit")
 
-SCENE = ("--scene", "chair", "-D", "resolution=32", "--hidden", "6x7")
+SCENE = ("--scene", "chair", "-D", "resolution=32", "--hidden", "6x7", "--samples", "4")
 MOVED = {"occluder_dx": 0.007, "occluder_dz": -0.006}
 
 
@@ -282,12 +282,12 @@ def test_what_leaves_the_ruler_is_not_to_be_trusted_and_nobody_overlooks_it(
 ):
     np.save(tmp_path / "y.npy", photograph)
     outcome = periscopy(
-        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx=0.001,occluder_dz=0.001",
-        "--out", "found.xml",
+        "calibrate", "y.npy", *SCENE, "-D", f"occluder_dz={MOVED['occluder_dz']}",
+        "--free", "occluder_dx=0.001", "--out", "found.xml",
     )  # fmt: skip
     assert outcome.code == 0
     assert "THIS CALIBRATION IS NOT TO BE TRUSTED" in outcome.err
-    assert outcome.err.count("of the ruler's errors from where the ruler has it") >= 1
+    assert "of the ruler's errors from where the ruler has it" in outcome.err
     record = json.loads((tmp_path / "found.json").read_text())
     assert not record["trusted"] and record["doubts"] == record["warnings"]
     assert not any(told["determined"] for told in record["parameters"].values())
