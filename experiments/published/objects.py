@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from experiments.published.layout import OBJECTS
-from experiments.published.setting import PublishedSetting
+from experiments.published.setting import PublishedSetting, unexplained
 from experiments.published.stills import OURS, PAPER, Still, draw
 from experiments.report import Picture, Section, Table
 
@@ -24,7 +24,7 @@ def run(setting: PublishedSetting) -> Section:
                 OURS: solution.image,
                 PAPER: scene.preconditioned.reconstruct(capture.photograph),
             }
-            left = float(ours.told(solution)["unexplained"])
+            left = unexplained(ours, capture.photograph, solution)
             found.append(Still(capture, images, left, compared=False))
             rows.append(
                 (

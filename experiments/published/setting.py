@@ -6,6 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.published.data_set import Capture, DataSet
@@ -20,6 +24,7 @@ from experiments.published.layout import (
 )
 from experiments.report import Table
 from experiments.setting import FittedScene
+from periscopy_sim.reconstruction.method import StillMethod
 
 
 @dataclass(frozen=True)
@@ -157,4 +162,11 @@ class PublishedSetting:
         if capture is None:
             return None
         method = self.scene(placement).noise_aware
-        return float(method.told(method.solve(capture.photograph))["unexplained"])
+        return unexplained(method, capture.photograph, method.solve(capture.photograph))
+
+
+def unexplained(method: StillMethod[Any], photograph: NDArray[np.float64], found: Any) -> float:
+    """Return what scene and solution leave of a photograph, over its root mean square."""
+    left = method.residual(photograph, found)
+    assert left is not None
+    return left.unexplained

@@ -13,7 +13,7 @@ import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, label_row, show_light
 from experiments.published.data_set import Capture
 from experiments.published.layout import STILLS
-from experiments.published.setting import PublishedSetting
+from experiments.published.setting import PublishedSetting, unexplained
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import FittedScene
 
@@ -86,7 +86,7 @@ def _still(scene: FittedScene, capture: Capture) -> Still:
         PAPER: scene.preconditioned.reconstruct(capture.photograph),
         NATURE: scene.differencing.reconstruct(capture.photograph),
     }
-    return Still(capture, images, float(ours.told(found)["unexplained"]))
+    return Still(capture, images, unexplained(ours, capture.photograph, found))
 
 
 def _orientation(stills: Sequence[Still]) -> Claim:

@@ -1,4 +1,4 @@
-"""How well a scene explains a photograph, and whether the photograph shows anything of it."""
+"""Whether a photograph shows anything of a scene, by what the scene explains of it."""
 
 from __future__ import annotations
 
@@ -24,17 +24,9 @@ class Explained:
     """A photograph y, explained by a hidden image f̂ and ambient light."""
 
     share: float  # root mean square of y⊥, range(B) projected out of y, over that of y
-    noise: Array  # (3,) standard deviation σ_c of y⊥'s noise, over its root mean square
-    whole: Array  # (3,) energy that A⊥ can explain of y⊥, over σ_c²
+    whole: Array  # (3,) energy that A⊥ can explain of y⊥, over its noise's variance
     left: Array  # (3,) what f̂ leaves of that
     patterns: int  # hidden images that the wall tells apart, the rank of A⊥
-    freedom: int  # values of y⊥: its pixels, less the rank of B
-
-    @property
-    def unexplained(self) -> float:
-        """Standard deviation of y⊥ − A⊥ f̂ over y's root mean square, as `calibrate` tells it."""
-        variance = self.noise**2 * (self.freedom - self.patterns + self.left) / self.freedom
-        return float(self.share * np.sqrt(variance.mean()))
 
     @property
     def doubt(self) -> str:

@@ -288,9 +288,7 @@ class StillMethod(ABC, Generic[Precision]):
 
     def told(self, found: Any) -> dict[str, Any]:
         """Return the numbers that a summary keeps of a solution, by name."""
-        numbers = {**self.fitted(), **found.told()}
-        explained = self.explained(found)
-        return numbers if explained is None else numbers | {"unexplained": explained.unexplained}
+        return {**self.fitted(), **found.told()}
 
     def remark(self, found: Any) -> str:  # noqa: ARG002
         """Return a sentence for the user about a solution, or nothing."""

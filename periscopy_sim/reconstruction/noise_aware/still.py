@@ -229,10 +229,7 @@ class NoiseAware(StillMethod[np.float64]):
     def explained(self, found: NoiseAwareReconstruction) -> Explained:
         """Return how well scene, image and gain explain the photograph; see `StillMethod`."""
         whole, left = (np.sum(part**2, axis=1) for part in self._explicable(found))
-        evidence, freedom = found.evidence, self._transport.shape[1] - len(self._background)
-        return Explained(
-            evidence.share, evidence.noise, whole, left, len(self._curvatures), freedom
-        )
+        return Explained(found.evidence.share, whole, left, len(self._curvatures))
 
     def _projected_transport(self) -> TransportOperator:
         return TransportOperator(np.ascontiguousarray(self._transport.T), self._background.T)

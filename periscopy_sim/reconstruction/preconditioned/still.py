@@ -166,9 +166,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         )
         level = np.sqrt(np.sum(found.noise**2 * (freedom - patterns) + whole) / (3 * pixels))
         noise = np.maximum(found.noise, ROUNDING * level) + 1e-30
-        return Explained(
-            found.share, noise / (level or 1), whole / noise**2, left / noise**2, patterns, freedom
-        )
+        return Explained(found.share, whole / noise**2, left / noise**2, patterns)
 
     def _projected_transport(self) -> TransportOperator:
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
