@@ -174,13 +174,13 @@ def test_paint_and_shadows_are_nothing_that_hangs_on_the_wall(size):
             photograph(transport(0.1 + 0.02 * seed), seed=seed),
         )
         for y in wrong:
-            left, _, _ = residual(y)
+            left, _ = residual(y)
             assert "object" not in [cause.name for cause in left.causes]
 
 
 def test_causes_depend_on_whether_the_monitor_was_photographed_off():
     for y in (photograph(wall=0.01 * paint(1.2)), photograph(transport(0.12))):
-        left, _, _ = residual(y)
+        left, _ = residual(y)
         beside = left.warned(has_backgrounds=True)
         assert "--background" not in beside and "uneven paint" not in beside
         assert "periscopy calibrate" in beside
