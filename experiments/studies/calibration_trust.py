@@ -203,7 +203,7 @@ class Outcome:
     determined: NDArray[np.bool_]  # (P,)
     trusted: bool
     moved: bool
-    structure: float
+    overdispersion: float
     gain: float  # of the image, in dB
 
 
@@ -216,7 +216,7 @@ def outcome(trouble: Trouble, seed: int) -> Outcome:
         np.array([p.determined for p in found.parameters]),
         found.trusted,
         found.moved,
-        found.structure,
+        found.overdispersion,
         image_error(level, 0 * truth, truth) - image_error(level, values, truth),
     )
 
@@ -228,13 +228,13 @@ def told(outcomes: Iterable[Outcome]) -> str:
     determined = np.array([o.determined for o in outcomes])
     within = int((off[determined] < WITHIN).sum())
     gains = np.array([o.gain for o in outcomes])
-    structure = np.median([o.structure for o in outcomes])
+    overdispersion = np.median([o.overdispersion for o in outcomes])
     return (
         f"determined {determined.sum():4d} of {determined.size}, within {WITHIN:g} errors {within} "
         f"({100 * within / max(determined.sum(), 1):.1f} %), of all parameters "
         f"{100 * np.mean(off < WITHIN):.1f} %; not trusted {sum(not o.trusted for o in outcomes)}, "
-        f"left at the ruler's {sum(not o.moved for o in outcomes)}; structure "
-        f"{structure:.1f}; image nearer by {np.median(gains):.1f} dB in the median, "
+        f"left at the ruler's {sum(not o.moved for o in outcomes)}; overdispersion "
+        f"{overdispersion:.1f}; image nearer by {np.median(gains):.1f} dB in the median, "
         f"{np.percentile(gains, 10):.1f} in the worst tenth, {gains.min():.1f} at worst"
     )
 

@@ -22,9 +22,9 @@ from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.calibration.fisher_information import block_scores
 from periscopy_sim.calibration.global_search import explore, points_visited
 from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
+from periscopy_sim.calibration.overdispersion import STRUCTURED, overdispersion
 from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
-from periscopy_sim.calibration.residual_structure import residual_structure
 from periscopy_sim.calibration.resolution_level import (
     Resolution,
     ResolutionLevel,
@@ -70,15 +70,11 @@ NEAR = 4.0
 """Scales of a parameter within which a descent needs no search before: where the ruler's error is
 no more."""
 
-STRUCTURED = 3.0
-"""Structure of what a descent leaves, from which a search is made after all; of white noise it is 1
-or so."""
-
 FALLEN = 0.7
-"""Part of the residual's structure, or less, after a descent that makes another worthwhile."""
+"""Part of the residual's overdispersion, or less, after a descent that makes another worthwhile."""
 
 ROUNDS = 3
-"""Of descents, at most, each with the structure that the last left."""
+"""Of descents, at most, each with the overdispersion that the last left."""
 
 SHOWN = 100.0
 """Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
@@ -247,11 +243,13 @@ def calibrate_levels(
         )
     onward = log.at(middle)
     middle, end = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
-    if near and middle.structure > STRUCTURED:
+    if near and middle.overdispersion > STRUCTURED:
         # Perhaps a descent ended in a dip beside the best.
-        values = explore(coarse.structured(middle.structure), start, spreads, coarse.seed, visit)
+        values = explore(
+            coarse.overdispersed(middle.overdispersion), start, spreads, coarse.seed, visit
+        )
         again, other = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
-        alike = min(middle, again, key=lambda level: level.structure)
+        alike = min(middle, again, key=lambda level: level.overdispersion)
         if alike.evidence(other.values) < alike.evidence(end.values):
             middle, end = again, other
     values, _ = settle(middle, end, steps)
@@ -294,7 +292,7 @@ def calibrate_levels(
         noise=after.noise / fine.scale,
         residual_before=fine.picture(before.residuals),
         residual=fine.picture(after.residuals),
-        structure=fine.structure,
+        overdispersion=fine.overdispersion,
         moved=gained,
         doubts=why,
     )
@@ -308,23 +306,23 @@ def _descend(
     iterations: int,
     visit: Visit,
 ) -> tuple[ResolutionLevel, Descent]:
-    """Descend, see `descend`, and again where less is left than the residual's structure said.
+    """Descend, see `descend`, and again where less is left than the residual's overdispersion said.
 
     A misplaced scene leaves structured residuals; as it finds its place, they go. Returned is the
-    level with the structure of what is left at last, and with the wall's unevenness divided out, as
-    it shows where the first descent begins.
+    level with the overdispersion of what is left at last, and with the wall's unevenness divided
+    out, as it shows where the first descent begins.
     """
 
-    def structured(explanation: Explanation) -> ResolutionLevel:
-        return level.structured(residual_structure(explanation, level.used, level.seed))
+    def tempered(explanation: Explanation) -> ResolutionLevel:
+        return level.overdispersed(overdispersion(explanation, level.used, level.seed))
 
     found = level.explain(start)
     level, seen = level.evened(found), level
-    here = structured(found if level is seen else level.explain(start))
+    here = tempered(found if level is seen else level.explain(start))
     for _ in range(ROUNDS):
         end = descend(here, start, steps, longest, iterations, visit)
-        after = structured(end.explanation)
-        if after.structure > FALLEN * here.structure:
+        after = tempered(end.explanation)
+        if after.overdispersion > FALLEN * here.overdispersion:
             break
         here, start = after, end.values
     return here, end

@@ -14,7 +14,7 @@ are the generalized eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥�
 projected out. Each α_c is where E_c is least.
 
 That is so where errors n are white. Errors that neighbours share, of paint, tell less: if they are
-κ times as strong as white ones at the scale at which they are strongest (`residual_structure`), F
+κ times as strong as white ones at the scale at which they are strongest (`overdispersion`), F
 above is (M less the rank of B) / κ, as of so many pixels that are independent (a likelihood raised
 to the power 1/κ: Ribatet, Cooley and Davison, Statistica Sinica 22, 2012), while S_c = (M less the
 rank of B) σ_c² as before.
@@ -70,7 +70,7 @@ class Explanation:
     darkness: float
     images: Array  # (N, 3) the most probable hidden image, f̂ ≥ 0
     noise: Array  # (3,) σ_c, of what is left unexplained
-    structure: float  # κ, by which each error counts for less
+    overdispersion: float  # κ, by which each error counts for less
     residuals: Array  # (M, 3) y⊥ − A⊥ f̂
     _projected: Array
     _background: Array
@@ -81,7 +81,7 @@ class Explanation:
     @property
     def deviations(self) -> Array:
         """(3,) σ_c κ^½: of white noise that tells as much as the errors do."""
-        return np.asarray(self.noise * np.sqrt(self.structure))
+        return np.asarray(self.noise * np.sqrt(self.overdispersion))
 
     @cached_property
     def _volume(self) -> Array:
@@ -167,11 +167,11 @@ def explain(
     background: Array,
     y: Array,
     hidden_shape: tuple[int, int],
-    structure: float = 1.0,
+    overdispersion: float = 1.0,
 ) -> Explanation:
     """Explain a photograph y, (M, 3) of any unit, by a transport matrix A, (M, N), with N = R C.
 
-    The background is an orthonormal basis of range(B), (M, r); the structure is κ, 1 of white
+    The background is an orthonormal basis of range(B), (M, r); the overdispersion is κ, 1 of white
     errors.
     """
     Q = background
@@ -185,7 +185,7 @@ def explain(
     μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
     z = W.T @ (projected.T @ rest)
     values = len(y) - Q.shape[1]
-    freedom = values / structure
+    freedom = values / overdispersion
     # Without noise there still is finite precision.
     energy = np.einsum("mc,mc->c", rest, rest) + values * ROUNDING**2 * float(np.mean(y**2))
     evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
@@ -207,7 +207,7 @@ def explain(
         darkness=float(freedom * np.log(energy[energy > 0]).sum()),
         images=images,
         noise=np.sqrt(misfit / values),
-        structure=structure,
+        overdispersion=overdispersion,
         residuals=rest - projected @ images,
         _projected=projected,
         _background=Q,

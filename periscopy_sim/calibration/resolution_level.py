@@ -47,10 +47,10 @@ class ResolutionLevel:
     for all values, so that noise does not hide differences. `check` raises a SceneError for a
     scenario that is not physical. Backgrounds, (rows, columns, 3) each, are photographs with the
     monitor off. `used` are the coarse pixels that the mask leaves, `scale` is the photograph's root
-    mean square there, `structure` is that of what is left unexplained, see `residual_structure`.
+    mean square there, `overdispersion` is that of what is left unexplained, see there.
     """
 
-    structure = 1.0
+    overdispersion = 1.0
 
     def __init__(
         self,
@@ -95,10 +95,10 @@ class ResolutionLevel:
         other.names = names
         return other
 
-    def structured(self, structure: float) -> ResolutionLevel:
-        """Return the same level for residuals of another structure."""
+    def overdispersed(self, overdispersion: float) -> ResolutionLevel:
+        """Return the same level for residuals of another overdispersion."""
         other = copy(self)
-        other.structure = structure
+        other.overdispersion = overdispersion
         return other
 
     def evened(self, found: Explanation) -> ResolutionLevel:
@@ -172,7 +172,7 @@ class ResolutionLevel:
         The evidence is with the prior's penalty.
         """
         A = self.matrix(values, seed)
-        found = explain(A, self.background(values), self._y, self.hidden_shape, self.structure)
+        found = explain(A, self.background(values), self._y, self.hidden_shape, self.overdispersion)
         return replace(found, evidence=found.evidence + self.prior.penalty(values))
 
     def picture(self, residuals: Array) -> Array:

@@ -88,9 +88,9 @@ class Calibration:
         photograph's root mean square, at the start and at the end.
     residual_before, residual
         (rows, columns, 3) what is left, in the same unit; zero where masked.
-    structure
-        How much stronger that is than white noise where it is strongest, see
-        `residual_structure`; about 1 if it is noise. Errors count it.
+    overdispersion
+        How much stronger that is than white noise where it is strongest; about 1 if it is noise.
+        Errors count it, see the module `overdispersion`.
     moved
         Whether the values explain the photograph better than the start does, by more than chance;
         where they do not, and a ruler knows all of them, they are left as they were.
@@ -107,7 +107,7 @@ class Calibration:
     noise: Array
     residual_before: Array
     residual: Array
-    structure: float = 1.0
+    overdispersion: float = 1.0
     moved: bool = True
     doubts: tuple[str, ...] = ()
 

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 MOST = 0.3
 """Part of a parameter's standard error from which an uncertain parameter is named for it."""
 
-STRUCTURED = 3.0
-"""Times the strength of white noise from which what is left unexplained is called none."""
-
 DISTRUSTED = (
     "Look at the picture, and at what stays unexplained there. A photograph with the monitor off "
     "(--background) and a mask tell paint, lamps and posters from shadows. Free fewer parameters "
@@ -234,7 +231,7 @@ def _told(found: Calibration) -> dict[str, Any]:
         },
         "unexplained_before": found.noise_before,
         "unexplained": found.noise,
-        "structure": found.structure,
+        "overdispersion": found.overdispersion,
         "path": [
             {
                 "photograph_shape": visited.photograph_shape,
@@ -254,6 +251,8 @@ def _finite(value: float) -> float | None:
 
 def _say(found: Calibration) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
+    from periscopy_sim.calibration.overdispersion import STRUCTURED
+
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
         blame = _largest(found, k)
@@ -271,10 +270,10 @@ def _say(found: Calibration) -> None:
         100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
     )
     say(f"unexplained: {before:.2f} % of the photograph at the start, {after:.2f} % now")
-    if found.structure > STRUCTURED:
+    if found.overdispersion > STRUCTURED:
         say(
-            f"that is no noise: at some scale it is {found.structure:.0f} times as strong as noise "
-            "would be (uneven paint, or something in the scene); the errors above count it"
+            f"that is no noise: at some scale it is {found.overdispersion:.0f} times as strong as "
+            "noise would be (uneven paint, or something in the scene); the errors above count it"
         )
     if not found.moved:
         say("no other values explain it better than those at the start, which stay")

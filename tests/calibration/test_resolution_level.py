@@ -58,13 +58,13 @@ def test_pixels_of_a_small_photograph_are_averaged_as_finely_as_those_of_a_large
 
 
 @pytest.mark.usefixtures("jit")
-def test_structure_tempers_the_likelihood_not_the_ruler(photograph):
+def test_overdispersion_tempers_the_likelihood_not_the_ruler(photograph):
     prior = Prior(np.zeros(2), np.array([0.005, 0.005]))
     here = level(photograph, prior=prior)
     values = np.array([0.005, 0.0])
-    assert here.structured(9.0).explain(values).structure == 9
-    assert here.structure == 1
-    plain, tempered = (each.explain(values) for each in (here, here.structured(9.0)))
+    assert here.overdispersed(9.0).explain(values).overdispersion == 9
+    assert here.overdispersion == 1
+    plain, tempered = (each.explain(values) for each in (here, here.overdispersed(9.0)))
     assert tempered.noise == pytest.approx(plain.noise, rel=0.2)
     darkness = [each.darkness for each in (plain, tempered)]
     assert darkness[1] == pytest.approx(darkness[0] / 9)

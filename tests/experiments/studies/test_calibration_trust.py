@@ -50,7 +50,9 @@ def test_lines_tell_of_determined_parameters_alone():
     ]
     line = study.told(outcomes)
     assert "determined    3 of 4, within 3 errors 2 (66.7 %), of all parameters 50.0 %" in line
-    assert "not trusted 1, left at the ruler's 1; structure 3.0; image nearer by 4.5 dB" in line
+    assert (
+        "not trusted 1, left at the ruler's 1; overdispersion 3.0; image nearer by 4.5 dB" in line
+    )
     assert line.endswith("-1.0 at worst")
 
 

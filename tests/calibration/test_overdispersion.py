@@ -1,11 +1,11 @@
-"""Of white noise the structure is about 1; of errors alike over an area, that area in pixels."""
+"""White noise has an overdispersion of about 1, errors alike over an area that area in pixels."""
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
 from periscopy_sim.calibration.evidence import explain
-from periscopy_sim.calibration.residual_structure import residual_structure
+from periscopy_sim.calibration.overdispersion import overdispersion
 
 SHAPE, HIDDEN = (32, 40), (3, 4)
 USED = np.ones(SHAPE, bool)
@@ -22,10 +22,10 @@ def explained(errors, used=USED):
     return explain(A, Q, A @ image + 0.01 * errors[used], HIDDEN)
 
 
-def structures(errors_of, seeds, used=USED):
+def overdispersions(errors_of, seeds, used=USED):
     return np.array(
         [
-            residual_structure(explained(errors_of(np.random.default_rng(s)), used), used, s)
+            overdispersion(explained(errors_of(np.random.default_rng(s)), used), used, s)
             for s in seeds
         ]
     )
@@ -36,18 +36,20 @@ def white(random):
 
 
 @pytest.mark.parametrize("masked", [False, True])
-def test_white_noise_has_a_structure_of_about_one(masked):
+def test_white_noise_has_an_overdispersion_of_about_one(masked):
     # Over 200 other seeds: mean 1.04, standard deviation 0.07, largest 1.4.
     used = USED.copy()
     used[:10, 5:25] = not masked
-    found = structures(white, range(8), used)
+    found = overdispersions(white, range(8), used)
     assert (found >= 1).all()
     assert found.mean() < 1.15 and found.max() < 1.6
 
 
 def test_white_noise_that_the_channels_share_counts_nearly_threefold():
     # Mean of 100 other seeds 2.55, standard deviation 0.22: what chance alone makes is divided out.
-    found = structures(lambda r: np.repeat(r.standard_normal((*SHAPE, 1)), 3, axis=2), range(8))
+    found = overdispersions(
+        lambda r: np.repeat(r.standard_normal((*SHAPE, 1)), 3, axis=2), range(8)
+    )
     assert 2.2 < found.mean() < 3
 
 
@@ -60,7 +62,7 @@ def test_errors_alike_over_an_area_count_as_its_pixels():
     def blurred(random):
         return gaussian_filter(random.standard_normal((*SHAPE, 3)), (width, width, 0), mode="wrap")
 
-    found = structures(blurred, range(8))
+    found = overdispersions(blurred, range(8))
     area = 4 * np.pi * width**2
     assert 0.4 * area < found.mean() < area
 
@@ -68,10 +70,10 @@ def test_errors_alike_over_an_area_count_as_its_pixels():
 def test_a_seam_is_seen_in_its_own_direction():
     # Mean of 20 other seeds 1.8, where all directions in one band would give 1.2.
     step = np.where(np.arange(SHAPE[1]) > 17, 0.5, -0.5)[:, None] * np.ones((*SHAPE, 1))
-    assert structures(lambda random: step + white(random), range(8)).mean() > 1.4
+    assert overdispersions(lambda random: step + white(random), range(8)).mean() > 1.4
 
 
 def test_where_image_and_light_absorb_all_nothing_is_said():
     used = np.zeros(SHAPE, bool)
     used[10:13, 10:14] = True
-    assert residual_structure(explained(white(np.random.default_rng(0)), used), used, 0) == 1
+    assert overdispersion(explained(white(np.random.default_rng(0)), used), used, 0) == 1

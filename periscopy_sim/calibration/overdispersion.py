@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.scenario import Array
 
+STRUCTURED = 3.0
+"""From so much on, what is left is no noise: a search is made after all, and the user is told."""
+
 DIRECTIONS = 4
 """Sectors of half a circle of directions: a seam has one direction."""
 
@@ -27,7 +30,7 @@ LEAST_LEFT = 0.1
 """Part of white noise that image and light must leave in a band for it to tell of the residual."""
 
 
-def residual_structure(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> float:
+def overdispersion(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> float:
     """Return κ: how much stronger the residual is than white noise where it is strongest, or 1.
 
     `used` are the pixels, (rows, columns), of the explanation. Compared are octaves of spatial
