@@ -46,7 +46,40 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
     from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.shipped import find_scene
 
+    refuse_measurements(name)
     return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
+
+
+def refuse_measurements(name: str) -> None:
+    """Refuse measurements in the place of the scene that is made of them."""
+    path = Path(name)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        raise PeriscopyError(
+            f"{path}: measurements are no scene yet; make one of them: periscopy lab {path} --out "
+            f"{path.with_suffix('.xml').name}"
+        )
+
+
+def warn_of_long_patches(scenario: Scenario, name: str) -> list[str]:
+    """Warn where rows and columns look interchanged; return that line, if any."""
+    rows, columns = scenario.hidden_shape
+    across, up = (
+        float(np.linalg.norm(edges, axis=1).mean())
+        for edges in (scenario.patch_across, scenario.patch_up)
+    )
+    turned = abs(np.log((across * columns / rows) / (up * rows / columns)))
+    if np.exp(abs(np.log(across / up))) < LONG or turned > abs(np.log(across / up)) / 2:
+        return []
+    told = (
+        f"{name}: --hidden {rows}x{columns} makes patches of {1e3 * across:.3g} mm across and "
+        f"{1e3 * up:.3g} mm up; rows come first: is {columns}x{rows} meant?"
+    )
+    warn(told)
+    return [told]
+
+
+LONG = 1.5
+"""Sides of a patch, one over the other, from which its grid may be turned."""
 
 
 def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
@@ -205,6 +238,14 @@ def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
 
     if path is None:
         return None
+    if not path.exists():
+        beside = [
+            other
+            for other in (path.with_name(f"{path.stem}_mask.png"), path.with_name("mask.png"))
+            if other.is_file()
+        ]
+        if beside:
+            raise PhotographError(f"{path}: no such file; there is {beside[0]}: is that meant?")
     mask = photographs.read_mask(path, scenario.photograph_shape)
     with fixable(str(path)):
         return checked_mask(mask, scenario.transport_shape)

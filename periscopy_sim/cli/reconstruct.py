@@ -76,6 +76,7 @@ def reconstruct(
         with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
         unseen = inputs.warn_without_shadows(scenario, scene)
+        unseen += inputs.warn_of_long_patches(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
         dark = inputs.read_backgrounds(background, scenario, used)

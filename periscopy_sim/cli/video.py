@@ -114,6 +114,7 @@ def video(
         with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
         unseen = inputs.warn_without_shadows(scenario, scene)
+        unseen += inputs.warn_of_long_patches(scenario, scene)
         with timed("read the frames"), progress("reading the photographs") as report:
             used = inputs.read_mask(mask, scenario)
             dark = inputs.read_backgrounds(background, scenario, used)

@@ -24,6 +24,9 @@ COMMAND = "periscopy lab --example"
 
 MOST_OCCLUDERS = 100
 
+SIDES = ("left", "right", "bottom", "top")
+"""Of a frame; its bars are called after them."""
+
 TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal", "field"}
 """What names of the scene begin with; no occluder may be called so."""
 
@@ -228,6 +231,12 @@ class Rod(Strict):
     diameter: Size
     reflectance: Reflectance = (0.3, 0.3, 0.3)
 
+    @model_validator(mode="after")
+    def _has_a_length(self) -> Self:
+        if all(a.value == b.value for a, b in zip(self.start, self.end, strict=True)):
+            raise ValueError(f"rod '{self.name}': start and end are one point; give it a length")
+        return self
+
 
 class MeshBody(_Body):
     """A mesh file; its anchor stands at the position."""
@@ -276,6 +285,13 @@ class Laboratory(Strict):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"two occluders are called '{name}'; name each once")
+        frames = [each.name for each in self.occluders if isinstance(each, Frame)]
+        bars = {f"{name}_{side}": name for name in frames for side in SIDES}
+        for name in sorted(bars.keys() & set(names)):
+            raise ValueError(
+                f"occluder '{name}' is called like a bar of the frame '{bars[name]}'; name it "
+                "otherwise"
+            )
         return self
 
 

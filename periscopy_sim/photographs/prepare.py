@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photographs.calibration_frames import check_another_frame
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.photographs.exposures import (
     SensorImage,
@@ -40,6 +41,9 @@ from periscopy_sim.scenario import Scenario
 
 OFF_WALL = 0.02
 """Distance from the wall that a mark may have, over the diagonal of the camera's field of view."""
+
+FAR = 10.0
+"""Distance of marks from what the camera sees, over its diagonal, that other units have."""
 
 _PLACED = 0.5  # of a new pixel; standard error from which on more marks are asked for
 _BAND = 1 << 20  # pixels in which defects are looked for at once
@@ -117,19 +121,27 @@ def develop(
     Raises
     ------
     PhotographError
-        If sizes differ, a value is not finite, or the flat field is dark or saturated.
+        If sizes differ, a value is not finite, the flat field is dark or saturated, or it or the
+        dark frame is one of the photographs.
     """
     offset: NDArray[np.float32] | float = black
     spoiled: Mask | bool = False
+    frames: list[tuple[SensorImage, str]] = []
     if dark is not None:
         if black:
             raise PhotographError("a dark frame holds the black level; give one of the two")
         darkness = _as_sensor_image(dark, "the dark frame")
         offset, spoiled = darkness.values, darkness.saturated
+        frames.append((darkness, "the dark frame"))
+    if flat is not None:
+        even = _as_sensor_image(flat, "the flat field")
+        frames.append((even, "the flat field"))
 
     def taken() -> Iterable[SensorImage]:
         for k, each in enumerate(photographs):
             exposure = _as_sensor_image(each, f"photograph {k}")
+            for frame, name in frames:
+                check_another_frame(frame, exposure, name)
             if not np.isscalar(offset):
                 check_same_size(np.shape(offset)[:2], exposure.size, "the dark frame")
             exposure = replace(exposure, saturated=exposure.saturated | spoiled)
@@ -138,7 +150,6 @@ def develop(
     light = average(taken(), "photographs") if times is None else merge(list(taken()), times)
     if flat is None:
         return light
-    even = _as_sensor_image(flat, "the flat field")
     check_same_size(even.size, light.size, "the flat field")
     even = without_offset(even, offset)
     return evenly_sensitive(light, even, mask)
@@ -296,7 +307,8 @@ def check_blocks(size: tuple[int, int], shape: tuple[int, int]) -> None:
     raise PhotographError(
         f"{size[0]} x {size[1]} pixels (rows x columns) do not average to the {shape[0]} x "
         f"{shape[1]} of the scene's camera by whole square blocks; its film may have "
-        f"{', '.join(sizes)}: change it in the scene, or crop the photograph"
+        f"{', '.join(sizes)}: change it in the scene, or crop the photograph; of another camera "
+        "than the scene's, tell points of the wall by --points, or --tags"
     )
 
 
@@ -337,13 +349,20 @@ def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
     heights = plane.heights(positions)
     extent = np.linalg.norm(np.ptp(plane.pixel_corners(), axis=0))
     worst = int(np.abs(heights).argmax())
+    on_wall = plane.coordinates(positions)
+    away = np.linalg.norm(on_wall - plane.pixel_corners().mean(axis=0), axis=1)
+    if (away > FAR * extent).all():
+        raise PhotographError(
+            f"all marks lie {away.min():.3g} m or more from the middle of what the camera sees, "
+            f"{extent:.2g} m wide; give their positions in metres, in the scene's coordinates"
+        )
     if abs(heights[worst]) > OFF_WALL * extent:
         raise PhotographError(
             f"{names[worst]} lies {abs(heights[worst]):.3g} m off the scene's wall, more than "
             f"{OFF_WALL:.0%} of the field of view; measure it in the scene's coordinates, or move "
             "the scene's wall"
         )
-    return plane.coordinates(positions)
+    return on_wall
 
 
 def _corners(plane: WallPlane, view: FittedView) -> Array:

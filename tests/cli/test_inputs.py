@@ -329,3 +329,42 @@ def test_every_command_says_that_no_shadow_falls_into_view(command, periscopy, t
         if (tmp_path / folder).is_dir():
             told = json.loads((tmp_path / folder / "summary.json").read_text())["warnings"]
             assert any(NO_SHADOW in warning for warning in told)
+
+
+# -- what strangers mix up -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["transport", "draw"])
+def test_measurements_in_the_place_of_a_scene_are_answered_by_lab(command, refused, tmp_path):
+    (tmp_path / "mine.yaml").write_text("wall:\n  distance: 1 m\n")
+    options = ("--out", "lab.png") if command == "draw" else (*TINY, *OUT)
+    line = refused(command, "mine.yaml", *options)
+    assert line == (
+        "mine.yaml: measurements are no scene yet; make one of them: periscopy lab mine.yaml --out "
+        "mine.xml"
+    )
+
+
+def test_missing_mask_is_answered_by_the_one_beside_it(refused, tmp_path):
+    np.save(tmp_path / "y.npy", np.ones((24, 24, 3)))
+    command = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--mask", "y.png", "--out", "r")
+    assert "y.png" in refused(*command) and "is that meant" not in refused(*command)
+    (tmp_path / "y_mask.png").write_bytes(b"")
+    assert "y.png: no such file; there is y_mask.png: is that meant?" in refused(*command)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "told"),
+    [((15, 20), ""), ((20, 15), "is 15x20 meant?"), ((10, 20), ""), ((4, 5), ""), ((40, 40), "")],
+)
+def test_rows_and_columns_that_look_interchanged_are_told(hidden, told, capfd):
+    """The monitor is 0.4 m x 0.3 m: 4 to 3, as 20 columns to 15 rows."""
+    rows, columns = hidden
+    scenario = SimpleNamespace(
+        hidden_shape=hidden,
+        patch_across=np.tile([-0.4 / columns, 0, 0], (rows * columns, 1)),
+        patch_up=np.tile([0, 0, 0.3 / rows], (rows * columns, 1)),
+    )
+    lines = inputs.warn_of_long_patches(scenario, "lab.xml")
+    assert ("".join(lines)[-len(told) :] if told else "".join(lines)) == told
+    assert len(capfd.readouterr().err.splitlines()) == len(lines)

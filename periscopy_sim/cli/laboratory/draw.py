@@ -31,6 +31,7 @@ def draw(
 
     with staged_file(out) as staged:
         use_variant()
+        inputs.refuse_measurements(scene)
         scenario = load_scenario(
             find_scene(scene),
             arguments.parse_size(PATCHES[is_vectorized()]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -188,10 +189,19 @@ def _developed(
     report: Any,
 ) -> tuple[SensorImage, inputs.Mask | None]:
     """Read the photographs, and make one picture of linear light of them."""
+    from periscopy_sim.photographs.calibration_frames import (
+        black_level_doubt,
+        dark_frame_doubt,
+        same_file,
+    )
     from periscopy_sim.photographs.exposures import average
     from periscopy_sim.photographs.prepare import develop, mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 
+    for flag, frames in (("--dark", dark), ("--flat", flat)):
+        for frame, photo in product(frames or (), photos):
+            if same_file(frame, photo):
+                raise PeriscopyError(f"{flag} {frame}: is the photograph itself; give another")
     count = len(photos) + len(dark or ()) + len(flat or ())
     done = 0
 
@@ -220,6 +230,11 @@ def _developed(
     light = develop(
         all_of_them(), times=times, black=black, dark=offset, flat=even, mask=on_photograph
     )
+    by = f"--black {black:g}" if black else f"--dark {_listed(dark)}" if dark else "the file"
+    if doubt := black_level_doubt(light, on_photograph, by):
+        warn(f"{photos[0]}: {doubt}")
+    if dark and offset is not None and (doubt := dark_frame_doubt(offset, first)):
+        warn(f"{_listed(dark)}: {doubt}")
     return light, used
 
 

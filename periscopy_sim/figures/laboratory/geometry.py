@@ -117,7 +117,11 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
     across, up = _monitor_size(scenario)
     before = float((scenario.patch_centers.mean(axis=0) - middle) @ normal)
     facing = np.degrees(np.arccos(np.clip(-scenario.patch_normals.mean(axis=0) @ normal, -1, 1)))
-    where = "parallel rays" if survey.parallel else f"{in_words(away)} from the wall"
+    where = (
+        "parallel rays, as of a picture that was brought to the wall's own rectangle"
+        if survey.parallel
+        else f"{in_words(away)} from the wall along its line of sight"
+    )
     seen = f"{in_words(float(wide))} x {in_words(float(high))}"
     lines = [
         f"Camera: {where}, {slant:.0f}° off its normal; sees {seen} of it (width x height).",

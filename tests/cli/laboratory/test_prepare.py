@@ -305,3 +305,48 @@ def test_a_scene_without_a_film_size_to_set_is_refused(photo, refused, edited_sc
     assert "declares no <default> for its film's size" in refused(
         "prepare", photo, "--scene", scene, "--bin", 4, "--out", "wall.exr"
     )
+
+
+@pytest.mark.parametrize("option", ["--dark", "--flat"])
+def test_photograph_as_its_own_frame_is_refused(option, photo, refused, tmp_path):
+    (tmp_path / "copy.tif").write_bytes((tmp_path / photo).read_bytes())
+    for given in (photo, "copy.tif"):
+        line = refused("prepare", photo, *SCENE, option, given, "--out", "wall.exr")
+        assert line == f"{option} {given}: is the photograph itself; give another"
+    np.save(tmp_path / "same.npy", (LIGHT + 512).astype(np.uint16))  # other bytes, the same values
+    line = refused("prepare", photo, *SCENE, option, "same.npy", "--out", "wall.exr")
+    assert "is the photograph itself" in line
+
+
+def test_black_level_that_is_too_high_is_told(photo, periscopy):
+    outcome = periscopy("prepare", photo, *SCENE, "--black", 3512, "--out", "wall.exr")
+    assert outcome.code == 0
+    share = round(100 * np.mean((LIGHT + 512 < 3512).any(axis=2)))
+    assert (
+        f"y.tif: {share} % of the pixels are below the black level; check --black 3512"
+        in outcome.err
+    )
+
+
+def test_dark_frame_that_shows_the_wall_is_told(periscopy, tmp_path):
+    u = np.linspace(0, 1, 96)[:, None, None] + np.zeros((96, 96, 3))
+    noise = RNG.normal(0, 5, (2, 96, 96, 3))
+    y = save(tmp_path / "lit.tif", 2000 * u + 512 + noise[0])
+    dark = save(tmp_path / "dark.tif", 200 * u + 512 + noise[1])
+    outcome = periscopy("prepare", y, *SCENE, "--dark", dark, "--out", "wall.exr")
+    assert outcome.code == 0
+    assert "dark.tif: shows what the photograph shows; take it with the lens" in outcome.err
+
+
+def test_points_in_centimetres_are_told_by_their_unit(photo, refused, tmp_path):
+    rows = wall_points()
+    rows[:, 2:] *= 100
+    points = write_points(tmp_path / "cm.csv", rows)
+    line = refused("prepare", photo, *SCENE, "--points", points, "--out", "wall.exr")
+    assert line.startswith("cm.csv: all marks lie ") and "give their positions in metres" in line
+
+
+def test_photograph_of_other_proportions_is_answered_by_points(refused, tmp_path):
+    wide = save(tmp_path / "wide.tif", LIGHT[:60])
+    line = refused("prepare", wide, *SCENE, "--out", "wall.exr")
+    assert "do not average to the 24 x 24" in line and "--points" in line

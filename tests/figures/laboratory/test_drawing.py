@@ -124,7 +124,7 @@ def test_labels_name_everything_and_do_not_overlap(figure, panels):
 def test_distances_are_those_of_the_scene(figure, scenario, panels):
     """The camera stands 1.26 m from the wall, by Pythagoras, 45.7 degrees off its normal."""
     (text,) = [text.get_text().replace(NO_BREAK, " ") for text in figure.texts]
-    assert "Camera: 1.26 m from the wall, 46° off its normal" in text
+    assert "Camera: 1.26 m from the wall along its line of sight, 46° off its normal" in text
     assert "Monitor: 40.2 cm x 30.6 cm, 1.03 m before the wall, turned 12° from" in text
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     told = {text.get_text() for text in panels["from the side"].texts}
