@@ -22,6 +22,7 @@ from periscopy_sim.photographs.exposures import (
 )
 from periscopy_sim.photographs.film_size import films_of_blocks
 from periscopy_sim.photographs.homography import Array
+from periscopy_sim.photographs.marks import points_as_marks, tags_as_marks
 from periscopy_sim.photographs.resampling import (
     Flaw,
     Mask,
@@ -29,12 +30,7 @@ from periscopy_sim.photographs.resampling import (
     average_quadrilaterals,
 )
 from periscopy_sim.photographs.tags import find_tags
-from periscopy_sim.photographs.view_fitting import (
-    FittedView,
-    fit_view,
-    points_as_marks,
-    tags_as_marks,
-)
+from periscopy_sim.photographs.view_fitting import FittedView, fit_view
 from periscopy_sim.photographs.wall_marks import WallPoints, WallTags
 from periscopy_sim.photographs.wall_view import WallPlane, wall_plane
 from periscopy_sim.scenario import Scenario

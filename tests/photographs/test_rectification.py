@@ -163,7 +163,8 @@ def squares(line):
 
 def test_corners_of_squares_stay_within_a_tenth_of_a_pixel_with_clicked_points(scenario):
     """20 points clicked to 0.3 pixels place every pixel to 0.1 in the root mean square or so."""
-    from periscopy_sim.photographs.view_fitting import fit_view, points_as_marks
+    from periscopy_sim.photographs.marks import points_as_marks
+    from periscopy_sim.photographs.view_fitting import fit_view
     from periscopy_sim.photographs.wall_view import wall_plane
 
     plane = wall_plane(scenario)

@@ -68,7 +68,8 @@ def test_corners_of_either_kind_are_found_to_a_tenth_of_a_pixel(family):
 
 
 def test_tags_give_the_view_of_the_wall():
-    from periscopy_sim.photographs.view_fitting import fit_view, tags_as_marks
+    from periscopy_sim.photographs.marks import tags_as_marks
+    from periscopy_sim.photographs.view_fitting import fit_view
 
     seen = find_tags(picture("APRILTAG_36h11"), IDS)
     marks = tags_as_marks(seen.corners, np.array(CENTERS), np.array(SIDES), list("abcd"))
