@@ -1,10 +1,13 @@
 import pytest
 from PIL import Image
 
+from periscopy_sim.figures.laboratory import overview
+
 pytestmark = pytest.mark.usefixtures("jit")
 
 
-def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path):
+def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path, monkeypatch):
+    monkeypatch.setattr(overview, "COLUMNS", {True: 160})
     out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
     assert out == "wrote deep/lab.png\n"
     with Image.open(tmp_path / "deep" / "lab.png") as picture:

@@ -6,7 +6,7 @@ from matplotlib.colors import to_rgba
 from PIL import Image
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.figures.laboratory import drawing
+from periscopy_sim.figures.laboratory import drawing, overview
 from periscopy_sim.figures.laboratory.drawing import draw_laboratory, laboratory_figure
 from periscopy_sim.figures.laboratory.geometry import (
     NO_BREAK,
@@ -27,6 +27,13 @@ pytestmark = pytest.mark.skipif(
     reason="the pictures are coarser without LLVM or CUDA",
 )
 TITLES = ("the wall as the camera faces it", "from the side", "plan", "overview")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_overviews():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(overview, "COLUMNS", {True: 160})
+        yield
 
 
 @pytest.fixture(scope="module")
