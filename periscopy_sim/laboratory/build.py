@@ -121,22 +121,13 @@ def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:
 
 def _unit_cylinder() -> TriangleMesh:
     """Return a prism about the z axis, from z = 0 to 1, of diameter 1 and closed at both ends."""
-    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    import trimesh
+
     # The mean over all directions of a convex outline's width is its length over pi.
     radius = 0.5 * (np.pi / SIDES) / np.sin(np.pi / SIDES)
-    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    rim = [np.column_stack([ring, np.full(SIDES, height)]) for height in (0.0, 1.0)]
-    vertices = np.concatenate([*rim, [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]])
-    here = np.arange(SIDES)
-    after = (here + 1) % SIDES
-    below, above = np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
-    faces = [
-        np.stack([here, after, after + SIDES], axis=1),
-        np.stack([here, after + SIDES, here + SIDES], axis=1),
-        np.stack([after, here, below], axis=1),
-        np.stack([here + SIDES, after + SIDES, above], axis=1),
-    ]
-    return TriangleMesh(vertices, np.concatenate(faces))
+    axis = [[0, 0, 0], [0, 0, 1]]
+    prism = trimesh.creation.cylinder(radius, segment=axis, sections=SIDES)
+    return TriangleMesh(np.asarray(prism.vertices), np.asarray(prism.faces))
 
 
 def _check(text: str, meshes: Mapping[str, TriangleMesh], film: tuple[int, int], out: Path) -> None:

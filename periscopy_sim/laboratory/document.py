@@ -16,7 +16,7 @@ from periscopy_sim.laboratory.quantities import (
     Measured,
     Size,
 )
-from periscopy_sim.storage.formats.yaml_document import Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
@@ -31,13 +31,6 @@ TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal"
 """What names of the scene begin with; no occluder may be called so."""
 
 
-def _rows_and_columns(given: Any) -> Any:
-    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
-    if size is None:
-        raise ValueError("write ROWSxCOLUMNS, such as 112x144")
-    return size.groups()
-
-
 def _colour(given: Any) -> Any:
     return given if isinstance(given, list | tuple) else [given] * 3
 
@@ -50,8 +43,6 @@ def _name(given: str) -> str:
     return given
 
 
-Pixels = Annotated[int, Field(ge=1, le=10_000)]
-Film = Annotated[tuple[Pixels, Pixels], BeforeValidator(_rows_and_columns)]
 Share = Annotated[FiniteFloat, Field(gt=0, le=1)]
 Reflectance = Annotated[tuple[Share, Share, Share], BeforeValidator(_colour)]
 Place = tuple[Length, Length, Length]
@@ -84,7 +75,7 @@ class PerspectiveCamera(Strict):
     """A camera in the room: where it stands, where it looks, how wide."""
 
     kind: Literal["perspective"]
-    film: Film
+    film: RowsAndColumns
     position: Place
     target: OnWall | None = None
     turn: Angle | None = None
@@ -117,7 +108,7 @@ class CornersCamera(Strict):
     """A camera whose direction and field of view follow from the four corners of what it sees."""
 
     kind: Literal["corners"]
-    film: Film
+    film: RowsAndColumns
     position: Place
     corners: Corners
 
@@ -126,7 +117,7 @@ class RectifiedCamera(Strict):
     """A picture that was brought to an upright rectangle of the wall."""
 
     kind: Literal["rectified"]
-    film: Film
+    film: RowsAndColumns
     bottom_left: OnWall
     width: Size
     height: Size

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, FiniteFloat, NonNegativeFloat, model_validator
+from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from periscopy_sim.dataset.configuration.distributions import Distribution, Source, within
 from periscopy_sim.dataset.configuration.hidden_sources import HiddenSource
 from periscopy_sim.dataset.configuration.light_sources import AmbientSource
-from periscopy_sim.storage.formats.yaml_document import Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
@@ -22,16 +21,7 @@ MOST_GEOMETRIES = 10**5
 SPLITS = ("train", "validation", "test")
 
 
-def _rows_and_columns(given: Any) -> Any:
-    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
-    if size is None and not isinstance(given, list | tuple):
-        raise ValueError("write ROWSxCOLUMNS, such as 29x36")
-    return size.groups() if size else given
-
-
 Count = Annotated[int, Field(strict=True, ge=1)]
-Side = Annotated[int, Field(ge=1, le=10_000)]
-Size = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
 
 
 class SceneSource(Source):
@@ -79,7 +69,7 @@ class Configuration(Strict):
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
     count: Annotated[Count, Field(le=MOST_SAMPLES)]
-    hidden: Size
+    hidden: RowsAndColumns
     samples_per_geometry: Count = 1000
     samples_per_shard: Annotated[Count, Field(le=1000)] = 50
     clip_length: Count = 1

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from periscopy_sim.errors import ConfigurationError
@@ -40,6 +49,17 @@ class Strict(BaseModel):
                 raise PydanticCustomError("unknown", "is not known; {advice}", told)
         return given
 
+
+def _rows_and_columns(given: Any) -> Any:
+    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
+    if size is None and not isinstance(given, list | tuple):
+        raise ValueError("write ROWSxCOLUMNS, such as 29x36")
+    return size.groups() if size else given
+
+
+Side = Annotated[int, Field(ge=1, le=10_000)]
+RowsAndColumns = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
+"""Rows and columns, written as ROWSxCOLUMNS."""
 
 Document = TypeVar("Document", bound=Strict)
 
