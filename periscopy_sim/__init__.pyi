@@ -28,7 +28,8 @@ from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
 from .reconstruction.noise_aware.joint_evenness import joint_evenness
 from .reconstruction.noise_aware.portable import PortableNoiseAware
-from .reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
+from .reconstruction.noise_aware.solution import NoiseAwareReconstruction
+from .reconstruction.noise_aware.still import NoiseAware
 from .reconstruction.noise_aware.video import NoiseAwareVideo
 from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.preconditioned.repair import repair

@@ -17,7 +17,6 @@ from periscopy_sim.reconstruction.observation import Mask, observation_of
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
     from periscopy_sim.reconstruction.residual.residual import Residual
-    from periscopy_sim.reconstruction.unevenness import Unevenness
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -131,7 +130,6 @@ class StillMethod(ABC, Generic[Precision]):
         self._observation = observation_of(
             A, hidden_shape, channel_gain, mask, photograph_shape, backgrounds
         )
-        self._unevenness: Unevenness | None = None
         self.hidden_shape = hidden_shape
         self.photograph_shape = photograph_shape
 
@@ -205,40 +203,22 @@ class StillMethod(ABC, Generic[Precision]):
         where none is found, no background photographs were given, or the method does not use B.
         Methods for stills find it for each photograph, those for videos for the first.
         """
-        return self._evenness(self._observation.planar(np.asarray(photograph)[None])[0])
+        plane = self._observation.planar(np.asarray(photograph)[None])[0]
+        even = self._evenness(plane)
+        return np.ones(plane.shape) if even is None else even
 
-    def _evenness(self, planes: Array) -> Array:
-        """See `evenness`, of a photograph's (3, M') planes."""
-        if self._unevenness is None:
-            return np.ones(planes.shape)
-        return self._unevenness.evenness(planes, self._unexplained)
+    def _evenness(self, planes: Array) -> Array | None:  # noqa: ARG002
+        """Return the evenness of a photograph's (3, M') planes; None where it is not known."""
+        return None
 
     def _planes(self, photographs: Image, evenness: Array | None = None) -> Array:
         """Return photographs' (K, 3, M') planes on an even wall; None: each by its own."""
         planes = self._observation.planar(photographs)
-        if self._unevenness is not None:
-            for plane in planes:
-                plane *= self._evenness(plane) if evenness is None else evenness
+        for plane in planes:
+            even = self._evenness(plane) if evenness is None else evenness
+            if even is not None:
+                plane *= even
         return planes
-
-    def _ambient_basis(self, A: Any, B: Image | None, rank_tolerance: float) -> Array:
-        """Return an orthonormal basis of all ambient light, (M', r); learn of the wall's paint."""
-        # Here, so that the command line, which asks for the methods' names, starts without solvers.
-        from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
-        from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
-        from periscopy_sim.reconstruction.unevenness import Unevenness
-
-        smooth = background_basis(self._observation.used(B), rank_tolerance)
-        if not self._observation.backgrounds:
-            return smooth
-        check_monitor_off(A, smooth, self._observation)
-        if smooth.shape[1]:
-            self._unevenness = Unevenness(smooth, self._observation)
-        return joined_basis(smooth, self._observation.ambient(None))
-
-    def _unexplained(self, rows: Array) -> Array:
-        """Return what least squares of hidden image and ambient light leave of rows, (J, M')."""
-        raise NotImplementedError(f"{type(self).__name__} knows no unevenness of the wall")
 
     def fitted(self) -> dict[str, Any]:
         """Return what fitting to the scene settled, for a summary."""

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
@@ -39,7 +40,7 @@ from periscopy_sim.reconstruction.large_scale.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Image, Solution
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
 
@@ -80,7 +81,7 @@ class IterativeReconstruction(Solution[np.float64]):
         return {**super().told(), "iterations": self.iterations, "change": self.change}
 
 
-class IterativePeriscope(StillMethod[np.float64]):
+class IterativePeriscope(AmbientMethod[np.float64]):
     """The paper's problem solved by iterations, without P and without an N x N matrix.
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the

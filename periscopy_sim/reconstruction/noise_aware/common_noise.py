@@ -1,60 +1,45 @@
 """Noise that the channels share: uneven paint, a scene that is off, ambient light beyond the model.
 
-A camera's noise is independent in the channels. What a wall or a scene does is not, and it is slow
-besides: along the one axis of colours that it has in common it hides the image, at low frequencies
-most, where the image is, while across that axis the photograph is as good as its camera. So where
-the channels' covariance Σ of what [A, B] leave shows such an axis, the misfit is taken in Σ's own
-axes a, the eigenvectors, each weighed by its noise,
+A camera's noise is white and independent in the channels. What a wall or a scene does is alike in
+all of them, and slow: along one axis of colours it hides the image, at low frequencies most, while
+across that axis the photograph is as good as its camera. So where the covariance Σ of what [A, B]
+leave of the channels shows that they share noise, the misfit is taken along Σ's own axes a, its
+eigenvectors, pattern by pattern of `spectral_basis`: of z_ak = d_ak/√λ_k, whose noise has the
+variance v_ak (see `noise_spectrum`),
 
-    Σ_a ‖A⊥ f_a − y⊥_a‖² / σ_a^(3/2).
+    Σ_ak (z_ak − ẑ_ak)² (σ²/v_ak)^(p/2),   p = 1,
 
-Total variation's norm over the channels is the same in any axes, and its edges, which the clean
-axes show, lead the other. The power is between 2, the likelihood's, which leaves the noisy axis too
-little against a λ that follows σ, and 1, at which λ follows each axis's own.
+with σ the channels' mean noise. Total variation's norm over the channels is the same along any
+orthonormal axes, which share their edges. The likelihood has p = 2. But an image of few edges is
+best cut off at a threshold that goes with the noise, not with its square: with p = 2 and a λ that
+suits the clean axes, the noisy one, which is all that a grey image has, is smoothed away. The λ
+taken is the one of least predicted error, see `predicted_error`.
 
-Slow noise is stronger than its mean σ_a where the image is: by κ_a in variance, told by smoothing
-what is left, beside white noise that went through the same fit. λ is κ^⅓ times as large, of the
-noisiest axis, and the standard errors count the noise κ_a times. Powers were chosen on four
-stand-ins with paint uneven by 0.4 %.
+All of this is taken to the part s to which the channels share their noise, from 0 at `SHARED` to 1
+at `ALL_SHARED`, so that no photograph stands at a jump: Σ's covariances are taken times s, v_ak is
+σ_a^(2 − 2s) v_ak^s, p = 2 − s, and the factor on λ is taken to the power of s. Channels that are
+copies of one are no other case: along the axes across, nothing is left of them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO
+from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO, CommonNoise
+from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
 
 Array = NDArray[np.float64]
 
-SHARED = 0.6
+SHARED = 0.5
 """Part of the channels' noise, each over its own, along one axis from which they share it: of
 independent ones it is a third, and of images of a rendered A at most half."""
 
-COPIES = 0.9995
-"""Correlation of two channels from which they are one, as in a grey photograph, or where hot pixels
-are all that is left: neither is noise that they share."""
+ALL_SHARED = 0.6
+"""Part from which it is taken for shared altogether."""
 
 ROUNDING = 1e-6
 """Noise below this part of the photograph is rounding, which the channels may share."""
-
-SCALES = (1.0, 2.0, 4.0)
-"""Standard deviations, in pixels, of the Gaussians that slow noise is looked for by."""
-
-LEAST_LEFT = 0.1
-"""Of smoothed white noise, that a fit leaves: where it is less, nothing can be told."""
-
-
-@dataclass(frozen=True, eq=False)
-class CommonNoise:
-    """Axes of colour in which noise is independent."""
-
-    axes: Array  # (3, 3) orthonormal, an axis a row, the noisiest first
-    σ: Array  # (3,) noise along them
-    slow: Array  # (3,) κ ≥ 1, its variance at low frequencies over σ²
 
 
 def noise_covariance(y: Array, coefficients: Array, curvatures: Array, rank: int) -> Array:
@@ -63,42 +48,28 @@ def noise_covariance(y: Array, coefficients: Array, curvatures: Array, rank: int
     return np.asarray(left / max(y.shape[1] - rank - len(curvatures), 1))
 
 
-def is_shared(covariance: Array) -> bool:
-    """Return whether the channels of a photograph of mean square 1 share most of their noise."""
+def shared_part(covariance: Array) -> float:
+    """Return s, from 0 to 1: how far the channels of a photograph of mean square 1 share noise."""
     variances = np.diag(covariance)
     if not (variances > ROUNDING**2).all():
-        return False
+        return 0.0
     correlations = covariance / np.sqrt(np.outer(variances, variances))
-    if np.abs(correlations[np.triu_indices(3, 1)]).max() > COPIES:
-        return False
-    return bool(np.linalg.eigvalsh(correlations)[-1] > 3 * SHARED)
+    along = float(np.linalg.eigvalsh(correlations)[-1]) / 3
+    return float(np.clip((along - SHARED) / (ALL_SHARED - SHARED), 0, 1))
 
 
-def common_noise(covariance: Array, left: Array, white: Array) -> CommonNoise:
-    """Return the axes of a covariance, and how slow the noise along them is.
+def common_noise(
+    covariance: Array, part: float, left: Array, spectrum: NoiseSpectrum
+) -> CommonNoise:
+    """Return the axes of a covariance, of which the channels share a part, and the noise in them.
 
-    What a fit leaves of the photograph is (3, rows, columns), and of white noise of variance 1
-    (K, rows, columns); both are 0 where pixels are left out.
+    What a fit leaves of the photograph is (3, M').
     """
-    variances, vectors = np.linalg.eigh(covariance)
-    σ = np.sqrt(np.maximum(variances[::-1], variances[-1] / LARGEST_RATIO**2))
+    own = np.diag(np.diag(covariance))
+    variances, vectors = np.linalg.eigh(own + part * (covariance - own))
+    variances = np.maximum(variances[::-1], variances[-1] / LARGEST_RATIO**2)
     axes = np.ascontiguousarray(vectors.T[::-1])
-    along = np.tensordot(axes, left, 1)
-    slow = np.ones(3)
-    for scale in SCALES:
-        smooth, expected = (
-            np.mean(ndimage.gaussian_filter(planes, (0, scale, scale)) ** 2, axis=(1, 2))
-            for planes in (along, white)
-        )
-        unfitted = np.mean(_smoothed_white(white.shape[1:], scale))
-        if expected.mean() < LEAST_LEFT * unfitted:
-            break
-        energies = np.mean(along**2, axis=(1, 2)) / np.mean(white**2)
-        slow = np.maximum(slow, smooth / expected.mean() / energies)
-    return CommonNoise(axes, σ, slow)
-
-
-def _smoothed_white(shape: tuple[int, ...], scale: float) -> Array:
-    """Return the mean energy of white noise that is smoothed, but not fitted."""
-    noise = np.random.default_rng(0).standard_normal(shape)
-    return np.asarray(ndimage.gaussian_filter(noise, scale) ** 2)
+    found = spectrum.variances(axes @ left)
+    found = np.maximum(found, found.max() / LARGEST_RATIO**2)
+    blended = variances[:, None] ** (1 - part) * found**part
+    return CommonNoise(axes, blended, part)

@@ -16,45 +16,34 @@ LARGEST_RATIO = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """All that the objective needs of a photograph.
+class CommonNoise:
+    """Noise that the channels share; see `common_noise`."""
 
-    Where the channels share noise, the coefficients and the noise are those along `axes`.
-    """
+    axes: Array  # (3, 3) orthonormal axes of colour, a row each, the noisiest first
+    variances: Array  # (3, N') v, along them, of each coefficient over its curvature's root
+    part: float  # s, above 0 and up to 1, to which the channels share it
+    factor: float = 1.0  # on λ
+
+    def weights(self, σ: float) -> Array:
+        """Return (3, N') the weights (σ²/v)^(p/2) of the misfit, p = 2 − s."""
+        return np.asarray((σ**2 / self.variances) ** (1 - self.part / 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that the objective needs of a photograph."""
 
     coefficients: Array  # (3, N) WᵀA⊥ᵀ y, y over its level and A⊥ over a patch's root mean energy
     noise: Array  # (3,) standard deviation of the noise in y, likewise
     level: float  # root mean square of the photograph, range(B) projected out
     share: float  # the level over the root mean square of the photograph itself
     noise_to_signal: float  # energy of the noise in y over that of the signal
-    axes: Array | None = None  # (3, 3) axes of colour, a row each; None for the channels themselves
-    slow: Array | None = None  # (3,) κ of `common_noise` along them
-
-    @property
-    def channel_noise(self) -> Array:
-        """(3,) standard deviation of the noise in each channel."""
-        if self.axes is None:
-            return self.noise
-        return np.asarray(np.sqrt(self.noise**2 @ self.axes**2))
+    common: CommonNoise | None = None  # where the channels share noise
 
     @property
     def mean_noise(self) -> float:
-        """The σ that λ is counted in: over the channels; along axes, of their mean precision."""
-        if self.axes is None:
-            return float(self.noise.mean())
-        return float(np.mean(self.noise**-2.0) ** -0.5)
-
-    @property
-    def weighed_noise(self) -> Array:
-        """(3,) σ over the root of each channel's weight: its noise, or along axes σ^¼ σ_a^¾."""
-        if self.axes is None:
-            return self.noise
-        return np.asarray(self.mean_noise**0.25 * self.noise**0.75)
-
-    @property
-    def slowness(self) -> float:
-        """The factor κ^⅓ on λ, of the noisiest axis; 1 where noise is white."""
-        return 1.0 if self.slow is None else float(self.slow[0] ** (1 / 3))
+        """The σ that λ is counted in, the mean of the channels'."""
+        return float(self.noise.mean())
 
 
 def root_mean_squares(planes: Array) -> Array:

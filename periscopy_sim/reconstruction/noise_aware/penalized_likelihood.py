@@ -3,8 +3,9 @@
     f̂ = argmin_{f ≥ 0} ½ Σ_c w_c ‖A⊥ f_c − y⊥_c‖² + λ Σ ‖∇f‖ [+ λ₂ Σ ‖f − f_prev‖],   w_c = σ²/σ_c²
 
 in units in which A⊥ᵀA⊥ has a mean diagonal of 1. The sums are over the patches; their norms are
-over the colours too. The last term, in a video, is Eq. 12's, of the patches' colours: a patch keeps
-what it showed in the frame before, or changes in all its channels.
+over the colours too. Where the channels share noise, c counts the axes of `common_noise`, and w_c
+weighs each pattern by its own noise. The last term, in a video, is Eq. 12's, of the patches'
+colours: a patch keeps what it showed in the frame before, or changes in all its channels.
 
 It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
 u = ∇f and v = f split off and over-relaxed; `spectral_basis` solves each iteration's equations.
@@ -80,17 +81,23 @@ class Objective:
         it is λ₂ = `l1_weight` λ.
         """
         σ = evidence.mean_noise
-        w = (σ / evidence.weighed_noise) ** 2
         λ = self.regularization * np.sqrt(len(self.basis.rows)) * σ / 2
-        data = w[:, None] * evidence.coefficients
-        ridge = self.basis.combined(data / (w[:, None] * self.basis.curvatures + RIDGE))
+        w, data, axes = (σ / evidence.noise[:, None]) ** 2, evidence.coefficients, None
+        if evidence.common is not None:
+            λ *= evidence.common.factor
+            axes, data = evidence.common.axes.astype(np.float32), evidence.common.axes @ data
+            seen = evidence.common.weights(σ)
+            # What the wall does not show has no data: its weight is that of what it hardly shows.
+            unseen = np.repeat(seen[:, :1], data.shape[1] - seen.shape[1], axis=1)
+            w = np.concatenate([unseen, seen], axis=1)
+        data = w * data
+        ridge = self.basis.combined(data / (w * self.basis.curvatures + RIDGE))
         scale = float(np.sqrt(np.mean(ridge**2)))
         if not scale > 0:
             return Minimum(np.zeros((3, *self.hidden_shape), np.float32), None, 0, 0.0)
         threshold = schedule.penalty * scale
         ρ = λ / threshold
         solve = self.basis.solver(w, ρ, data, schedule.weak)
-        axes = None if evidence.axes is None else evidence.axes.astype(np.float32)
         drawn_to = None
         if previous is not None and l1_weight > 0:
             drawn_to = np.ascontiguousarray(np.clip(previous, -FARTHEST, FARTHEST), np.float32)

@@ -43,10 +43,10 @@ class SpectralBasis:
     def solver(self, weights: Array, ρ: float, data: Array, weak: float = 0.0) -> Solver:
         """Return what solves the equations of three channels for many g.
 
-        The weights w are (3,), ρ is positive and the data d_k are (3, N). Patterns of w λ_k below
-        the part `weak` of ρ are summed only when asked to.
+        The weights w are (3, 1), or (3, N) of each pattern, ρ is positive and the data d_k are
+        (3, N). Patterns of w λ_k below the part `weak` of ρ are summed only when asked to.
         """
-        return Solver(self, weights[:, None] * self.curvatures, ρ, data, weak)
+        return Solver(self, weights * self.curvatures, ρ, data, weak)
 
 
 class Solver:

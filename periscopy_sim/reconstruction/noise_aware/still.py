@@ -8,8 +8,8 @@ noise were white and alike in all patches (Eq. 10), where its covariance is σ²
 noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
 the norm over both directions and all three channels, so that the channels share their edges.
 
-`penalized_likelihood` minimizes it, `wall_gain` finds a smooth gain over the wall, `uncertainty`
-has the errors of f̂.
+`penalized_likelihood` minimizes it, `wall_gain` finds a smooth gain over the wall, `common_noise`
+noise that the channels share, `uncertainty` has the errors of f̂.
 
 λ is `regularization` ‖A⊥‖_F/σ, and where the noise has more energy than the signal, the root of
 their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which brightens
@@ -20,8 +20,7 @@ there; `make validate` tabulates it.
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -30,15 +29,16 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.common_noise import (
     common_noise,
-    is_shared,
     noise_covariance,
+    shared_part,
 )
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
@@ -46,14 +46,24 @@ from periscopy_sim.reconstruction.noise_aware.evidence import (
     noise_to_signal,
     root_mean_squares,
 )
+from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.predicted_error import best_factor, probes_of
+from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis, laplacian
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
-from periscopy_sim.reconstruction.noise_aware.uncertainty import ASSUMPTIONS, standard_errors
+from periscopy_sim.reconstruction.noise_aware.uncertainty import (
+    ASSUMPTIONS,
+    standard_errors,
+    weighed_axes,
+)
 from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
 from periscopy_sim.reconstruction.observation import Mask
 
 Array = NDArray[np.float64]
+
+REGULARIZATION = 0.02
+"""The default, see `NoiseAware`."""
 
 PENALTY = 0.2
 """λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
@@ -71,62 +81,7 @@ FIRST = 20
 """Iterations for the image that the gain over the wall is found from; more change nothing."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class NoiseAwareReconstruction(Solution[np.float64]):
-    """A hidden image and how it came about; see `Solution`. One λ serves all channels.
-
-    Attributes
-    ----------
-    iterations
-        Those taken.
-    residual
-        The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
-    tolerance
-        What it was to be at most.
-    gain
-        (rows, columns) gain over the wall that was found and corrected for; 1 where there is none,
-        or none was looked for. (M,) where the photograph's shape is not known.
-    evidence
-        Of the photograph, the gain corrected for.
-    first_image
-        (R, C, 3) the image that the gain was found from; None where there is none.
-    """
-
-    weight: float
-    iterations: int
-    residual: float
-    tolerance: float
-    gain: Array
-    evidence: Evidence
-    first_image: Array | None = None
-
-    @property
-    def has_gain(self) -> bool:
-        """Whether a gain over the wall was found."""
-        return bool((self.gain != 1).any())
-
-    def told(self) -> dict[str, Any]:
-        """Return the noise, the weight and the iterations."""
-        return {**super().told(), "iterations": self.iterations}
-
-    @property
-    def converged(self) -> bool:
-        """Whether the residual is what was asked for."""
-        return self.residual <= self.tolerance
-
-    def warn_unless_converged(self) -> None:
-        """Warn where the iterations did not suffice."""
-        if not self.converged:
-            warnings.warn(
-                f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
-                f"residual of {self.residual:.1e}, above {self.tolerance:.1e}: raise "
-                "max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-
-
-class NoiseAware(StillMethod[np.float64]):
+class NoiseAware(AmbientMethod[np.float64]):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
     λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
@@ -160,7 +115,7 @@ class NoiseAware(StillMethod[np.float64]):
         hidden_shape: tuple[int, int],
         channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
-        regularization: float = 0.02,
+        regularization: float = REGULARIZATION,
         positive: bool = True,
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
@@ -201,7 +156,7 @@ class NoiseAware(StillMethod[np.float64]):
         planes, shares = self._rejected(np.asarray(photograph)[None])
         (evidence,) = self._evidence(planes, shares)
         if self._wall_gain is None:
-            found, _ = self.recover(self._in_its_axes(evidence, planes[0]))
+            found, _ = self.recover(self._with_common_noise(evidence, planes[0]))
         else:
             found = self._recover_with_gain(self._wall_gain, planes, evidence)
         found.warn_unless_converged()
@@ -292,14 +247,16 @@ class NoiseAware(StillMethod[np.float64]):
             schedule = self._schedule(self.max_iterations)
         unit = evidence.level / self._unit
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
-        regularization = self.regularization * evidence.slowness
-        regularization *= max(1.0, np.sqrt(evidence.noise_to_signal))
-        objective = Objective(self._basis, self.hidden_shape, regularization, self.positive)
+        objective = self._objective(evidence, self.regularization)
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
+        factor = 1.0 if evidence.common is None else evidence.common.factor
         found = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
-            noise=evidence.level * evidence.channel_noise,
-            weight=regularization * self.norm / (evidence.level * evidence.mean_noise),
+            noise=evidence.level * evidence.noise,
+            weight=objective.regularization
+            * factor
+            * self.norm
+            / (evidence.level * evidence.mean_noise),
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
@@ -314,31 +271,29 @@ class NoiseAware(StillMethod[np.float64]):
         They are (R, C, 3), in units of the image, and assume that A and B are right, that a gain
         over the wall is known, and that what the wall hides of the image varies like what it shows.
         """
-        evidence = found.evidence
-        noise, weighed = evidence.noise, evidence.weighed_noise
-        left = self._explicable(found)[1] * (noise / weighed)[:, None]
-        slow = None if evidence.slow is None else evidence.slow * (noise / weighed) ** 2
-        return standard_errors(
-            self._gram,
-            evidence.level * weighed,
-            found.image,
-            found.weight,
-            float(np.sum(left**2)),
-            len(self._curvatures),
-            evidence.axes,
-            slow,
-        )
+        evidence, left = found.evidence, self._explicable(found)[1]
+        noise, weighed = evidence.level * evidence.noise, None
+        if evidence.common is not None:
+            σ, common = evidence.mean_noise, evidence.common
+            weights = common.weights(σ)
+            left = np.sqrt(weights) * (common.axes @ (left * evidence.noise[:, None])) / σ
+            noise = np.full(3, evidence.level * σ)
+            K = self._unit * laplacian(self.hidden_shape) @ self._basis.rows[self._seen].T
+            weighed = weighed_axes(common, σ, K, self._curvatures)
+        numbers = found.weight, float(np.sum(left**2)), len(self._curvatures)
+        return standard_errors(self._gram, noise, found.image, *numbers, weighed)
 
     def _unexplained(self, rows: Array) -> Array:
-        def rejected(rows: Image) -> Image:
-            return np.asarray(rows - (rows @ self._background.T) @ self._background)
-
-        left = rejected(rows).astype(np.float32)
+        left = self._rejected_rows(rows).astype(np.float32)
         shown = times_rows(times_rows(left, self._transport), self._basis.rows)
         # Weaker patterns explain nothing beyond single precision.
         shown[:, self._basis.curvatures <= STRONG * self._basis.curvatures[-1]] = 0
         images = (shown / (self._unit**2 * self._basis.curvatures)) @ self._basis.rows
-        return left - rejected(images.astype(np.float32) @ self._transport)
+        return left - self._rejected_rows(images.astype(np.float32) @ self._transport)
+
+    def _rejected_rows(self, rows: Image) -> Image:
+        """Return (J, M') rows, range(B) projected out."""
+        return np.asarray(rows - (rows @ self._background.T) @ self._background)
 
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence
@@ -354,52 +309,63 @@ class NoiseAware(StillMethod[np.float64]):
             level, share = evidence.level * even.level, evidence.share * even.level
             evidence = replace(even, level=level, share=share)
         rest = self._schedule(self.max_iterations - first.iterations)
-        found, _ = self.recover(self._in_its_axes(evidence, planes[0]), rest, split)
+        found, _ = self.recover(self._with_common_noise(evidence, planes[0]), rest, split)
         found = replace(found, iterations=first.iterations + found.iterations)
         if not gain.accepted:
             return found
         return replace(found, gain=gain.field, first_image=first.image)
 
-    def _in_its_axes(self, evidence: Evidence, y: Array) -> Evidence:
-        """Return evidence along the axes of the noise that the channels share, if they do.
+    def _with_common_noise(self, evidence: Evidence, y: Array) -> Evidence:
+        """Return evidence with the noise that the channels share, if they do, and its factor on λ.
 
         y, (3, M'), is what it is of, of the evidence's level.
         """
         seen, rank = evidence.coefficients[:, self._seen], len(self._background)
         covariance = noise_covariance(y, seen, self._curvatures, rank)
-        if self._observation.rows_and_columns is None or not is_shared(covariance):
+        part = shared_part(covariance)
+        if self._observation.rows_and_columns is None or not part:
             return evidence
-        left = self._placed(self._left(y, evidence.coefficients))
-        noise = common_noise(covariance, left, self._white)
-        return replace(
-            evidence,
-            coefficients=noise.axes @ evidence.coefficients,
-            noise=noise.σ,
-            axes=noise.axes,
-            slow=noise.slow,
-        )
+        noise = common_noise(covariance, part, self._unexplained(y), self._spectrum)
+        evidence = replace(evidence, common=noise)
+        roots, schedule = np.sqrt(self._curvatures), self._schedule(self.max_iterations)
 
-    def _left(self, y: Array, coefficients: Array) -> Array:
-        """Return what the least-squares image leaves of y, (3, M')."""
-        weights = np.zeros_like(coefficients)
-        weights[:, self._seen] = coefficients[:, self._seen] / self._curvatures
-        images = self._basis.combined(weights) / np.float32(self._unit)
-        explained = np.zeros(y.shape, np.float32)
-        subtract_combinations(explained, -images, self._transport)
-        explained = explained.astype(np.float64)
-        return np.asarray(y - explained + (explained @ self._background.T) @ self._background)
+        def estimate(z: Array, factor: float) -> Array:
+            coefficients = evidence.coefficients.copy()
+            coefficients[:, self._seen] = noise.axes.T @ (roots * z)
+            common = replace(noise, factor=factor)
+            tried = replace(evidence, coefficients=coefficients, common=common)
+            # At the default weight: another goes with what is found.
+            objective = self._objective(tried, REGULARIZATION)
+            image = objective.minimize(tried, schedule).image.reshape(3, -1)
+            return noise.axes @ self._shown_of(image / self._unit**2) / roots
+
+        z, weights = noise.axes @ (seen / roots), noise.weights(evidence.mean_noise)
+        # Drawn in the channels: axes may turn round, or take each other's place.
+        probes = noise.axes @ probes_of(seen.shape)
+        factor = best_factor(estimate, z, noise.variances, weights, probes) ** part
+        return replace(evidence, common=replace(noise, factor=factor))
 
     @cached_property
-    def _white(self) -> Array:
-        """What the fit leaves of white noise of variance 1, (3, rows, columns), 0 elsewhere."""
-        y = np.random.default_rng(0).standard_normal((3, self._transport.shape[1]))
-        subtract_combinations(y, times_rows(y, self._background), self._background)
-        (evidence,) = self._evidence(y[None], np.ones(1))
-        return self._placed(evidence.level * self._left(y, evidence.coefficients))
+    def _spectrum(self) -> NoiseSpectrum:
+        """How noise of each frequency shows in the patterns."""
 
-    def _placed(self, planes: Array) -> Array:
-        """Return (3, M') planes as (3, rows, columns), 0 where pixels are left out."""
-        return np.nan_to_num(self._observation.placed(planes.T))
+        def shown(rows: Array) -> Array:
+            products = times_rows(self._rejected_rows(rows).astype(np.float32), self._transport)
+            coefficients = times_rows(products / np.float32(self._unit), self._basis.rows)
+            return np.asarray(coefficients[:, self._seen] / np.sqrt(self._curvatures))
+
+        shape = self._observation.rows_and_columns
+        assert shape is not None
+        return NoiseSpectrum(shape, self._observation.mask, self._unexplained, shown)
+
+    def _shown_of(self, images: Image) -> Array:
+        """Return the coefficients of the light of (3, N) images, of the patterns seen, (3, N')."""
+        shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
+        return np.asarray(shown[:, self._seen], np.float64)
+
+    def _objective(self, evidence: Evidence, regularization: float) -> Objective:
+        regularization *= max(1.0, np.sqrt(evidence.noise_to_signal))
+        return Objective(self._basis, self.hidden_shape, regularization, self.positive)
 
     def _schedule(self, max_iterations: int) -> Schedule:
         return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)
@@ -426,11 +392,7 @@ class NoiseAware(StillMethod[np.float64]):
     def _explicable(self, found: NoiseAwareReconstruction) -> tuple[Array, Array]:
         """Return what A⊥ can explain of y, (3, N'), and what of it the image leaves, over σ."""
         evidence = found.evidence
-        images = found.image.reshape(-1, 3).T / (evidence.level * self._unit)
-        if evidence.axes is not None:
-            images = evidence.axes @ images
-        shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
+        shown = self._shown_of(found.image.reshape(-1, 3).T / (evidence.level * self._unit))
         scales = np.sqrt(self._curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self._seen] / scales
-        left = whole - shown[:, self._seen] / scales
-        return whole, left
+        return whole, whole - shown / scales

@@ -15,15 +15,23 @@ follows the noise; images of more contrast than such a prior's are pulled farthe
 photograph, and the photograph shows how far: with f_LS the least-squares image, X_c = P H_c⁻¹,
 
     E Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² = Σ_c tr X_c² + τ Σ_c (tr X_c − tr X_c²).
+
+Where the channels share noise, the misfit's weights are not the noise's inverse: with D in the
+place of A⊥ᵀA⊥/σ², and the covariance V of the noise in D f_LS, the estimate's covariance is
+H⁻¹(V + τP)H⁻¹, and in the misfit tr X² becomes tr (D⁻¹ − H⁻¹) D (D⁻¹ − H⁻¹) V, over what the wall
+shows.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
+
+from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
 
 Array = NDArray[np.float64]
 
@@ -40,6 +48,30 @@ LEAST_SHOWN = 1e-3
 """Degrees of freedom of the pull that the wall shows: where there are fewer, they are rounding."""
 
 
+@dataclass(frozen=True, eq=False)
+class WeighedAxes:
+    """Axes of colour, in which the misfit's weights are not the noise's inverse."""
+
+    axes: Array  # (3, 3) orthonormal, an axis a row
+    information: Array  # (3, N, N) σ² D, of the axes' noise σ
+    covariance: Array  # (3, N, N) σ² V
+    energy: float  # Σ tr D⁻¹V over what the wall shows
+
+
+def weighed_axes(common: CommonNoise, σ: float, K: Array, curvatures: Array) -> WeighedAxes:
+    """Return the axes of noise that the channels share, of the mean noise σ.
+
+    K, (N, N'), has the light of each pattern, Σ_k K_k λ_k K_kᵀ = A⊥ᵀA⊥ by their curvatures, (N',).
+    """
+    weights = common.weights(σ)
+    noise = weights * common.variances / σ**2
+    information, covariance = (
+        np.array([(K * each) @ K.T for each in part * curvatures])
+        for part in (weights, weights * noise)
+    )
+    return WeighedAxes(common.axes, information, covariance, float(noise.sum()))
+
+
 def standard_errors(
     gram: Array,
     noise: Array,
@@ -47,8 +79,7 @@ def standard_errors(
     weight: float,
     misfit: float,
     rank: int,
-    axes: Array | None = None,
-    slow: Array | None = None,
+    weighed: WeighedAxes | None = None,
 ) -> Array:
     """Return the standard error of each patch, (R, C, 3), in units of the image.
 
@@ -57,36 +88,39 @@ def standard_errors(
     account, so that errors of images with much black are told too large.
 
     The arguments are A⊥ᵀA⊥, (N, N), of a given rank, σ_c, (3,), f̂, (R, C, 3), λ > 0, and the
-    misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c². Where the channels share noise, c counts its axes, (3, 3),
-    and the noise is κ_c, (3,), times σ_c² where the image is; see `common_noise`.
+    misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c². Where the channels share noise, c counts its axes, and the
+    misfit is weighed by D; see `common_noise`.
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
-    variances, pulls = np.empty((2, len(gram), 3))
+    noises, pulls = np.empty((2, len(gram), 3))
     pulled = squared = extra = 0.0
     for channel, σ in enumerate(noise):
-        H = gram / σ**2 + P.toarray()
+        D = (gram if weighed is None else weighed.information[channel]) / σ**2
+        H = D + P.toarray()
         # A constant that no pixel shows is not known at all; a little keeps the factor finite.
         H[np.diag_indices_from(H)] += 1e-12 * np.trace(H) / len(H)
         factor, _ = linalg.lapack.dpotrf(H)
         upper, _ = linalg.lapack.dpotri(factor)
         inverse = np.triu(upper) + np.triu(upper, 1).T
         X = P @ inverse
-        variances[:, channel] = np.diag(inverse)
         pulls[:, channel] = np.sum(inverse * X, axis=0)
+        # Of H⁻¹ = H⁻¹D H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
+        noises[:, channel] = np.diag(inverse) - pulls[:, channel]
         pulled += float(np.trace(X))
         squared += float(np.sum(X * X.T))
-        if slow is not None:
-            extra += (slow[channel] - 1) * (float(np.sum(X * X.T)) - len(gram) + rank)
+        if weighed is not None:
+            V = weighed.covariance[channel] / σ**2
+            spread = inverse @ V
+            noises[:, channel] = np.sum(spread * inverse, axis=1)
+            extra += float(np.sum((inverse @ D) * spread.T) - 2 * np.trace(spread))
     unseen = 3 * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
+    if weighed is not None:
+        extra += weighed.energy - (squared - unseen)
     τ = contrast(misfit - extra, pulled - unseen, squared - unseen)
-    # Of H⁻¹ = H⁻¹(A⊥ᵀA⊥/σ²)H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
-    if slow is None:
-        variances += (τ - 1) * pulls
-    else:
-        variances = slow * (variances - pulls) + τ * pulls
-    if axes is not None:
-        variances = variances @ axes**2
+    variances = noises + τ * pulls
+    if weighed is not None:
+        variances = variances @ weighed.axes**2
     return np.asarray(np.sqrt(variances).reshape(f.shape))
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
+from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware, NoiseAwareReconstruction
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Coupling = Literal["l1", "none"]
@@ -48,7 +49,8 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
 
     Each frame starts from the solution of the one before, which saves a sixth of the iterations
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
-    No frame is searched for a gain over the wall, which would be another for each.
+    No frame is searched for a gain over the wall, which would be another for each, nor for noise
+    that the channels share (`common_noise`), whose λ would be.
 
     Parameters, attributes and errors are those of `FrameByFrame`; `method` is the one for stills.
     """

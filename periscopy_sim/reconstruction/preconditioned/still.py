@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Image, Solution
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
@@ -78,7 +79,7 @@ class Reconstruction(Solution[np.floating[Any]]):
         return list(stages.items())
 
 
-class Periscope(StillMethod[np.floating[Any]]):
+class Periscope(AmbientMethod[np.floating[Any]]):
     """The paper's method (Algorithm 1), fitted to one scene.
 
     Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:

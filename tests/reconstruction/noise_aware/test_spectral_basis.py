@@ -28,7 +28,7 @@ def dense(ρ, data, g):
 
 def solver(ρ, data, weak):
     patterns = SpectralBasis(GRAM, HIDDEN)
-    return patterns.solver(WEIGHTS, ρ, data @ patterns.rows.T, weak)
+    return patterns.solver(WEIGHTS[:, None], ρ, data @ patterns.rows.T, weak)
 
 
 @pytest.mark.parametrize("weak", [0.0, 0.01, 1.0, 1e12])

@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
+from scipy import linalg
 
+from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 from periscopy_sim.reconstruction.noise_aware.uncertainty import (
     ROUNDING,
     contrast,
     curvature_of_total_variation,
     standard_errors,
+    weighed_axes,
 )
 
 RNG = np.random.default_rng(0)
@@ -164,20 +168,38 @@ def test_errors_are_numbers_where_rounding_outweighs_them():
     assert contrast(misfit=0, pulled=1, squared=-1e-9) == 0
 
 
-def test_errors_along_axes_are_the_roots_of_the_covariance():
-    weight, slow = 30.0, np.array([20.0, 2.0, 1.0])
+def weighed_by_hand(weights, variances, σ):
+    """Axes of noise, and A⊥ᵀA⊥'s light of its patterns, of curvatures λ."""
+    curvatures, W = linalg.eigh(GRAM, laplacian(HIDDEN))
+    K = laplacian(HIDDEN) @ W
+    np.testing.assert_allclose((K * curvatures) @ K.T, GRAM, rtol=1e-8, atol=1e-6)
     axes = np.linalg.qr(RNG.standard_normal((3, 3)))[0]
+    common = CommonNoise(axes, variances, part=1.0)
+    np.testing.assert_allclose(common.weights(σ), weights)
+    return common, K, curvatures
+
+
+def test_errors_along_axes_are_the_roots_of_the_covariance():
+    weight, σ = 30.0, 0.2
+    variances = σ**2 * np.random.default_rng(4).uniform(0.1, 20, (3, N))
+    weights = σ / np.sqrt(variances)
+    common, K, curvatures = weighed_by_hand(weights, variances, σ)
     P = curvature_by_loops(TRUTH, weight)
-    inverses = [np.linalg.inv(GRAM / σ**2 + P) for σ in NOISE]
-    left = [np.eye(N) - GRAM @ inverse / σ**2 for σ, inverse in zip(NOISE, inverses, strict=True)]
-    noise = [np.trace(X @ X) for X in left]
-    misfit = 3 * (slow @ noise) + 200
-    extra = (slow - 1) @ noise
-    τ = contrast(misfit - extra, sum(map(np.trace, left)), sum(noise))
-    found = standard_errors(GRAM, NOISE, TRUTH, weight, misfit, N, axes, slow)
-    along = [
-        np.diag(inverse @ (κ * GRAM / σ**2 + τ * P) @ inverse)
-        for κ, σ, inverse in zip(slow, NOISE, inverses, strict=True)
+    D = [(K * (w * curvatures)) @ K.T / σ**2 for w in weights]
+    V = [
+        (K * (w**2 * v * curvatures)) @ K.T / σ**4 for w, v in zip(weights, variances, strict=True)
     ]
-    expected = np.sqrt(np.transpose(along) @ axes**2)
-    np.testing.assert_allclose(found.reshape(-1, 3), expected, rtol=1e-6)
+    inverses = [np.linalg.inv(d + P) for d in D]
+    pulled = sum(np.trace(P @ i) for i in inverses)
+    squared = sum(np.trace(P @ i @ P @ i) for i in inverses)
+    # The noise in f_LS, of covariance D⁻¹V D⁻¹, is in the misfit by the part that P takes of it.
+    noise = sum(
+        np.trace(d @ i @ P @ np.linalg.inv(d) @ v @ np.linalg.inv(d) @ P @ i)
+        for d, v, i in zip(D, V, inverses, strict=True)
+    )
+    misfit = noise + 3 * (pulled - squared)
+    weighed = weighed_axes(common, σ, K, curvatures)
+    found = standard_errors(GRAM, np.full(3, σ), TRUTH, weight, misfit, N, weighed)
+    along = [np.diag(i @ (v + 3 * P) @ i) for v, i in zip(V, inverses, strict=True)]
+    expected = np.sqrt(np.transpose(along) @ common.axes**2)
+    np.testing.assert_allclose(found.reshape(-1, 3), expected, rtol=1e-5)

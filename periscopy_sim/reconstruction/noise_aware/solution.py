@@ -1,0 +1,70 @@
+"""What the noise-aware method returns: a hidden image, and how it came about."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.method import Solution
+from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NoiseAwareReconstruction(Solution[np.float64]):
+    """A hidden image and how it came about; see `Solution`. One λ serves all channels.
+
+    Attributes
+    ----------
+    iterations
+        Those taken.
+    residual
+        The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
+    tolerance
+        What it was to be at most.
+    gain
+        (rows, columns) gain over the wall that was found and corrected for; 1 where there is none,
+        or none was looked for. (M,) where the photograph's shape is not known.
+    evidence
+        Of the photograph, the gain corrected for.
+    first_image
+        (R, C, 3) the image that the gain was found from; None where there is none.
+    """
+
+    weight: float
+    iterations: int
+    residual: float
+    tolerance: float
+    gain: Array
+    evidence: Evidence
+    first_image: Array | None = None
+
+    @property
+    def has_gain(self) -> bool:
+        """Whether a gain over the wall was found."""
+        return bool((self.gain != 1).any())
+
+    def told(self) -> dict[str, Any]:
+        """Return the noise, the weight and the iterations."""
+        return {**super().told(), "iterations": self.iterations}
+
+    @property
+    def converged(self) -> bool:
+        """Whether the residual is what was asked for."""
+        return self.residual <= self.tolerance
+
+    def warn_unless_converged(self) -> None:
+        """Warn where the iterations did not suffice."""
+        if not self.converged:
+            warnings.warn(
+                f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
+                f"residual of {self.residual:.1e}, above {self.tolerance:.1e}: raise "
+                "max_iterations or tolerance",
+                RuntimeWarning,
+                stacklevel=3,
+            )
