@@ -19,10 +19,10 @@ from periscopy_sim.cli.output import (
     warn_boxed,
     write_json,
 )
-from periscopy_sim.errors import OutputError, SceneError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration, Parameter
@@ -90,13 +90,8 @@ def calibrate(
 
     arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), parse_definitions(define)
-    files = [photo, path, *(background or []), *([mask] if mask else [])]
-    if out.exists() and out.samefile(path):
-        raise OutputError(f"--out {out} is the scene itself, which stays as it is; name another")
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
-    for beside in (record, picture):
-        if any(beside.exists() and file.exists() and beside.samefile(file) for file in files):
-            raise OutputError(f"--out {out}: {beside.name} beside it is an input; name another")
+    spare_inputs((out, record, picture), (photo, path, *(background or []), mask))
     freed = None if free is None else _freed(free)
     errors = _numbers(parse_definitions(uncertain, "--uncertain"), "--uncertain")
     timed = Stopwatch()

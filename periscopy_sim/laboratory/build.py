@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from periscopy_sim.errors import ConfigurationError, OutputError, SceneError
+from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.laboratory.document import (
     Laboratory,
     MeshBody,
@@ -20,7 +20,7 @@ from periscopy_sim.laboratory.quantities import LENGTHS
 from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, read_mesh, write_ply
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 SIDES = 128
 """Of the prism that stands for a cylinder: its width is right to 2e-4."""
@@ -65,10 +65,7 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
         )
     except ConfigurationError as error:
         raise ConfigurationError(f"{measurements}: {error}") from None
-    given = {measurements.resolve(), *(file.resolve() for file in _mesh_files(laboratory).values())}
-    for file in (out, *files.values()):
-        if file.resolve() in given:
-            raise OutputError(f"cannot write {file}: it is one of the files given; name another")
+    spare_inputs((out, *files.values()), (measurements, *_mesh_files(laboratory)))
     named = {files[name].name: mesh for name, mesh in meshes.items()}
     _check(text, named, laboratory.camera.film, out)
     with ExitStack() as stack:
@@ -79,9 +76,9 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
     return out, *files.values()
 
 
-def _mesh_files(laboratory: Laboratory) -> dict[str, Path]:
+def _mesh_files(laboratory: Laboratory) -> list[Path]:
     bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
-    return {body.name: laboratory.folder / body.file for body in bodies}
+    return [laboratory.folder / body.file for body in bodies]
 
 
 def _meshes(laboratory: Laboratory) -> dict[str, TriangleMesh]:

@@ -14,10 +14,10 @@ import typer
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.output import progress, say, say_written, warn
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.photographs.exposures import SensorImage
@@ -131,9 +131,8 @@ def prepare(
     times = None if exposures is None else _times(exposures, photos)
     factor = None if bin_by is None else _factor(bin_by)
     mask_file = out.with_name(f"{out.stem}_mask.png")
-    _refuse_inputs(
-        (out, mask_file), (*photos, *(dark or ()), *(flat or ()), mask, points, tags), scene
-    )
+    given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, find_scene(scene)
+    spare_inputs((out, mask_file), given_files)
     with staged_file(out) as staged, staged_file(mask_file) as staged_mask:
         with progress("reading the scene and the photograph") as report:
             scenario = inputs.load(scene, "1x1", define)
@@ -168,14 +167,6 @@ def prepare(
     if given:
         definitions = " ".join(f"-D {name}={value}" for name, value in given.items())
         say(f"the scene's film has this size with {definitions}: give it with every command")
-
-
-def _refuse_inputs(outputs: Sequence[Path], given: Sequence[Path | None], scene: str) -> None:
-    """Refuse to write over what the photograph is made from."""
-    for output in outputs:
-        for file in (*given, find_scene(scene)):
-            if file is not None and output.exists() and file.exists() and output.samefile(file):
-                raise OutputError(f"{output} would replace an input; name another --out")
 
 
 def _developed(

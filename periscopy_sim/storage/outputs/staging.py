@@ -9,7 +9,7 @@ import re
 import shutil
 import socket
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from itertools import count
@@ -24,6 +24,14 @@ OUT_OF_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _MACHINE_ID = Path("/etc/machine-id")
 _CUT_SHORT = re.compile(r"\d+ requested and \d+ written")
 """What NumPy says where the disk takes no more; it keeps no error number."""
+
+
+def spare_inputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:
+    """Refuse outputs that would replace what they are made from, by an `OutputError`."""
+    given = [file for file in inputs if file is not None and file.exists()]
+    for output in outputs:
+        if output.exists() and any(output.samefile(file) for file in given):
+            raise OutputError(f"cannot write {output}: it is one of the files given; name another")
 
 
 @contextmanager

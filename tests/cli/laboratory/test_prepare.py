@@ -67,10 +67,10 @@ def test_two_photographs_in_a_folder_keep_a_mask_each(photo, succeeds, tmp_path)
 def test_an_input_is_not_written_over(photo, succeeds, refused, tmp_path):
     succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
     before = (tmp_path / "wall.exr").read_bytes()
-    assert "wall.exr would replace an input" in refused(
+    assert "wall.exr: it is one of the files given" in refused(
         "prepare", "wall.exr", "--scene", "chair", "-D", "resolution=12", "--out", "wall.exr"
     )
-    assert "wall_mask.png would replace an input" in refused(
+    assert "wall_mask.png: it is one of the files given" in refused(
         "prepare", photo, *SCENE, "--mask", "wall_mask.png", "--out", "wall.exr"
     )
     assert (tmp_path / "wall.exr").read_bytes() == before
