@@ -8,6 +8,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.laboratory.document import EXAMPLE
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
@@ -24,18 +25,23 @@ def test_example_is_printed_as_it_stands_and_makes_a_scene(succeeds, tmp_path):
     assert {path.name for path in (tmp_path / "deep").iterdir()} == {"lab.xml", "lab_cylinder.ply"}
     scenario = load_scenario(tmp_path / "deep" / "lab.xml", (2, 3), {"stem_radius": "0.03"})
     assert len(scenario.occluders) == 7
+    declared = read_document(tmp_path / "deep" / "lab.xml").defaults
+    assert {name.removesuffix("_error") for name in declared if name.endswith("_error")} == {
+        *("target_x", "target_z", "monitor_x", "monitor_z", "monitor_turn"),
+        *("shade_x", "shade_y", "shade_z", "picture_x", "picture_y"),
+    }  # what `calibrate` frees
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("distance: 1.05 m +- 3 mm", "distance: 1.05", "wall.distance: 1.05 has no unit"),
-        ("distance: 1.05 m +- 3 mm", "distance: -1.05 m", "wall.distance: '-1.05 m' is not positi"),
-        ("  width: 40.2 cm +- 2 mm\n", "", "monitor.width: is missing"),
+        ("distance: 1.05 m +- 0 mm", "distance: 1.05", "wall.distance: 1.05 has no unit"),
+        ("distance: 1.05 m +- 0 mm", "distance: -1.05 m", "wall.distance: '-1.05 m' is not positi"),
+        ("  width: 40.2 cm +- 0 mm", " ", "monitor.width: is missing"),
         ("diameter: 16 cm +- 0 mm", "diamter: 16 cm", "did you mean 'diameter'?"),
         (
-            "end: [50 cm, 58 cm, 30 cm]",
-            "end: [52 cm, 58 cm, 2 cm]",
+            "end: [50 cm +- 0 mm, 58 cm +- 0 mm, 30 cm",
+            "end: [52 cm +- 0 mm, 58 cm +- 0 mm, 2 cm",
             "start and end are one point",
         ),
         ("name: foot", "name: picture_left", "is called like a bar of the frame 'picture'"),
@@ -80,7 +86,9 @@ def test_what_is_to_be_written_must_be_named(refused, tmp_path):
 def test_scene_without_a_shadow_is_written_and_told(periscopy, tmp_path):
     """Every occluder of the example, moved behind its monitor."""
     text = (
-        EXAMPLE.read_text("utf-8").replace(", 58 cm, ", ", -58 cm, ").replace("52 cm, 0", "-9 m, 0")
+        EXAMPLE.read_text("utf-8")
+        .replace(", 58 cm", ", -58 cm")
+        .replace("66 cm, 52 cm", "66 cm, -9 m")
     )
     (tmp_path / "mine.yaml").write_text(text)
     outcome = periscopy("lab", "mine.yaml", "--out", "lab.xml")
