@@ -31,13 +31,13 @@ class AmbientMethod(StillMethod[Precision]):
 
     def _ambient_basis(self, A: Any, B: Image | None, rank_tolerance: float) -> Array:
         """Return an orthonormal basis of all ambient light, (M', r); learn of the wall's paint."""
-        smooth = background_basis(self._observation.used(B), rank_tolerance)
-        if not self._observation.backgrounds:
+        smooth = background_basis(self.observation.used(B), rank_tolerance)
+        if not self.observation.backgrounds:
             return smooth
-        monitor_left_on.check_monitor_off(A, smooth, self._observation)
+        monitor_left_on.check_monitor_off(A, smooth, self.observation)
         if smooth.shape[1]:
-            self._unevenness = Unevenness(smooth, self._observation)
-        return joined_basis(smooth, self._observation.ambient(None))
+            self._unevenness = Unevenness(smooth, self.observation)
+        return joined_basis(smooth, self.observation.ambient(None))
 
     def _evenness(self, planes: Array) -> Array | None:
         """Return the evenness of a photograph's (3, M') planes; None without backgrounds."""

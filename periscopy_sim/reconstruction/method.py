@@ -106,6 +106,11 @@ class StillMethod(ABC, Generic[Precision]):
         any exposure; None for none. Each channel of each is one more column of B, also for methods
         that do not use B; see `background_photographs`.
 
+    Attributes
+    ----------
+    observation
+        The sizes of photograph and hidden image, the wall's colour, and which pixels are used.
+
     Raises
     ------
     ValueError
@@ -127,7 +132,7 @@ class StillMethod(ABC, Generic[Precision]):
         mask: Mask | None,
         backgrounds: Backgrounds | None,
     ) -> None:
-        self._observation = observation_of(
+        self.observation = observation_of(
             A, hidden_shape, channel_gain, mask, photograph_shape, backgrounds
         )
         self.hidden_shape = hidden_shape
@@ -136,7 +141,7 @@ class StillMethod(ABC, Generic[Precision]):
     def __repr__(self) -> str:
         """Return its sizes on one line."""
         patches = "{}x{}".format(*self.hidden_shape)
-        pixels = "x".join(map(str, self.photograph_shape or (self._observation.pixels,)))
+        pixels = "x".join(map(str, self.photograph_shape or (self.observation.pixels,)))
         return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
 
     @classmethod
@@ -203,7 +208,7 @@ class StillMethod(ABC, Generic[Precision]):
         where none is found, no background photographs were given, or the method does not use B.
         Methods for stills find it for each photograph, those for videos for the first.
         """
-        plane = self._observation.planar(np.asarray(photograph)[None])[0]
+        plane = self.observation.planar(np.asarray(photograph)[None])[0]
         even = self._evenness(plane)
         return np.ones(plane.shape) if even is None else even
 
@@ -213,7 +218,7 @@ class StillMethod(ABC, Generic[Precision]):
 
     def _planes(self, photographs: Image, evenness: Array | None = None) -> Array:
         """Return photographs' (K, 3, M') planes on an even wall; None: each by its own."""
-        planes = self._observation.planar(photographs)
+        planes = self.observation.planar(photographs)
         for plane in planes:
             even = self._evenness(plane) if evenness is None else evenness
             if even is not None:
@@ -252,14 +257,14 @@ class StillMethod(ABC, Generic[Precision]):
         """
         from periscopy_sim.reconstruction.residual.residual import residual_of
 
-        transport, shape = self._projected_transport(), self._observation.rows_and_columns
+        transport, shape = self.projected_transport(), self.observation.rows_and_columns
         if transport is None or shape is None:
             return None
         y = self._planes(np.asarray(photograph)[None])[0].T
-        return residual_of(y, self._signal(transport, found), transport, self._observation.placed)
+        return residual_of(y, self._signal(transport, found), transport, self.observation.placed)
 
-    def _projected_transport(self) -> TransportOperator | None:
-        """Return A⊥ of the pixels used, if the method knows it."""
+    def projected_transport(self) -> TransportOperator | None:
+        """Return A⊥ of the pixels used; None where the method does not know it."""
         return None
 
     def _signal(self, transport: TransportOperator, found: Any) -> Array:

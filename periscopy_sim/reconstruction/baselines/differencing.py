@@ -117,10 +117,10 @@ class Differencing(StillMethod[np.float64]):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance)
-        if self._observation.backgrounds:
-            check_monitor_off(A, background_basis(self._observation.used(B)), self._observation)
-        self._ambient = self._observation.ambient(B)
-        self._A = A = self._observation.used(A)
+        if self.observation.backgrounds:
+            check_monitor_off(A, background_basis(self.observation.used(B)), self.observation)
+        self._ambient = self.observation.ambient(B)
+        self._A = A = self.observation.used(A)
         self.wrap = wrap
         self.tv_weight = tv_weight
         self.stop = stop
@@ -129,7 +129,7 @@ class Differencing(StillMethod[np.float64]):
             neighbour_differences,
             photograph_shape=photograph_shape,
             wrap=wrap,
-            mask=self._observation.mask,
+            mask=self.observation.mask,
         )
         # The pseudoinverse of D A, background photographs projected out: least squares, and what
         # they leave.
@@ -139,7 +139,7 @@ class Differencing(StillMethod[np.float64]):
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
                 "patches: leave out less of the wall, or use fewer patches"
             )
-        light = self._observation.ambient(None) if self._observation.backgrounds else None
+        light = self.observation.ambient(None) if self.observation.backgrounds else None
         self._inverse = form_preconditioner(DA, None if light is None else self._differenced(light))
         R = self._inverse.cholesky
         self._least_squares = LeastSquares(R.T @ R, R, hidden_shape)
@@ -147,7 +147,7 @@ class Differencing(StillMethod[np.float64]):
 
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        y = self._observation.vectorized(photograph)
+        y = self.observation.vectorized(photograph)
         Dy = self._inverse.reject_background(self._differenced(y))
         h = self._inverse.A.T @ Dy
         least_squares = self._inverse.solve(h)
@@ -169,14 +169,15 @@ class Differencing(StillMethod[np.float64]):
                 stacklevel=2,
             )
         return DifferencingResult(
-            image=self._observation.image(np.stack([minimum.f for minimum in minima], axis=1)),
+            image=self.observation.image(np.stack([minimum.f for minimum in minima], axis=1)),
             noise=noise,
             weight=weight,
             iterations=np.array([minimum.iterations for minimum in minima]),
             gap=gap,
         )
 
-    def _projected_transport(self) -> TransportOperator:
+    def projected_transport(self) -> TransportOperator:
+        """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self._A, background_basis(self._ambient))
 
     def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], LeastSquaresMinimum]:

@@ -68,10 +68,10 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
             raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        used = self._observation.used_transport(A)
-        if self._observation.backgrounds:
-            check_monitor_off(A, background_basis(self._observation.used(B)), self._observation)
-        Q = background_basis(self._observation.ambient(None))
+        used = self.observation.used_transport(A)
+        if self.observation.backgrounds:
+            check_monitor_off(A, background_basis(self.observation.used(B)), self.observation)
+        Q = background_basis(self.observation.ambient(None))
         self._background = Q
         self._A = used - Q @ (Q.T @ used) if Q.size else used
         N = A.shape[1]
@@ -85,7 +85,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.V: Array = V
         self.singular_values: Array = np.sqrt(energy)
 
-    def _projected_transport(self) -> TransportOperator:
+    def projected_transport(self) -> TransportOperator:
+        """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self._A, self._background)
 
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
@@ -94,7 +95,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        y = self._observation.vectorized(photograph)
+        y = self.observation.vectorized(photograph)
         σ = self.singular_values[:, np.newaxis]
         Q = self._background
         y -= Q @ (Q.T @ y)
@@ -104,7 +105,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         # The trace of V_k Σ_k⁻² V_kᵀ.
         standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
         return denoise_and_repair(
-            self._observation.image(self.V @ (coefficients / σ)),
+            self.observation.image(self.V @ (coefficients / σ)),
             noise,
             weight=self.tv_weight * standard_error,
             repair_threshold=self.repair_threshold,

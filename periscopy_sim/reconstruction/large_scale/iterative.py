@@ -130,8 +130,8 @@ class IterativePeriscope(AmbientMethod[np.float64]):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         Q = self._ambient_basis(A, B, rank_tolerance)
-        if self._observation.mask is not None:
-            A = used_rows(A, self._observation.mask.ravel())
+        if self.observation.mask is not None:
+            A = used_rows(A, self.observation.mask.ravel())
         self.transport = TransportOperator(A, Q)
 
     def _unexplained(self, rows: Array) -> Array:
@@ -146,7 +146,7 @@ class IterativePeriscope(AmbientMethod[np.float64]):
         y = self.transport.reject_background(planes[0].T)
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
         result = IterativeReconstruction(
-            image=self._observation.image(end.f),
+            image=self.observation.image(end.f),
             noise=noise,
             weight=self._weight(noise),
             iterations=end.iterations,
@@ -163,7 +163,8 @@ class IterativePeriscope(AmbientMethod[np.float64]):
             )
         return result
 
-    def _projected_transport(self) -> TransportOperator:
+    def projected_transport(self) -> TransportOperator:
+        """Return A⊥ of the pixels used; see `StillMethod`."""
         return self.transport
 
     @cached_property

@@ -53,7 +53,7 @@ def joint_evenness(method: NoiseAware, photographs: Image, *, iterations: int = 
             f"photographs of shape {given.shape}, {iterations} iterations: give (K, rows, columns, "
             "3) photographs, at least one of each"
         )
-    observation, transport = method._observation, method._projected_transport()
+    observation, transport = method.observation, method.projected_transport()
     planes = observation.planar(given)
     used = slice(None) if observation.mask is None else observation.mask.ravel()
     whole, even = np.ones(observation.pixels), np.ones(planes.shape[-1])

@@ -45,14 +45,14 @@ class PortableNoiseAware:
             return xp.asarray(values, dtype=kind, device=where)
 
         self.method = method
-        self._observation = method._observation
+        self.observation = method.observation
         self._unit, self._seen = float(method._unit), method._seen
         self._transport = moved(method._transport, xp.float32)
         self._rows = moved(method._basis.rows, xp.float32)
         self._curvatures = moved(method._basis.curvatures, xp.float64)
         self._background = moved(method._background, xp.float64)
-        self._gain = moved(self._observation.used_gain, xp.float64)
-        mask = self._observation.mask
+        self._gain = moved(self.observation.used_gain, xp.float64)
+        mask = self.observation.mask
         self._used = None if mask is None else moved(np.flatnonzero(mask), xp.int64)
 
     def __repr__(self) -> str:
@@ -97,7 +97,7 @@ class PortableNoiseAware:
 
     def _rejected(self, xp: Any, photographs: Array) -> Array:
         """Return y⊥ as (K, 3, M') planes."""
-        self._observation.check_size(tuple(photographs.shape))
+        self.observation.check_size(tuple(photographs.shape))
         y = xp.reshape(photographs, (photographs.shape[0], -1, 3))
         if self._used is not None:
             y = xp.take(y, self._used, axis=1)

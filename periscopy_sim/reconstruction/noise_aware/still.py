@@ -132,7 +132,7 @@ class NoiseAware(AmbientMethod[np.float64]):
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        used = self._observation.used_transport(A)
+        used = self.observation.used_transport(A)
         Q = self._ambient_basis(A, B, rank_tolerance)
         self._background = np.ascontiguousarray(Q.T)
         self._transport = np.ascontiguousarray(used.T, np.float32)
@@ -186,7 +186,8 @@ class NoiseAware(AmbientMethod[np.float64]):
         whole, left = (np.sum(part**2, axis=1) for part in self._explicable(found))
         return Explained(found.evidence.share, whole, left, len(self._curvatures))
 
-    def _projected_transport(self) -> TransportOperator:
+    def projected_transport(self) -> TransportOperator:
+        """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(np.ascontiguousarray(self._transport.T), self._background.T)
 
     def _signal(self, transport: TransportOperator, found: NoiseAwareReconstruction) -> Array:
@@ -194,7 +195,7 @@ class NoiseAware(AmbientMethod[np.float64]):
         light = super()._signal(transport, found)
         if found.first_image is None:
             return light
-        gain, mask = found.gain.ravel(), self._observation.mask
+        gain, mask = found.gain.ravel(), self.observation.mask
         added = (gain if mask is None else gain[mask.ravel()]) - 1
         return light + added[:, None] * transport.light(found.first_image.reshape(-1, 3))
 
@@ -323,7 +324,7 @@ class NoiseAware(AmbientMethod[np.float64]):
         seen, rank = evidence.coefficients[:, self._seen], len(self._background)
         covariance = noise_covariance(y, seen, self._curvatures, rank)
         part = shared_part(covariance)
-        if self._observation.rows_and_columns is None or not part:
+        if self.observation.rows_and_columns is None or not part:
             return evidence
         noise = common_noise(covariance, part, self._unexplained(y), self._spectrum)
         evidence = replace(evidence, common=noise)
@@ -354,9 +355,9 @@ class NoiseAware(AmbientMethod[np.float64]):
             coefficients = times_rows(products / np.float32(self._unit), self._basis.rows)
             return np.asarray(coefficients[:, self._seen] / np.sqrt(self._curvatures))
 
-        shape = self._observation.rows_and_columns
+        shape = self.observation.rows_and_columns
         assert shape is not None
-        return NoiseSpectrum(shape, self._observation.mask, self._unexplained, shown)
+        return NoiseSpectrum(shape, self.observation.mask, self._unexplained, shown)
 
     def _shown_of(self, images: Image) -> Array:
         """Return the coefficients of the light of (3, N) images, of the patterns seen, (3, N')."""
@@ -372,8 +373,8 @@ class NoiseAware(AmbientMethod[np.float64]):
 
     def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
         """Return what finds gains, if wanted."""
-        shape = self._observation.rows_and_columns
-        self._wall_shape = shape or (self._observation.pixels,)
+        shape = self.observation.rows_and_columns
+        self._wall_shape = shape or (self.observation.pixels,)
         if shape is None and wanted:
             raise ValueError(
                 "wall_gain needs the rows and columns of photographs: give photograph_shape"
@@ -386,7 +387,7 @@ class NoiseAware(AmbientMethod[np.float64]):
             self._basis.rows[self._seen],
             self._curvatures * self._unit**2,
             shape,
-            self._observation.mask,
+            self.observation.mask,
         )
 
     def _explicable(self, found: NoiseAwareReconstruction) -> tuple[Array, Array]:

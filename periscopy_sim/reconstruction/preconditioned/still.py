@@ -139,7 +139,7 @@ class Periscope(AmbientMethod[np.floating[Any]]):
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         self.preconditioner = form_preconditioner(
-            self._observation.used(A), self._ambient_basis(A, B, rank_tolerance)
+            self.observation.used(A), self._ambient_basis(A, B, rank_tolerance)
         )
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
@@ -169,7 +169,8 @@ class Periscope(AmbientMethod[np.floating[Any]]):
         noise = np.maximum(found.noise, ROUNDING * level) + 1e-30
         return Explained(found.share, whole / noise**2, left / noise**2, patterns)
 
-    def _projected_transport(self) -> TransportOperator:
+    def projected_transport(self) -> TransportOperator:
+        """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
 
     def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
