@@ -353,6 +353,16 @@ def test_missing_mask_is_answered_by_the_one_beside_it(refused, tmp_path):
     assert "y.png: no such file; there is y_mask.png: is that meant?" in refused(*command)
 
 
+def test_photograph_without_its_mask_is_answered_by_the_one_beside_it(refused, tmp_path):
+    light = np.ones((24, 24, 3))
+    light[3, 4] = np.nan
+    np.save(tmp_path / "y.npy", light)
+    command = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "r")
+    assert refused(*command).endswith("leave them out by a mask")
+    (tmp_path / "y_mask.png").write_bytes(b"")
+    assert refused(*command).endswith("leave them out by a mask, such as --mask y_mask.png")
+
+
 @pytest.mark.parametrize(
     ("hidden", "told"),
     [((15, 20), ""), ((20, 15), "is 15x20 meant?"), ((10, 20), ""), ((4, 5), ""), ((40, 40), "")],
