@@ -255,11 +255,13 @@ def read_photograph(path: Path, scenario: Scenario, mask: Mask | None = None) ->
     """Read a photograph of the size that the scene's camera sees, and print its warnings."""
     from periscopy_sim.storage import photographs
 
-    beside = path.with_name(f"{path.stem}_mask.png")
     try:
         given = photographs.read_photograph(path, scenario.photograph_shape, mask)
     except PhotographError as error:
-        if mask is None and "by a mask" in str(error) and beside.is_file():
+        if mask is not None or "by a mask" not in str(error):
+            raise
+        beside = path.with_name(f"{path.stem}_mask.png")
+        if beside.is_file():
             raise PhotographError(f"{error}, such as --mask {beside}") from None
         raise
     for warning in given.warnings:
