@@ -72,7 +72,11 @@ def rendered_once(
         with staged_file(file) as staged, progress(f"ambient light: {path.stem}") as report:
             found = render_background(path, scenario, target=target, seed=seed, progress=report)
             report(1.0)  # who interrupts may have stopped Mitsuba in the midst of it
-            errors = {name: getattr(found, name) for name in ("relative_error", "brightness_error")}
+            # To six digits: beyond those lies in which order BLAS has added this time.
+            errors = {
+                name: float(f"{getattr(found, name):.6g}")
+                for name in ("relative_error", "brightness_error")
+            }
             write_exr(staged, found.photograph, {**settings, **errors} if settings else {})
     # Also what was just rendered: as kept, so that a later run computes the same.
     return read_exr(file)
