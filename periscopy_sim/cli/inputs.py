@@ -291,11 +291,11 @@ class Defects:
     warnings: Sequence[str]
     """A line of them, if there are any."""
 
-    def else_warned(self, residual: Residual | None, *, has_backgrounds: bool) -> str:
+    def else_warned(self, residual: Residual | None) -> str:
         """Return what a residual warns of, unless these pixels are the likeliest cause; or none."""
         if residual is None or (self.warnings and residual.likeliest == "pixels"):
             return ""
-        return residual.warned(has_backgrounds=has_backgrounds)
+        return residual.warning
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
         """Write a mask that leaves them out too, if there are any."""

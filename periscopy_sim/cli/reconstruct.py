@@ -96,7 +96,7 @@ def reconstruct(
         ):
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, seen, solved, scenario.hidden_shape, defects, bool(dark))
+            told = _told(fitted, seen, solved, scenario.hidden_shape, defects)
             left = told.residual
             if left and left.likeliest not in ("", "object") and not (dark or told.doubt):
                 told = replace(told, doubt=_doubt(scenario, A, used, seen))
@@ -171,7 +171,6 @@ def _told(
     found: Any,
     shape: tuple[int, int],
     defects: inputs.Defects,
-    has_backgrounds: bool,
 ) -> _Told:
     """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
     from periscopy_sim.evaluation.methods import promised
@@ -193,7 +192,7 @@ def _told(
         residual,
         "; ".join(filter(None, remarks)),
         str(method.doubt(found)),
-        defects.else_warned(residual, has_backgrounds=has_backgrounds),
+        defects.else_warned(residual),
         numbers,
     )
 

@@ -165,7 +165,7 @@ def video(
         doubted = _counted(str(frames), doubts)
         for doubt in doubted:
             warn(doubt)
-        if warning := defects.else_warned(residual, has_backgrounds=bool(dark)):
+        if warning := defects.else_warned(residual):
             warn(f"{first}: {warning}")
             doubted.append(f"{first}: {warning}")
         images = mapped_stack(folder / "frames.npy")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -261,7 +261,9 @@ class StillMethod(ABC, Generic[Precision]):
         if transport is None or shape is None:
             return None
         y = self._planes(np.asarray(photograph)[None])[0].T
-        return residual_of(y, self._signal(transport, found), transport, self.observation.placed)
+        signal, place = self._signal(transport, found), self.observation.placed
+        left = residual_of(y, signal, transport, place)
+        return replace(left, has_backgrounds=bool(self.observation.backgrounds))
 
     def projected_transport(self) -> TransportOperator | None:
         """Return A⊥ of the pixels used; None where the method does not know it."""

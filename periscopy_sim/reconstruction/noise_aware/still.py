@@ -177,8 +177,8 @@ class NoiseAware(AmbientMethod[np.float64]):
             return ""
         return (
             f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
-            "explains part of the photograph: vignetting, or a scene that is off (see periscopy "
-            "calibrate)"
+            "explains part of the photograph: vignetting (prepare --flat), another falloff of the "
+            "monitor, or a scene that is off (calibrate)"
         )
 
     def explained(self, found: NoiseAwareReconstruction) -> Explained:

@@ -62,6 +62,8 @@ class Residual:
     causes
         The likely ones, the largest first; empty where some hidden image explains the photograph
         but for noise.
+    has_backgrounds
+        Whether photographs with the monitor off were given: what they show is no cause any more.
     """
 
     light: Array
@@ -70,6 +72,7 @@ class Residual:
     noise: CameraNoise | None
     structure: Structure | None
     causes: tuple[Cause, ...]
+    has_backgrounds: bool = False
 
     @property
     def remark(self) -> str:
@@ -86,13 +89,9 @@ class Residual:
     @property
     def warning(self) -> str:
         """Return that more than noise is left and its likely causes; empty where it is not."""
-        return self.warned(has_backgrounds=False)
-
-    def warned(self, *, has_backgrounds: bool) -> str:
-        """Return `warning`, whose causes depend on whether background photographs were given."""
         if not self.causes or self.noise_alone is None:
             return ""
-        likely = advice_for(self.causes, has_backgrounds=has_backgrounds)
+        likely = advice_for(self.causes, has_backgrounds=self.has_backgrounds)
         unexplained, alone = self._percentages
         told = f"the scene leaves {unexplained} % of the photograph unexplained"
         if self.unexplained > self.noise_alone:
