@@ -103,7 +103,7 @@ def test_a_step_that_fails_costs_only_those_that_need_it(place, monkeypatch):
     monkeypatch.setattr(commands, "periscopy", periscopy)
     gone = stages.way(LAMP, 0, place)
     assert [bool(stage.failure) for stage in gone.stages] == [False] * 5 + [True]
-    assert np.isnan(gone.psnr(stages.CALIBRATED))
+    assert np.isnan(gone.stage(stages.CALIBRATED).psnr)
     section = stages.run(LAMP, place)
     assert section.claims[0].verdict is Verdict.DIFFERS  # NaN is no success
     assert "error: no" in section.tables[0].rows[0][-1]
@@ -118,9 +118,12 @@ def test_the_page_shows_every_ruler(place):
     assert section.tables[1].rows[0][:2] == ["occluder_x", "0.507"]
 
 
-def way_of(before, after, true=25.0):
-    found = [Stage(stages.TRUE_OFF, "", true), Stage(stages.BACKGROUND, "", before)]
-    return Way("lamp", 0, [*found, Stage(stages.CALIBRATED, "", after)])
+def way_of(before, after, shift=0.0):
+    """Stages at so many dB, before a true scene of 25; the calibrated one's is shifted."""
+    decibels = {stages.TRUE_OFF: 25.0, stages.BACKGROUND: before, stages.CALIBRATED: after}
+    found = [Stage(name, "", psnr, psnr) for name, psnr in decibels.items()]
+    found[-1] = replace(found[-1], psnr=after - shift)
+    return Way("lamp", 0, found)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +136,13 @@ def way_of(before, after, true=25.0):
     ],
 )
 def test_claims_are_the_median_loss_and_the_worst_gain(ways, verdicts):
-    assert [claim.verdict for claim in stages.claims(ways)] == verdicts
+    assert [claim.verdict for claim in stages.claims(ways)] == [*verdicts, *verdicts]
+
+
+def test_a_shifted_picture_is_good_only_after_its_shift():
+    as_it_stands, registered = [Verdict.DIFFERS] * 2, [Verdict.AGREES] * 2
+    found = [claim.verdict for claim in stages.claims([way_of(20, 24, shift=5.0)])]
+    assert found == [*as_it_stands, *registered]
 
 
 def test_confidence_counts_what_is_told_as_determined():
