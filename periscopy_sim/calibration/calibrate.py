@@ -21,11 +21,13 @@ from periscopy_sim.calibration.constraints import InFront
 from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.calibration.fisher_information import block_scores
 from periscopy_sim.calibration.global_search import explore, points_visited
+from periscopy_sim.calibration.image_shift import ImageShift
 from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.overdispersion import STRUCTURED, overdispersion
+from periscopy_sim.calibration.overdispersion import overdispersion
 from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.resolution_level import (
+    Rays,
     Resolution,
     ResolutionLevel,
     Values,
@@ -33,7 +35,7 @@ from periscopy_sim.calibration.resolution_level import (
     fitted,
 )
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.trust import doubts, is_significant, learned
+from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import (
@@ -51,16 +53,17 @@ from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
-LEVELS = (Resolution(32, 12, 4, 9), Resolution(63, 36, 16, 4), Resolution(126, 36, 16, 1))
+LEVELS = (
+    Resolution(32, 12, Rays(4, 9), Rays(4, 9)),
+    Resolution(63, 36, Rays(9, 16), Rays(4, 9)),
+    Resolution(126, 36, Rays(9, 4), Rays(4, 4)),
+)
 """Coarse to fine: explored, then descended on. Larger photographs and hidden images are averaged
-down to the last. With a quarter of its rays the second has dips that hold a descent, millimetres
-from the best."""
+down to the last. With fewer rays they have dips that hold a descent, millimetres from the best;
+slopes, of wide differences, need fewer."""
 
-ITERATIONS = (12, 6)
+ITERATIONS = (6, 3)
 """Of the descents, at most; the last of them gain little and take long."""
-
-SAMPLES_NEAR = 4
-"""Of the second level where a ruler knows all: dips that fewer rays make are within its errors."""
 
 MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
@@ -90,7 +93,7 @@ def calibrate(
     uncertain: Mapping[str, float] | None = None,
     backgrounds: Backgrounds | None = None,
     mask: NDArray[np.bool_] | None = None,
-    samples: int = 16,
+    samples: int = 36,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
@@ -113,7 +116,8 @@ def calibrate(
         Names of the ``<default>``s to find, or a mapping of them to the ruler's errors: standard
         deviations of where they start, None for the one that the scene declares, if it does. By
         default, all whose error the scene declares as the ``<default>`` ``NAME_error``, but for
-        those in `uncertain`.
+        those in `uncertain`. Those that shift the monitor in its plane are found but for whole
+        patches, see `image_shift`: how well they are known stays the ruler's word.
     parameters
         Values of ``<default>``s: where free ones start, where others are held.
     uncertain
@@ -147,12 +151,13 @@ def calibrate(
     """
     path = find_scene(scene)
     given = {name: str(value) for name, value in (parameters or {}).items()}
-    errors = free_parameters(path, free, given, uncertain or {})
+    uncertain = dict(uncertain or {})
+    errors = free_parameters(path, free, given, uncertain)
+    first = load_scenario(path, hidden, given)
     names = tuple(errors)
     start = start_values(path, names, given)
     prior = Prior(start, np.array(list(errors.values())))
-    held = uncertain_parameters(path, names, given, uncertain or {})
-    first = load_scenario(path, hidden, given)
+    held = uncertain_parameters(path, names, given, uncertain)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
@@ -161,9 +166,7 @@ def calibrate(
         small = load_scenario(path, fitted(hidden, COARSE), given)
         _refuse_monitor(small, backgrounds, mask, seed)
     in_front = InFront(first)
-    resolutions = [*LEVELS[:-1], replace(LEVELS[-1], samples=samples)]
-    if np.isfinite(prior.errors).all():
-        resolutions[1] = replace(resolutions[1], samples=SAMPLES_NEAR)
+    resolutions = [*LEVELS[:-1], finest(samples)]
     levels = [
         ResolutionLevel(
             path, given, names, prior, y, off, mask, hidden, resolution, seed, in_front.check
@@ -171,7 +174,16 @@ def calibrate(
         for resolution in resolutions
     ]
     levels[0].background(start)  # too few pixels are told of before anything is rendered
-    return calibrate_levels(levels, start, held, progress)
+    shift = ImageShift.of(path, levels[-1].hidden_shape, given, names, prior)
+    return calibrate_levels(levels, start, held, progress, shift=shift)
+
+
+def finest(samples: int) -> Resolution:
+    """Return the last level with so many rays from a pixel to a patch, a few of them for slopes."""
+    last = LEVELS[-1]
+    of_patch = -(-samples // last.rays.pixel_samples)
+    slope_rays = replace(last.slope_rays, samples=min(last.slope_rays.samples, of_patch))
+    return replace(last, rays=replace(last.rays, samples=of_patch), slope_rays=slope_rays)
 
 
 def _monitor_off(
@@ -220,6 +232,8 @@ def calibrate_levels(
     start: Values,
     held: UncertainParameters,
     progress: Callable[[float], None] | None = None,
+    *,
+    shift: ImageShift | None = None,
 ) -> Calibration:
     """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
 
@@ -227,6 +241,7 @@ def calibrate_levels(
     """
     coarse, middle, fine = levels
     names, prior = fine.names, fine.prior
+    shift = shift or ImageShift.none(len(names))
     require_effect(coarse, start, held)
     scales, spreads = scales_and_spreads(coarse, start)
     steps = np.minimum(scales, prior.errors)
@@ -243,16 +258,7 @@ def calibrate_levels(
         )
     onward = log.at(middle)
     middle, end = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
-    if near and middle.overdispersion > STRUCTURED:
-        # Perhaps a descent ended in a dip beside the best.
-        values = explore(
-            coarse.overdispersed(middle.overdispersion), start, spreads, coarse.seed, visit
-        )
-        again, other = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
-        alike = min(middle, again, key=lambda level: level.overdispersion)
-        if alike.evidence(other.values) < alike.evidence(end.values):
-            middle, end = again, other
-    values, _ = settle(middle, end, steps)
+    values, _ = shift.settled(middle, *settle(middle, end, steps))
     visit = log.at(fine)
     fine, end = _descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], visit)
     if end.unphysical is not None:
@@ -261,8 +267,10 @@ def calibrate_levels(
             f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
             "the one that went too far by -D"
         )
+    # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
     moves = sensitivity(fine, end, held)
-    values, after = settle(fine, end, steps)
+    moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
+    values, after = shift.settled(fine, *settle(fine, end, steps))
     before = fine.explain(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
@@ -275,8 +283,9 @@ def calibrate_levels(
     alone = MARGIN**2 * end.curvature.covariance(scores)
     log.report(1.0)
     covariance = alone + moves @ moves.T
-    if set_back:  # what the ruler said is as good as the ruler, not as the photograph
-        covariance = np.diag(np.maximum(prior.errors**2, np.diag(covariance)))
+    ruler = np.hypot(prior.errors, values - start)
+    covariance = bounded(covariance, ruler, shift.alone | set_back)
+    alone = bounded(alone, np.sqrt(np.diag(covariance)))
     deviations = np.sqrt(np.diag(covariance))
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
     return Calibration(
@@ -337,7 +346,8 @@ class _Log:
         # In units of one point of the first level; a descent's visits each stand for an iteration,
         # and what follows the descents for one more.
         iteration = 4 * parameters + 2
-        self._costs = (1.0, 12.0 * iteration, 25.0 * iteration)
+        # Before a descent without a search come the scales of the parameters.
+        self._costs = (15.0 * parameters if near else 1.0, 5.0 * iteration, 8.0 * iteration)
         explored = 1 if near else 1 + points_visited(parameters)
         points = (explored, *(count + 2 for count in ITERATIONS))
         self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]

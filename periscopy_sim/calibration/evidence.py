@@ -13,11 +13,11 @@ twice the negative logarithm of the evidence but for a constant; F is M less the
 are the generalized eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B)
 projected out. Each α_c is where E_c is least.
 
-That is so where errors n are white. Errors that neighbours share, of paint, tell less: if they are
-κ times as strong as white ones at the scale at which they are strongest (`overdispersion`), F
-above is (M less the rank of B) / κ, as of so many pixels that are independent (a likelihood raised
-to the power 1/κ: Ribatet, Cooley and Davison, Statistica Sinica 22, 2012), while S_c = (M less the
-rank of B) σ_c² as before.
+That is so where errors n are white. Errors that neighbours share, of paint or bounced light, tell
+less: if they are κ times as strong as white ones at the scale at which they are strongest
+(`overdispersion`), the evidence counts for 1/κ of that, beside the prior of the parameters (a
+composite likelihood adjusted in magnitude: Ribatet, Cooley and Davison, Statistica Sinica 22,
+2012). σ_c and α_c stay: were κ taken for noise, blurred shadows would explain a photograph best.
 
 Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
 f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
@@ -101,11 +101,11 @@ class Explanation:
     def slope(self, change: Array) -> float:
         """Return the derivative of the evidence along a change dA of the matrix, (M, N).
 
-        dE = Σ_c −2 r_cᵀ dA f̂_c / (κ σ_c²) + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩, the α_c held; r and A⊥
+        dE = Σ_c (−2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩) / κ, the α_c held; r and A⊥
         have no part in range(B), so dA's own does not matter.
         """
         misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.deviations**-2)
-        return float(2 * (np.vdot(self._volume, change) - misfit))
+        return float(2 * (np.vdot(self._volume, change) / self.overdispersion - misfit))
 
     def jacobian(self, change: Array) -> Array:
         """Return how the photograph moves along dA, J = dA f̂: J⊥ / (σ κ^½), (M, 3)."""
@@ -184,10 +184,9 @@ def explain(
     μ, W = linalg.eigh(gram / unit, K, check_finite=False)
     μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
     z = W.T @ (projected.T @ rest)
-    values = len(y) - Q.shape[1]
-    freedom = values / overdispersion
+    freedom = len(y) - Q.shape[1]
     # Without noise there still is finite precision.
-    energy = np.einsum("mc,mc->c", rest, rest) + values * ROUNDING**2 * float(np.mean(y**2))
+    energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
     evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
     images, hessians = np.empty_like(z), []
     for c in range(3):
@@ -203,10 +202,10 @@ def explain(
         evidence += value + (freedom * np.log(attained / least) if least > 0 else 0.0)
         misfit[c] = attained
     return Explanation(
-        evidence=evidence,
-        darkness=float(freedom * np.log(energy[energy > 0]).sum()),
+        evidence=evidence / overdispersion,
+        darkness=float(freedom * np.log(energy[energy > 0]).sum()) / overdispersion,
         images=images,
-        noise=np.sqrt(misfit / values),
+        noise=np.sqrt(misfit / freedom),
         overdispersion=overdispersion,
         residuals=rest - projected @ images,
         _projected=projected,

@@ -118,9 +118,10 @@ def differentiate(
     """
     shape = (2, len(offsets), *explanation.residuals.shape)
     slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)
+    differing = level.differing()
     for k, offset in enumerate(offsets):
         for s in (0, 1):
-            change = _difference(level, values, offset, level.seed + s) / offset.sum()
+            change = _difference(differing, values, offset, level.seed + s) / offset.sum()
             slopes[s, k] = explanation.slope(change) / 2
             moved[s, k] = explanation.jacobian(change)
             projected[s, k] = explanation.projected_jacobian(change)

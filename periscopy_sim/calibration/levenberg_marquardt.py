@@ -23,6 +23,9 @@ DOUBLINGS = 3
 TRIALS = 5
 """Steps tried, each shorter, before a point is called the best."""
 
+SEEDS = 3
+"""Of an iteration: two of its differences, one of a test of its end."""
+
 
 @dataclass(frozen=True, eq=False)
 class Descent:
@@ -45,32 +48,36 @@ def descend(
     """Walk downhill from a start, (P,), until nothing is gained; each is passed to `visit`.
 
     Slopes are taken by differences `steps`, (P,). A step goes no farther than `longest`, (P,),
-    before it is doubled. A SceneError is raised if the start is not physical.
+    before it is doubled. Each iteration has rays of its own: a place that was chosen by some rays
+    looks better by them than it is. A SceneError is raised if the start is not physical.
     """
-    values, here = start, level.explain(start)
-    visit(values, here.evidence)
-    about = curvature(level, values, here, steps)
-    damping, gain, unphysical = DAMPING, np.inf, None
-    for _ in range(iterations):
-        if min(gain, about.predicted_gain) < NEGLIGIBLE_GAIN:
+    values, damping, gain, unphysical = start, DAMPING, np.inf, None
+    for iteration in range(iterations + 1):
+        drawn = level.reseeded(level.seed + SEEDS * iteration)
+        here = drawn.explain(values)
+        if not iteration:
+            visit(values, here.evidence)
+        about = curvature(drawn, values, here, steps)
+        if iteration == iterations or min(gain, about.predicted_gain) < NEGLIGIBLE_GAIN:
             break
         gain, unphysical = 0.0, None
         for trial in range(TRIALS):
             step = about.step(damping, longest)
             try:
-                tried = level.explain(values + step)
+                tried = drawn.explain(values + step)
             except SceneError as error:
                 unphysical = error if trial == 0 else unphysical
             else:
                 if tried.evidence < here.evidence:
-                    step, tried = _extended(level, values, step, tried)
+                    step, tried = _extended(drawn, values, step, tried)
                     gain = here.evidence - tried.evidence
-                    values, here = values + step, tried
-                    visit(values, here.evidence)
-                    about = curvature(level, values, here, steps)
+                    values = values + step
+                    visit(values, tried.evidence)
                     damping /= 5
                     break
             damping = max(damping, DAMPING) * 10
+        else:
+            break
     return Descent(values, here, about, unphysical if gain < NEGLIGIBLE_GAIN else None)
 
 

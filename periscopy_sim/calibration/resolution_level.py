@@ -31,13 +31,21 @@ COVERED = 0.5
 
 
 @dataclass(frozen=True)
+class Rays:
+    """How many make up an entry of the transport matrix, see `render_transport`."""
+
+    samples: int
+    pixel_samples: int
+
+
+@dataclass(frozen=True)
 class Resolution:
     """How finely a level looks."""
 
     photograph: int  # longest side, in pixels, see `fitted`
     hidden: int  # longest side, in patches
-    samples: int  # of the transport matrix, see `render_transport`
-    pixel_samples: int
+    rays: Rays
+    slope_rays: Rays  # of the differences of which derivatives are made
 
 
 class ResolutionLevel:
@@ -73,8 +81,8 @@ class ResolutionLevel:
         self.photograph_shape = fitted((rows, columns), resolution.photograph)
         self.hidden_shape = fitted(hidden, resolution.hidden)
         # The larger the pixels of a small photograph, the more of their area counts.
-        finer = resolution.photograph // max(self.photograph_shape)
-        self._pixel_samples = resolution.pixel_samples * finer**2
+        self._finer = (resolution.photograph // max(self.photograph_shape)) ** 2
+        self._rays = resolution.rays
         mask = np.ones((rows, columns), bool) if mask is None else mask
         coverage = area_average(mask[..., None], self.photograph_shape)
         self.used = coverage[..., 0] > COVERED
@@ -93,6 +101,18 @@ class ResolutionLevel:
         """Return the same level with other parameters that vary."""
         other = copy(self)
         other.names = names
+        return other
+
+    def differing(self) -> ResolutionLevel:
+        """Return the same level with the rays of differences."""
+        other = copy(self)
+        other._rays = self.resolution.slope_rays
+        return other
+
+    def reseeded(self, seed: int) -> ResolutionLevel:
+        """Return the same level with other rays."""
+        other = copy(self)
+        other.seed = seed
         return other
 
     def overdispersed(self, overdispersion: float) -> ResolutionLevel:
@@ -139,8 +159,8 @@ class ResolutionLevel:
         """
         A = render_transport(
             self.scenario(values),
-            samples=self.resolution.samples,
-            pixel_samples=self._pixel_samples,
+            samples=self._rays.samples,
+            pixel_samples=self._rays.pixel_samples * self._finer,
             seed=self.seed if seed is None else seed,
         )
         return A[self.used.ravel()].astype(np.float64)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.calibration.fisher_information import Curvature
 from periscopy_sim.calibration.prior import Prior
@@ -37,6 +38,19 @@ def is_significant(gain: float, parameters: float) -> bool:
     from scipy.stats import chi2
 
     return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))
+
+
+def bounded(covariance: Array, ruler: Array, as_ruler: NDArray[np.bool_] | None = None) -> Array:
+    """Return a covariance, (P, P), with standard errors of at most the ruler's, (P,).
+
+    A value comes from the ruler's, and is no worse known. `as_ruler`, (P,), are those that are
+    known as the ruler knows them: the photograph has told nothing of them.
+    """
+    found = np.sqrt(np.diag(covariance))
+    told = np.minimum(found, ruler)
+    told = told if as_ruler is None else np.where(as_ruler, ruler, told)
+    factors = told / found
+    return np.asarray(covariance * np.outer(factors, factors))
 
 
 def doubts(

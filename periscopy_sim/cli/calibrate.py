@@ -72,7 +72,7 @@ def calibrate(
             "do to the values found is counted in their errors, each on its own. Repeatable.",
         ),
     ] = None,
-    samples: arguments.Samples = 16,
+    samples: arguments.Samples = 36,
     background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
@@ -97,6 +97,7 @@ def calibrate(
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         scenario = inputs.load(scene, hidden, define)
+        shadowless = inputs.warn_without_shadows(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         given_photograph = inputs.read_photograph(photo, scenario, used)
         dark = inputs.read_backgrounds(background, scenario, used)
@@ -127,7 +128,7 @@ def calibrate(
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
             "samples": samples,
-            "warnings": [*warnings, *found.doubts],
+            "warnings": [*shadowless, *warnings, *found.doubts],
             **_told(found),
             "seconds": timed.seconds,
             "provenance": provenance,
@@ -259,7 +260,10 @@ def _say(found: Calibration) -> None:
         )
         if not p.determined and not ruler:
             warn(_open(found, k, blame))
-    if not found.uncertain.names:
+    if found.uncertain.names:
+        held = ", ".join(found.uncertain.names)
+        say(f"held where they are, their errors in those above: {held}")
+    else:
         say("these errors hold if all else in the scene is right; see --uncertain")
     before, after = (
         100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)

@@ -1,5 +1,7 @@
 """A world of one dimension in closed form: a slat before a row of lights, and noisy rendering."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,14 @@ class SlatLevel:
         grains = random.standard_normal((rows // grain[0], PIXELS // grain[1], 3))
         errors = np.repeat(np.repeat(grains, grain[0], axis=0), grain[1], axis=1)
         self.y = np.tile(clean, (rows, 1)) + noise * errors.reshape(-1, 3)
+
+    def differing(self):
+        return self
+
+    def reseeded(self, seed):
+        other = copy(self)
+        other.seed = seed
+        return other
 
     def matrix(self, values, seed=None):
         if values[1] < NEAREST or values[1] > 0.9:

@@ -5,7 +5,7 @@ from periscopy_sim.calibration import parameters
 from periscopy_sim.calibration.calibrated_scene import with_defaults
 from periscopy_sim.calibration.parameters import BOX, SPREAD, STEP, scales_and_spreads
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.resolution_level import Resolution, ResolutionLevel
+from periscopy_sim.calibration.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 
@@ -18,7 +18,7 @@ def anything_goes(scenario):
 
 def level(names, path=CHAIR, photograph=None, mask=None):
     photograph = np.ones((126, 126, 3)) if photograph is None else photograph
-    resolution = Resolution(18, 6, 4, 4)
+    resolution = Resolution(18, 6, Rays(4, 4), Rays(4, 4))
     return ResolutionLevel(
         path, {}, names, Prior.none(len(names)), photograph, [], mask, (29, 36), resolution, 0,
         anything_goes,

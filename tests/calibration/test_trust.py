@@ -4,7 +4,7 @@ from scipy.stats import chi2
 
 from periscopy_sim.calibration.fisher_information import Curvature
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.trust import doubts, is_significant, learned
+from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 
 NAMES = ("dx", "dy")
 RULER = Prior(np.array([0.0, 1.0]), np.array([0.01, 0.1]))
@@ -48,3 +48,16 @@ def test_as_many_parameters_are_learned_as_the_photograph_knows_better():
     alike = np.diag(RULER.precision)
     about = Curvature(None, np.zeros(2), alike, np.diag(alike), np.zeros(2), RULER)
     assert learned(about) == pytest.approx(1)
+
+
+def test_no_value_is_told_to_be_worse_known_than_by_the_ruler():
+    found = np.array([[4.0, 1.0, 0.5], [1.0, 0.25, 0.1], [0.5, 0.1, 1.0]])
+    told = bounded(found, np.array([1.0, np.inf, 3.0]))
+    np.testing.assert_allclose(np.diag(told), [1.0, 0.25, 1.0])
+    correlation = [m / np.sqrt(np.outer(np.diag(m), np.diag(m))) for m in (found, told)]
+    np.testing.assert_allclose(*correlation)
+
+
+def test_what_no_photograph_finds_is_known_as_the_ruler_knows_it():
+    told = bounded(np.eye(2), np.array([5.0, 0.5]), np.array([True, False]))
+    np.testing.assert_allclose(np.diag(told), [25.0, 0.25])

@@ -56,7 +56,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
     np.save(tmp_path / "y.npy", photograph)
     outcome = periscopy(
         "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "new/found.xml",
-        "--uncertain", "monitor_dx=0.01",
+        "--uncertain", "monitor_dx=0.005",
     )  # fmt: skip
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.stages[-1] == "calibrating: 100 %"

@@ -1,0 +1,114 @@
+"""Which parameters only shift the hidden image, so that a photograph finds them up to patches.
+
+A monitor that moves in its own plane while its image moves the other way sends out the same light.
+Only its border tells: where nothing shines any more. Between one patch of shift and the next the
+evidence has a dip, whatever is true, for an image on a grid must be shifted by whole patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.evidence import Explanation
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.trust import is_significant
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import Array, Scenario
+
+OUT_OF_PLANE = 0.25
+"""Part of a shift, at most, that leads out of the monitor's plane: 14 degrees."""
+
+SAME = 1e-6
+"""Units of length within which points are the same: places are known to single precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageShift:
+    """By how much each parameter of a scene shifts the hidden image, if it does nothing else."""
+
+    patches: Array  # (2, P) across and up, by a unit of each parameter; 0 of those that do else
+
+    @classmethod
+    def none(cls, parameters: int) -> Self:
+        """Return that of some parameters none of which shifts the image alone."""
+        return cls(np.zeros((2, parameters)))
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        hidden: tuple[int, int],
+        given: Mapping[str, str],
+        names: Sequence[str],
+        prior: Prior,
+    ) -> Self:
+        """Return that of a scene's parameters, each moved by its ruler's error where one is known.
+
+        The prior, of the names, is about the values that the parameters are given.
+        """
+        here = load_scenario(path, hidden, given)
+        across, up = here.patch_across.mean(axis=0), here.patch_up.mean(axis=0)
+        to_patches = np.linalg.pinv(np.stack([across, up], axis=1))
+        patches = np.zeros((2, len(names)))
+        for k, (name, center, error) in enumerate(
+            zip(names, prior.centers, prior.errors, strict=True)
+        ):
+            if np.isfinite(error):
+                moved = load_scenario(path, hidden, {**given, name: f"{center + error:.17g}"})
+                if shifts_image(here, moved):
+                    shift = (moved.patch_centers - here.patch_centers).mean(axis=0)
+                    patches[:, k] = to_patches @ shift / error
+        return cls(patches)
+
+    @property
+    def alone(self) -> NDArray[np.bool_]:
+        """(P,) whether a parameter does nothing else."""
+        return np.asarray(self.patches.any(axis=0))
+
+    def nearest(self, values: Values, start: Values) -> Values:
+        """Return values, (P,), shifted by whole patches to where they are nearest a start's."""
+        whole = np.rint(self.patches @ (values - start))
+        return np.asarray(values - np.linalg.pinv(self.patches) @ whole)
+
+    def settled(
+        self, level: ResolutionLevel, values: Values, seen: Explanation
+    ) -> tuple[Values, Explanation]:
+        """Return the values `nearest` the ruler's, and what is seen there.
+
+        If the photograph tells them from those given, as it does by the border, these are returned.
+        """
+        near = self.nearest(values, level.prior.centers)
+        if np.array_equal(near, values):
+            return values, seen
+        try:
+            there = level.explain(near)
+        except SceneError:
+            return values, seen
+        worse = is_significant(there.evidence - seen.evidence, self.alone.sum())
+        return (values, seen) if worse else (near, there)
+
+
+def shifts_image(here: Scenario, moved: Scenario) -> bool:
+    """Return whether a scene differs from another by a shift of its monitor in its plane alone."""
+    shifts = moved.patch_centers - here.patch_centers
+    shift = shifts.mean(axis=0)
+    out = np.abs(here.patch_normals @ shift).max()
+    if np.abs(shifts - shift).max() > SAME or out >= OUT_OF_PLANE * np.linalg.norm(shift):
+        return False
+    still = [
+        (here.patch_normals, moved.patch_normals),
+        (here.wall_points, moved.wall_points),
+        *((a.vertices, b.vertices) for a, b in zip(here.occluders, moved.occluders, strict=True)),
+    ]
+    return all(
+        a is not None and b is not None and a.shape == b.shape and np.abs(a - b).max() <= SAME
+        for a, b in still
+    )
