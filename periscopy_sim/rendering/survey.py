@@ -14,8 +14,8 @@ from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
-EDGE = 1e-3
-"""Of the picture's size by which its corners are looked at within it."""
+EDGE = 1e-4
+"""Of the picture's size by which its corners are looked at within it; its size is told to 1e-3."""
 
 PARALLEL = 1e-5
 """Differences of directions that rounding makes."""

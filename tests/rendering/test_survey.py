@@ -18,9 +18,9 @@ def test_parallel_rays_begin_beside_each_other(room):
     survey = Survey(room.load())
     assert survey.parallel
     x, z = [0.5, 0.9, 0.9, 0.5, 0.7], np.array([1, 1, -1, -1, 0]) * 0.2 * 5 / 6 + 0.3
-    # The corners lie a thousandth of the picture within it.
-    np.testing.assert_allclose(survey.view_points[:, 0], x, atol=5e-4)
-    np.testing.assert_allclose(survey.view_points[:, 2], z, atol=5e-4)
+    # The corners lie within the picture by a ten-thousandth of its size.
+    np.testing.assert_allclose(survey.view_points[:, 0], x, atol=5e-5)
+    np.testing.assert_allclose(survey.view_points[:, 2], z, atol=5e-5)
     np.testing.assert_allclose(survey.view_points[:, 1], 1, atol=1e-5)
     np.testing.assert_allclose(
         survey.view_origins[:, [0, 2]], survey.view_points[:, [0, 2]], atol=1e-6
