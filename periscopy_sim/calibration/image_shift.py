@@ -21,13 +21,16 @@ from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array, Occluder, Scenario
 
 OUT_OF_PLANE = 0.25
 """Part of a shift, at most, that leads out of the monitor's plane: 14 degrees."""
 
 SAME = 1e-6
-"""Units of length within which points are the same: places are known to single precision."""
+"""Of the largest coordinate: within it points are the same, known to single precision."""
+
+UNRULED = 0.01
+"""Of a unit: how far a parameter is moved that no ruler knows, to see what it does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +53,10 @@ class ImageShift:
         names: Sequence[str],
         prior: Prior,
     ) -> Self:
-        """Return that of a scene's parameters, each moved by its ruler's error where one is known.
+        """Return that of a scene's parameters, each moved by its ruler's error to either side.
 
-        The prior, of the names, is about the values that the parameters are given.
+        The prior, of the names, is about the values that the parameters are given. One that can be
+        moved to neither side shifts nothing.
         """
         here = load_scenario(path, hidden, given)
         across, up = here.patch_across.mean(axis=0), here.patch_up.mean(axis=0)
@@ -61,11 +65,16 @@ class ImageShift:
         for k, (name, center, error) in enumerate(
             zip(names, prior.centers, prior.errors, strict=True)
         ):
-            if np.isfinite(error):
-                moved = load_scenario(path, hidden, {**given, name: f"{center + error:.17g}"})
-                if shifts_image(here, moved):
-                    shift = (moved.patch_centers - here.patch_centers).mean(axis=0)
-                    patches[:, k] = to_patches @ shift / error
+            move = error if np.isfinite(error) else UNRULED
+            for offset in (move, -move):
+                try:
+                    there = load_scenario(path, hidden, {**given, name: f"{center + offset:.17g}"})
+                except SceneError:
+                    continue
+                if shifts_image(here, there):
+                    shift = (there.patch_centers - here.patch_centers).mean(axis=0)
+                    patches[:, k] = to_patches @ shift / offset
+                break
         return cls(patches)
 
     @property
@@ -101,14 +110,23 @@ def shifts_image(here: Scenario, moved: Scenario) -> bool:
     shifts = moved.patch_centers - here.patch_centers
     shift = shifts.mean(axis=0)
     out = np.abs(here.patch_normals @ shift).max()
-    if np.abs(shifts - shift).max() > SAME or out >= OUT_OF_PLANE * np.linalg.norm(shift):
+    if out >= OUT_OF_PLANE * np.linalg.norm(shift):
         return False
     still = [
+        (shifts, np.broadcast_to(shift, shifts.shape)),
         (here.patch_normals, moved.patch_normals),
+        (here.patch_across, moved.patch_across),
+        (here.patch_up, moved.patch_up),
         (here.wall_points, moved.wall_points),
-        *((a.vertices, b.vertices) for a, b in zip(here.occluders, moved.occluders, strict=True)),
+        *((_outline(a), _outline(b)) for a, b in zip(here.occluders, moved.occluders, strict=True)),
     ]
+    same = SAME * max(np.abs(points).max() for points in (here.wall_points, here.patch_centers))
     return all(
-        a is not None and b is not None and a.shape == b.shape and np.abs(a - b).max() <= SAME
+        a is not None and b is not None and a.shape == b.shape and np.abs(a - b).max() <= same
         for a, b in still
     )
+
+
+def _outline(occluder: Occluder) -> Array | None:
+    """Return points that tell where an occluder stands: a mesh's own, of others the box's."""
+    return occluder.bounds if occluder.vertices is None else occluder.vertices

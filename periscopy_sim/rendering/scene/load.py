@@ -239,8 +239,10 @@ def _check_facing(
 
 
 def _occluder(shape: Any) -> Occluder:
+    box = shape.bbox()
+    bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
     if not shape.is_mesh():
-        return Occluder(shape.id(), None, None)
+        return Occluder(shape.id(), None, None, bounds)
     vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
     faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
-    return Occluder(shape.id(), vertices, faces)
+    return Occluder(shape.id(), vertices, faces, bounds)
