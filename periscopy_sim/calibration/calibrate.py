@@ -40,8 +40,6 @@ from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import (
     Backgrounds,
-    check_background,
-    check_distinct,
     named,
 )
 from periscopy_sim.reconstruction.background_subspace import background_basis
@@ -161,10 +159,10 @@ def calibrate(
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
-    off = _monitor_off(named(backgrounds), y, first.photograph_shape, mask)
-    if off:
+    off = []
+    if backgrounds is not None and len(backgrounds):
         small = load_scenario(path, fitted(hidden, COARSE), given)
-        _refuse_monitor(small, backgrounds, mask, seed)
+        off = _monitor_off(backgrounds, y, small, mask, seed)
     in_front = InFront(first)
     resolutions = [*LEVELS[:-1], finest(samples)]
     levels = [
@@ -187,44 +185,28 @@ def finest(samples: int) -> Resolution:
 
 
 def _monitor_off(
-    backgrounds: Mapping[str, NDArray[np.floating[Any]]],
+    backgrounds: Backgrounds,
     photograph: Array,
-    shape: tuple[int, int],
-    mask: NDArray[np.bool_] | None,
-) -> list[Array]:
-    """Return photographs with the monitor off; a PhotographError names one that is none."""
-    used = ... if mask is None else mask
-
-    def planes(values: Array) -> Array:
-        return np.ascontiguousarray(values[used].reshape(-1, 3).T)
-
-    checked = [check_photograph(b, shape, name, mask) for name, b in backgrounds.items()]
-    try:
-        for name, values in zip(backgrounds, checked, strict=True):
-            check_background(planes(values), name)
-        if checked:
-            columns = np.hstack([planes(values).T for values in checked])
-            check_distinct(planes(photograph)[None], columns, list(backgrounds))
-    except ValueError as error:
-        raise PhotographError(str(error)) from None
-    return checked
-
-
-def _refuse_monitor(
     scenario: Scenario,
-    backgrounds: Backgrounds | None,
     mask: NDArray[np.bool_] | None,
     seed: int,
-) -> None:
-    """Refuse photographs with the monitor on; see `check_monitor_off`."""
+) -> list[Array]:
+    """Return photographs with the monitor off; a PhotographError names one that is none.
+
+    The scenario's hidden image is as coarse as one that tells whether they show the monitor.
+    """
+    shape, hidden = scenario.photograph_shape, scenario.hidden_shape
     A = render_transport(scenario, seed=seed)
-    sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
     try:
-        observation = observation_of(A, *sizes, backgrounds)
+        given = named(backgrounds)
+        off = {name: check_photograph(image, shape, name, mask) for name, image in given.items()}
+        observation = observation_of(A, hidden, scenario.channel_gain, mask, shape, off)
+        observation.vectorized(photograph)  # which is none of them
         smooth = background_basis(observation.used(point_light_backgrounds(scenario)))
         check_monitor_off(A, smooth, observation)
     except ValueError as error:
         raise PhotographError(str(error)) from None
+    return list(off.values())
 
 
 def calibrate_levels(
@@ -247,15 +229,7 @@ def calibrate_levels(
     steps = np.minimum(scales, prior.errors)
     near = bool((prior.errors <= NEAR * scales).all())
     log = _Log(len(start), near, progress)
-    visit = log.at(coarse)
-    values = start if near else explore(coarse, start, spreads, coarse.seed, visit)
-    seen = coarse.explain(values)
-    visit(values, seen.evidence)
-    if seen.darkness - seen.evidence < SHOWN:
-        raise PhotographError(
-            "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
-            "can be learned from it"
-        )
+    values = _neighbourhood(coarse, start, spreads, near, log.at(coarse))
     onward = log.at(middle)
     middle, end = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
     values, _ = shift.settled(middle, *settle(middle, end, steps))
@@ -279,14 +253,12 @@ def calibrate_levels(
         values, after = start, before
     visit(values, after.evidence)
     why = doubts(names, values, spreads, prior, gained, known)
-    scores = block_scores(fine, end.explanation, end.curvature.jacobian)
-    alone = MARGIN**2 * end.curvature.covariance(scores)
-    log.report(1.0)
-    covariance = alone + moves @ moves.T
-    ruler = np.hypot(prior.errors, values - start)
-    covariance = bounded(covariance, ruler, shift.alone | set_back)
-    alone = bounded(alone, np.sqrt(np.diag(covariance)))
+    # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
+    unknown = shift.alone & np.isinf(prior.errors)
+    ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
+    alone, covariance = _covariances(fine, end, moves, ruler, shift.alone | set_back)
     deviations = np.sqrt(np.diag(covariance))
+    log.report(1.0)
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
     return Calibration(
         parameters=tuple(
@@ -307,6 +279,41 @@ def calibrate_levels(
     )
 
 
+def _neighbourhood(
+    level: ResolutionLevel, start: Values, spreads: Values, near: bool, visit: Visit
+) -> Values:
+    """Return where descents begin: at the start, if it is near, else at the best of a search.
+
+    A PhotographError says that nothing of the scene is seen there.
+    """
+    values = start if near else explore(level, start, spreads, level.seed, visit)
+    seen = level.explain(values)
+    visit(values, seen.evidence)
+    if seen.darkness - seen.evidence < SHOWN:
+        raise PhotographError(
+            "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
+            "can be learned from it"
+        )
+    return values
+
+
+def _covariances(
+    level: ResolutionLevel,
+    end: Descent,
+    moves: Array,
+    ruler: Values,
+    as_ruler: NDArray[np.bool_],
+) -> tuple[Array, Array]:
+    """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
+
+    Both are `bounded`; `moves` are those of `sensitivity`, (P, U).
+    """
+    scores = block_scores(level, end.explanation, end.curvature.jacobian)
+    alone = MARGIN**2 * end.curvature.covariance(scores)
+    both = alone + moves @ moves.T
+    return bounded(alone, ruler, as_ruler), bounded(both, ruler, as_ruler)
+
+
 def _descend(
     level: ResolutionLevel,
     start: Values,
@@ -318,8 +325,9 @@ def _descend(
     """Descend, see `descend`, and again where less is left than the residual's overdispersion said.
 
     A misplaced scene leaves structured residuals; as it finds its place, they go. Returned is the
-    level with the overdispersion of what is left at last, and with the wall's unevenness divided
-    out, as it shows where the first descent begins.
+    level of the last descent, by whose overdispersion its end is explained, too: evidences divided
+    by different ones do not compare. The wall's unevenness is divided out, as it shows where the
+    first descent begins.
     """
 
     def tempered(explanation: Explanation) -> ResolutionLevel:
@@ -328,12 +336,12 @@ def _descend(
     found = level.explain(start)
     level, seen = level.evened(found), level
     here = tempered(found if level is seen else level.explain(start))
-    for _ in range(ROUNDS):
-        end = descend(here, start, steps, longest, iterations, visit)
+    end = descend(here, start, steps, longest, iterations, visit)
+    for _ in range(ROUNDS - 1):
         after = tempered(end.explanation)
         if after.overdispersion > FALLEN * here.overdispersion:
             break
-        here, start = after, end.values
+        here, end = after, descend(after, end.values, steps, longest, iterations, visit)
     return here, end
 
 
@@ -358,13 +366,14 @@ class _Log:
     def at(self, level: ResolutionLevel) -> Visit:
         points: list[tuple[Values, float]] = []
         cost = self._costs[len(self._visited)]
-        self._done = self._starts[len(self._visited)]  # a descent may have ended early
+        # A level before may have ended early; one that takes longer waits at its end.
+        self._done, end = self._starts[len(self._visited) :][:2]
         self._visited.append((level, points))
 
         def visit(values: Values, evidence: float) -> None:
             points.append((values, evidence))
-            self._done += cost
-            self.report(min(self._done / self._starts[-1], 1.0))
+            self._done = min(self._done + cost, end)
+            self.report(self._done / self._starts[-1])
 
         return visit
 

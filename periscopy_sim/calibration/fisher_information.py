@@ -73,9 +73,12 @@ class Curvature:
 
     @property
     def _scale(self) -> Array:
-        """(P,) standard errors of each parameter alone: units in which none is large or small."""
-        unseen = self.noisy_diagonal == 0
-        return 1 / np.sqrt(np.where(unseen, self.prior.precision, self.noisy_diagonal))
+        """(P,) standard errors of each parameter alone: units in which none is large or small.
+
+        The scene's own unit of one that neither photograph nor ruler knows.
+        """
+        precision = np.where(self.noisy_diagonal > 0, self.noisy_diagonal, self.prior.precision)
+        return 1 / np.sqrt(np.where(precision > 0, precision, 1.0))
 
     def step(self, damping: float, longest: Values) -> Values:
         """Return Newton's step to where the slope vanishes, shortened to the longest allowed."""

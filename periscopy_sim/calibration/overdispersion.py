@@ -15,7 +15,7 @@ from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.scenario import Array
 
 STRUCTURED = 3.0
-"""From so much on, what is left is no noise: a search is made after all, and the user is told."""
+"""From so much on, what is left is no noise, and the user is told."""
 
 DIRECTIONS = 4
 """Sectors of half a circle of directions: a seam has one direction."""

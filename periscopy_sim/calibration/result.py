@@ -26,7 +26,8 @@ class Parameter:
         Before and after.
     statistical_error
         Standard error of the value in a scene that is otherwise right: from the evidence's
-        curvature and the spread of what stays unexplained.
+        curvature and the spread of what stays unexplained, or the ruler's where that is less, or
+        all that is known, see `trust.bounded`.
     standard_error
         The same in a scene some of whose other parameters are uncertain.
     scale
@@ -80,7 +81,7 @@ class Calibration:
         (P, U) how far each free parameter would have ended elsewhere, had an uncertain one been a
         standard error more.
     correlation
-        (P, P) of the free parameters' standard errors.
+        (P, P) of the free parameters' standard errors; 0 with one that only the ruler knows.
     path
         What was visited, coarse to fine.
     noise_before, noise

@@ -44,13 +44,15 @@ def bounded(covariance: Array, ruler: Array, as_ruler: NDArray[np.bool_] | None 
     """Return a covariance, (P, P), with standard errors of at most the ruler's, (P,).
 
     A value comes from the ruler's, and is no worse known. `as_ruler`, (P,), are those that are
-    known as the ruler knows them: the photograph has told nothing of them.
+    known as the ruler knows them, each alone: the photograph has told nothing of them.
     """
     found = np.sqrt(np.diag(covariance))
-    told = np.minimum(found, ruler)
-    told = told if as_ruler is None else np.where(as_ruler, ruler, told)
-    factors = told / found
-    return np.asarray(covariance * np.outer(factors, factors))
+    factors = np.minimum(found, ruler) / found
+    told = covariance * np.outer(factors, factors)
+    if as_ruler is not None:
+        told[as_ruler] = told[:, as_ruler] = 0.0
+        told[as_ruler, as_ruler] = ruler[as_ruler] ** 2
+    return np.asarray(told)
 
 
 def doubts(

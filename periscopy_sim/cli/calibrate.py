@@ -274,8 +274,10 @@ def _say(found: Calibration) -> None:
             f"that is no noise: at some scale it is {found.overdispersion:.0f} times as strong as "
             "noise would be (uneven paint, or something in the scene); the errors above count it"
         )
-    if not found.moved:
+    if not found.moved and all(p.value == p.start for p in found.parameters):
         say("no other values explain it better than those at the start, which stay")
+    elif not found.moved:
+        say("that is no more than chance gains: the values at the start explain it as well")
 
 
 def _standing(p: Parameter) -> str:

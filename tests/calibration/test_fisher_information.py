@@ -129,6 +129,12 @@ def test_errors_are_those_of_white_noise_or_of_the_blocks_if_larger(spread, unit
     assert correlations[0] == pytest.approx(correlations[1], rel=1e-3)
 
 
+def test_what_neither_photograph_nor_ruler_knows_has_an_error_beyond_any_scale():
+    information = np.diag([4.0, 0.0])
+    covariance = told(information).covariance([np.zeros((1, 2))])
+    np.testing.assert_allclose(np.diag(covariance), [1 / 4, 1e4], rtol=1e-3)
+
+
 def test_a_ruler_and_a_photograph_tell_more_than_either():
     prior = Prior(np.zeros(2), np.array([0.5, np.inf]))
     information = np.array([[4.0, 3.0], [3.0, 9.0]])

@@ -59,5 +59,6 @@ def test_no_value_is_told_to_be_worse_known_than_by_the_ruler():
 
 
 def test_what_no_photograph_finds_is_known_as_the_ruler_knows_it():
-    told = bounded(np.eye(2), np.array([5.0, 0.5]), np.array([True, False]))
-    np.testing.assert_allclose(np.diag(told), [25.0, 0.25])
+    found = np.array([[1.0, 0.5, 0.9], [0.5, 1.0, 0.8], [0.9, 0.8, 1.0]])
+    told = bounded(found, np.array([5.0, 0.5, np.inf]), np.array([True, False, False]))
+    np.testing.assert_allclose(told, [[25, 0, 0], [0, 0.25, 0.4], [0, 0.4, 1]])

@@ -10,8 +10,10 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.calibration import global_search, parameters
 from periscopy_sim.calibration.calibrate import _Log
+from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.cli import output
-from periscopy_sim.cli.calibrate import _open
+from periscopy_sim.cli.calibrate import _open, _say
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -229,6 +231,18 @@ def test_why_a_parameter_is_open_is_told(alone, correlation, why):
     ]
     errors = np.array([[1, correlation], [correlation, 1]])
     assert why in _open(SimpleNamespace(parameters=parameters, correlation=errors), 0, "turn")
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [(0.0, "those at the start, which stay"), (0.1, "no more than chance gains")],
+)
+def test_it_is_told_whether_values_stay_that_nothing_betters(capsys, value, told):
+    parameter = Parameter("dx", 0.0, value, 0.1, 0.1, 1.0, 1.0, np.inf if value else 0.1)
+    uncertain = UncertainParameters((), np.empty(0), np.empty(0))
+    left = np.ones(3), np.ones(3), np.ones((2, 2, 3)), np.ones((2, 2, 3))
+    _say(Calibration((parameter,), uncertain, np.empty((1, 0)), np.eye(1), (), *left, moved=False))
+    assert told in capsys.readouterr().out
 
 
 def test_progress_leaps_over_what_ended_early_and_never_goes_back():

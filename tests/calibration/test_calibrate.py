@@ -1,0 +1,102 @@
+"""The whole way in the world of the slat: what is told of each parameter, and by whom."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration import calibrate as calibration
+from periscopy_sim.calibration.calibrate import calibrate_levels
+from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.image_shift import ImageShift
+from periscopy_sim.calibration.levenberg_marquardt import Descent
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.resolution_level import ResolutionLevel
+from tests.calibration.conftest import HIDDEN, LIGHT, TRUTH, SlatLevel
+
+ERRING = TRUTH + np.array([0.02, -0.015])
+NOTHING = UncertainParameters((), np.empty(0), np.empty(0))
+
+
+class Slat(SlatLevel, ResolutionLevel):
+    """The slat as a calibration asks for it, with a ruler."""
+
+    explain = ResolutionLevel.explain
+    hidden_shape, _off = HIDDEN, ()
+
+    def __init__(self, start, errors, seed=0):
+        super().__init__(noise=0.002, seed=seed, rows=4)
+        self.prior, self._y = Prior(np.asarray(start), np.array(errors)), self.y
+
+    def background(self, values):
+        del values
+        return np.tile(LIGHT, (self.rows, 1)) / np.sqrt(self.rows)
+
+
+def calibrated(start, errors, shift=None, seed=0):
+    level = Slat(start, errors, seed)
+    return calibrate_levels([level] * 3, np.asarray(start), NOTHING, shift=shift)
+
+
+def test_a_ruler_that_errs_is_corrected_by_the_photograph():
+    # One of two errors is more than four standard errors in less than 1 of 7,000 sets of seeds.
+    found = calibrated(ERRING, [0.02, 0.02])
+    assert found.moved and found.trusted
+    for parameter, truth in zip(found.parameters, TRUTH, strict=True):
+        assert parameter.determined
+        assert abs(parameter.value - truth) < 4 * parameter.standard_error
+
+
+def test_a_ruler_that_is_right_is_left_alone_and_told_as_it_is():
+    found = calibrated(TRUTH, [0.02, 0.03])
+    assert not found.moved and found.trusted
+    assert list(found.values.values()) == TRUTH.tolist()
+    for parameter, error in zip(found.parameters, [0.02, 0.03], strict=True):
+        assert parameter.standard_error == parameter.statistical_error == pytest.approx(error)
+        assert not parameter.determined
+    np.testing.assert_array_equal(found.correlation, np.eye(2))
+
+
+def test_what_shifts_the_image_is_known_by_the_ruler_alone():
+    start, shift = ERRING, ImageShift(np.array([[2.0, 0.0], [0.0, 0.0]]))
+    middle, distance = (found := calibrated(start, [0.02, 0.02], shift)).parameters
+    assert found.moved and distance.determined and not middle.determined
+    assert middle.standard_error == pytest.approx(np.hypot(0.02, middle.value - middle.start))
+    assert middle.statistical_error == middle.standard_error
+    np.testing.assert_array_equal(found.correlation, np.eye(2))
+
+
+def test_what_shifts_the_image_and_no_ruler_knows_is_not_determined(monkeypatch):
+    monkeypatch.setattr(calibration, "explore", lambda _, start, *__: start)
+    start, shift = ERRING, ImageShift(np.array([[2.0, 0.0], [0.0, 0.0]]))
+    middle, distance = (found := calibrated(start, [np.inf, 0.02], shift)).parameters
+    assert distance.determined and not middle.determined
+    assert middle.scale <= middle.spread <= middle.standard_error < np.inf
+    assert np.isfinite(found.correlation).all()
+
+
+def test_the_end_is_explained_by_the_overdispersion_that_is_told(monkeypatch):
+    """Or its evidence, by another one, would compare with none: it falls in every descent."""
+    falling = iter([64.0, 32.0, 16.0, 8.0, 4.0])
+
+    def descend(level, start, *_):
+        return Descent(start, level.explain(start), None, None)
+
+    monkeypatch.setattr(calibration, "overdispersion", lambda *_: next(falling))
+    monkeypatch.setattr(calibration, "descend", descend)
+    level = Slat(TRUTH, [0.02, 0.02])
+    steps = np.array([0.01, 0.01])
+    last, end = calibration._descend(level, TRUTH, steps, steps, 5, lambda *_: None)
+    assert last.overdispersion == end.explanation.overdispersion == 16
+    assert last.explain(TRUTH).evidence == end.explanation.evidence
+
+
+def test_a_descent_that_takes_long_does_not_eat_the_next_ones_share():
+    told = []
+    log = calibration._Log(2, True, told.append)
+    for _ in range(3):
+        visit = log.at(SimpleNamespace())
+        for _ in range(40):
+            visit(np.zeros(2), 0.0)
+    assert told == sorted(told)
+    assert told[39] < told[40] < told[79] < told[80] and told[79] < 0.6 and told[-1] == 1
