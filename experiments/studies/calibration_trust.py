@@ -108,6 +108,10 @@ class PlateLevel(ResolutionLevel):
         self._smooth = np.linalg.qr(smooth)[0]
         self._background = np.linalg.qr(np.hstack([smooth, *self._off.values()]))[0]
 
+    def differing(self) -> PlateLevel:
+        """Return the level itself: there are no rays of which differences need fewer."""
+        return self
+
     def matrix(self, values: Array, seed: int | None = None) -> Array:
         """Return the transport matrix; no ray is random, whatever the seed."""
         del seed
