@@ -27,6 +27,7 @@ from scipy.ndimage import gaussian_filter
 
 from periscopy_sim.calibration.calibrate import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.image_shift import ImageShift
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.result import Calibration
@@ -49,6 +50,9 @@ RULER = {
     "camera_dx": 0.01,
 }
 """Parameters and their errors: metres, and a part of the plate's size. All are 0 in the scene."""
+
+SHIFTS = {"monitor_dx": (HIDDEN[1] / MONITOR[2], 0.0), "monitor_dz": (0.0, HIDDEN[0] / MONITOR[3])}
+"""Parameters that only shift the image: by so many patches a metre, across and up."""
 
 SBR, SNR = 0.34, 60.0
 WITHIN = 3.0
@@ -189,7 +193,8 @@ def calibrated(trouble: Trouble, seed: int) -> tuple[Array, Calibration, PlateLe
     truth, photograph, off = taken(trouble, seed)
     level = PlateLevel(photograph, off, Prior(0 * truth, np.array(list(RULER.values()))), seed)
     nothing = UncertainParameters((), np.empty(0), np.empty(0))
-    found = calibrate_levels([copy(level) for _ in range(3)], 0 * truth, nothing)
+    shift = ImageShift(np.array([SHIFTS.get(name, (0.0, 0.0)) for name in RULER]).T)
+    found = calibrate_levels([copy(level) for _ in range(3)], 0 * truth, nothing, shift=shift)
     return truth, found, level
 
 
