@@ -102,7 +102,9 @@ def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Value
     Between places so near, the evidence by the descent's own rays tells more of the rays than of
     the places; its slope, of wide differences and of two sets of rays, does not. Returned are the
     values and explanation there; those of the descent's end where rays that chose neither place
-    find that one better, or the step is not physical.
+    find that one better, or the step is not physical. Either explanation is by the level's own
+    rays, as those of other places are with which it is compared: by others the evidence of one
+    place differs by far more than that of places beside each other by the same.
     """
     there, other = end.values + end.curvature.step(UNSEEN, longest), level.seed + 2
     try:
@@ -110,4 +112,4 @@ def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Value
         better = level.explain(there, other).evidence < level.explain(end.values, other).evidence
     except SceneError:
         better = False
-    return (there, reached) if better else (end.values, end.explanation)
+    return (there, reached) if better else (end.values, level.explain(end.values))

@@ -1,12 +1,11 @@
 from copy import copy
 from dataclasses import replace
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from periscopy_sim.calibration.fisher_information import curvature
-from periscopy_sim.calibration.levenberg_marquardt import TRIALS, Descent, descend, settle
+from periscopy_sim.calibration.levenberg_marquardt import SEEDS, TRIALS, Descent, descend, settle
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import TRUTH
 
@@ -43,7 +42,13 @@ def test_a_descent_that_ended_early_is_settled(slat_level):
     assert explanation.evidence < stopped.explanation.evidence
     assert not np.array_equal(values, early)
     with_wall = copy(level)
-    with_wall.explain = Mock(side_effect=SceneError("the slat is in the wall"))
+
+    def walled(place, seed=None):
+        if place is not early:
+            raise SceneError("the slat is in the wall")
+        return level.explain(place, seed)
+
+    with_wall.explain = walled
     assert settle(with_wall, stopped, LONGEST)[0] is early
 
 
@@ -57,6 +62,17 @@ def test_a_step_that_other_rays_do_not_confirm_is_not_taken(slat_level):
         other = [level.explain(place, seed + 2).evidence for place in (values, TRUTH)]
         assert other[0] <= other[1]
     assert refused >= 1
+
+
+def test_where_a_descent_settles_is_explained_by_the_rays_of_the_level(slat_level):
+    taken = set()
+    for seed in range(8):
+        level = slat_level(noise=0.002, seed=seed, rendering=1e-3)
+        end = ended(level.reseeded(seed + SEEDS), TRUTH)
+        values, explanation = settle(level, end, LONGEST)
+        taken.add(values is not TRUTH)
+        assert explanation.evidence == level.explain(values).evidence
+    assert taken == {False, True}
 
 
 def test_visits_go_downhill(slat_level):
