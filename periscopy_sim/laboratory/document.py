@@ -71,17 +71,23 @@ class Wall(Strict):
     reflectance: Reflectance = (0.8, 0.8, 0.8)
 
 
-class PerspectiveCamera(Strict):
-    """A camera in the room: where it stands, where it looks, how wide."""
+class _Camera(Strict):
+    """What all kinds of cameras have."""
+
+    film: RowsAndColumns
+
+
+class PerspectiveCamera(_Camera):
+    """A camera in the room: where it stands, where it looks, how wide or how high it sees."""
 
     kind: Literal["perspective"]
-    film: RowsAndColumns
     position: Place
     target: OnWall | None = None
     turn: Angle | None = None
     tilt: Angle | None = None
     roll: Angle = EXACTLY_0
-    field_of_view: Angle
+    field_of_view: Angle | None = None
+    vertical_field_of_view: Angle | None = None
 
     @model_validator(mode="after")
     def _looks_somewhere(self) -> Self:
@@ -90,7 +96,13 @@ class PerspectiveCamera(Strict):
                 "give either target: [x, z], the point of the wall in the picture's middle, or the "
                 "direction, by turn and tilt"
             )
-        if not 0 < self.field_of_view.value < 180:
+        given = self.field_of_view, self.vertical_field_of_view
+        if given.count(None) != 1:
+            raise ValueError(
+                "give either field_of_view, of the picture's width, or vertical_field_of_view, of "
+                "its height"
+            )
+        if not 0 < next(filter(None, given)).value < 180:
             raise ValueError("the field of view must lie between 0 and 180 deg")
         return self
 
@@ -104,20 +116,18 @@ class Corners(Strict):
     bottom_left: OnWall
 
 
-class CornersCamera(Strict):
+class CornersCamera(_Camera):
     """A camera whose direction and field of view follow from the four corners of what it sees."""
 
     kind: Literal["corners"]
-    film: RowsAndColumns
     position: Place
     corners: Corners
 
 
-class RectifiedCamera(Strict):
+class RectifiedCamera(_Camera):
     """A picture that was brought to an upright rectangle of the wall."""
 
     kind: Literal["rectified"]
-    film: RowsAndColumns
     bottom_left: OnWall
     width: Size
     height: Size
@@ -163,14 +173,32 @@ class Screen(Strict):
 Anchor = Literal["base", "center", "corner"]
 
 
-class _Body(Strict):
-    """What all occluders have: a name, a place, turns, and what they reflect."""
+class _Occluder(Strict):
+    """What all occluders have: a name, and what they reflect."""
 
     name: Annotated[str, AfterValidator(_name)]
+    reflectance: Reflectance = (0.3, 0.3, 0.3)
+
+
+class _Body(_Occluder):
+    """What occluders have that stand at a place: the place, and their turns there."""
+
     position: Place
     turn: Angle = EXACTLY_0
     tilt: Angle = EXACTLY_0
-    reflectance: Reflectance = (0.3, 0.3, 0.3)
+
+
+class _Round(_Occluder):
+    """How thick a round occluder is: one of the two."""
+
+    diameter: Size | None = None
+    radius: Size | None = None
+
+    @model_validator(mode="after")
+    def _has_one_thickness(self) -> Self:
+        if (self.diameter is None) == (self.radius is None):
+            raise ValueError("give either diameter or radius")
+        return self
 
 
 class Box(_Body):
@@ -203,24 +231,20 @@ class Frame(_Body):
     thickness: Size = Measured(0.001, 0.0)
 
 
-class UprightCylinder(_Body):
+class UprightCylinder(_Body, _Round):
     """A cylinder that stands, before it is tilted."""
 
     kind: Literal["cylinder"]
     anchor: Literal["base", "center"] = "base"
-    diameter: Size
     height: Size
 
 
-class Rod(Strict):
+class Rod(_Round):
     """A round rod between two points."""
 
     kind: Literal["rod"]
-    name: Annotated[str, AfterValidator(_name)]
     start: Place
     end: Place
-    diameter: Size
-    reflectance: Reflectance = (0.3, 0.3, 0.3)
 
     @model_validator(mode="after")
     def _has_a_length(self) -> Self:

@@ -108,8 +108,13 @@ def _seen(laboratory: Laboratory, aim: Aim | None) -> Array:
         if ahead[1] < 1e-3:
             raise ConfigurationError("camera.turn: it looks away from the wall; 0 looks at it")
         x, _, z = position + (distance - position[1]) / ahead[1] * ahead
-    roll, angle = camera.roll.value, camera.field_of_view.value
-    return corners_seen(position, distance, camera.film, x, z, roll, angle)
+    if camera.field_of_view is not None:
+        width = camera.field_of_view.value
+    else:
+        assert camera.vertical_field_of_view is not None
+        half = np.tan(np.radians(camera.vertical_field_of_view.value / 2))
+        width = 2 * np.degrees(np.arctan(half * camera.film[1] / camera.film[0]))
+    return corners_seen(position, distance, camera.film, x, z, camera.roll.value, width)
 
 
 def _add_wall(scene: SceneText, laboratory: Laboratory, seen: Array) -> None:
@@ -140,6 +145,7 @@ def _add_camera(
     scene.section("The camera: its place, where it looks, how wide.")
     place = scene.place("camera", camera.position, "camera.position")
     target: Iterable[Measured] | None
+    field, side = "field_of_view", "x"
     if aim is not None:
         found = {name: Measured(value, aim.errors[name]) for name, value in aim.values.items()}
         scene.section(
@@ -148,10 +154,13 @@ def _add_camera(
             "far the camera is rolled clockwise, and the angle of the picture's width."
         )
         target = (found["target_x"], found["target_z"])
-        roll, width = found["camera_roll"], found["field_of_view"]
+        roll, seen = found["camera_roll"], found["field_of_view"]
     else:
         assert isinstance(camera, PerspectiveCamera)
-        target, roll, width = camera.target, camera.roll, camera.field_of_view
+        target, roll = camera.target, camera.roll
+        if camera.field_of_view is None:
+            field, side = "vertical_field_of_view", "y"
+        seen = getattr(camera, field)
     rolled = scene.declare("camera_roll", roll, "angle", "camera.roll")
     turned = [f'<rotate z="1" angle="{rolled}"/>']
     if target is not None:
@@ -167,12 +176,12 @@ def _add_camera(
             declared = scene.declare(f"camera_{name}", angle, "angle", f"camera.{name}")
             turned.append(f'<rotate {axis}="1" angle="{declared}"/>')
         turned.append(place)
-    angle = scene.declare("field_of_view", width, "angle", "camera.field_of_view")
+    angle = scene.declare(field, seen, "angle", f"camera.{field}")
     scene.add(
         [
             '<sensor type="perspective" id="camera">',
             f'    <float name="fov" value="{angle}"/>',
-            '    <string name="fov_axis" value="x"/>',
+            f'    <string name="fov_axis" value="{side}"/>',
             *transform(*turned),
             *scene.film(camera.film),
             "</sensor>",
@@ -253,12 +262,15 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
 def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) -> None:
     name, entry = body.name, f"occluder '{body.name}'"
     if isinstance(body, Rod):
-        scene.section(f"The rod '{name}': its ends, and half of its diameter.")
+        scene.section(f"The rod '{name}': its ends, and its radius.")
         for end, point in (("start", body.start), ("end", body.end)):
             scene.place(f"{name}_{end}", point, f"{entry}: {end}")
-        error = body.diameter.error
-        radius = Measured(body.diameter.value / 2, None if error is None else error / 2)
-        scene.declare(f"{name}_radius", radius, "length", f"{entry}: diameter")
+        radius, given = body.radius, "radius"
+        if body.diameter is not None:
+            value, error = body.diameter.value, body.diameter.error
+            radius, given = Measured(value / 2, None if error is None else error / 2), "diameter"
+        assert radius is not None
+        scene.declare(f"{name}_radius", radius, "length", f"{entry}: {given}")
         ends = [
             f'    <point name="{p}" value="${name}_{end}_x, ${name}_{end}_y, ${name}_{end}_z"/>'
             for p, end in (("p0", "start"), ("p1", "end"))
@@ -296,10 +308,13 @@ def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) 
     if isinstance(body, MeshBody):
         add("ply", name, file=meshes[name])
     elif isinstance(body, UprightCylinder):
-        across, up = length("diameter"), length("height")
-        lowered = ['<translate z="-0.5"/>'] if anchor == "center" else []
+        moved = ['<translate z="-0.5"/>'] if anchor == "center" else []
+        if body.diameter is None:
+            moved.append('<scale x="2" y="2"/>')
+        across = length("radius" if body.diameter is None else "diameter")
+        up = length("height")
         scaled = f'<scale x="{across}" y="{across}" z="{up}"/>'
-        add("ply", name, *lowered, scaled, file=meshes[CYLINDER])
+        add("ply", name, *moved, scaled, file=meshes[CYLINDER])
     elif isinstance(body, Frame):
         sizes = [length(size) for size in ("width", "thickness", "height", "bar")]
         for side, shaping in _bars(*sizes).items():

@@ -125,6 +125,16 @@ def test_perspective_picture_is_that_of_a_pinhole(built, direction):
     np.testing.assert_allclose(seen[..., 1] / seen[..., 2], np.tile(up, (16, 1)).T, atol=3e-6)
 
 
+def test_field_of_view_may_be_that_of_the_pictures_height(built, tmp_path):
+    across = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).wall_points
+    high = 2 * np.degrees(np.arctan(np.tan(np.radians(10)) * 12 / 16))
+    camera = PERSPECTIVE.replace("field_of_view: 20 deg", f"vertical_field_of_view: {high} deg")
+    up = built(WALL, camera % "target: [60 cm, 25 cm]", MONITOR).wall_points
+    np.testing.assert_allclose(up, across, atol=3e-6)
+    declared = read_document(tmp_path / "lab.xml").defaults
+    assert declared["vertical_field_of_view_error"] == "1.0" and "field_of_view" not in declared
+
+
 def test_camera_known_by_four_corners_is_the_one_that_sees_them(built, tmp_path):
     aimed = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm], roll: 3 deg", MONITOR)
     grid = built(
@@ -247,6 +257,23 @@ def test_cylinder_is_round_and_closed(built, anchor, low):
     a, b, c = np.moveaxis(upright[thing.faces], 1, 0)
     volume = np.sum(a * np.cross(b, c)) / 6
     np.testing.assert_allclose(volume, np.pi * 0.03**2 * 0.1, rtol=1e-3)  # its outside is outside
+
+
+def test_round_things_may_be_told_by_their_radius(built, tmp_path):
+    by_diameter = "diameter: 6 cm +- 2 mm, height: 10 cm"
+    by_radius = "height: 10 cm, radius: 3 cm +- 1 mm"
+    one, other = (
+        built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).occluders[0].vertices
+        for sizes in (by_diameter, by_radius)
+    )
+    np.testing.assert_allclose(one, other, atol=1e-6)
+    assert read_document(tmp_path / "lab.xml").defaults["thing_radius_error"] == "0.001"
+    ends = "kind: rod, name: rod, start: [20 cm, 40 cm, 15 cm], end: [30 cm, 50 cm, 35 cm]"
+    texts = []
+    for thick in ("diameter: 4 cm +- 2 mm", "radius: 2 cm +- 1 mm"):
+        built(WALL, CAMERA, MONITOR, f"occluders: [{{{ends}, {thick}}}]\n")
+        texts.append((tmp_path / "lab.xml").read_text())
+    assert texts[0] == texts[1] and 'name="rod_radius" value="0.02"' in texts[0]
 
 
 def test_rod_lies_between_its_ends(built):

@@ -61,7 +61,23 @@ def test_example_shows_every_kind_of_occluder_and_camera():
         ("length: 5 mm", "length: -5 mm", r"line 1, errors.length: '-5 mm' is not positive"),
         ("angle: 1 deg", "angle: 0 deg", r"line 1, errors: the error of an angle"),
         ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
-        ("kind: rectified", "kind: perspective", r"camera"),
+        (
+            "kind: rectified",
+            "kind: perspective",
+            r"line 6, camera.bottom_left: is not known of "
+            "kind perspective; it belongs to kind rectified",
+        ),
+        (
+            "  kind: rectified",
+            "  position: 1\n  kind: rectified",
+            "is not known of kind rectified; it belongs to kind perspective and corners",
+        ),
+        (
+            "center: [0 m",
+            "place: [0 m",
+            r"line 12, monitor.place: is not known; there are width, "
+            "height, center, .*; see 'periscopy lab --example'",
+        ),
     ],
 )
 def test_mistakes_are_told_with_their_line(tmp_path, old, new, message):
@@ -84,6 +100,24 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
         (BOX.replace("box", "bx"), "kind 'bx' is not known; there are 'box', 'plate'"),
         ("{kind: mesh, name: m, file: a.stl, position: [0 m, 0 m, 0 m]}", "have no unit; give it"),
         ("{kind: mesh, name: m, file: a.stl, unit: furlong, position: [0 m, 0 m, 0 m]}", "'mm'"),
+        (
+            "{kind: rod, name: r, thickness: 1 cm}",
+            "occluders.0.thickness: is not known of kind rod; it belongs to kind plate and frame",
+        ),
+        (
+            "{kind: rod, name: r, length: 1 cm}",
+            "occluders.0.length: is not known; kind rod has "
+            "name, reflectance, diameter, radius, start, end; see",
+        ),
+        (
+            "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm, "
+            "radius: 5 mm}",
+            "occluders.0: give either diameter or radius",
+        ),
+        (
+            "{kind: cylinder, name: c, position: [0 m, 0 m, 0 m], height: 1 cm}",
+            "occluders.0: give either diameter or radius",
+        ),
         (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "two occluders are called"),
         (BOX.replace("NAME", "b").replace("}", ", anchor: top}"), "anchor: Input should be 'base'"),
     ],
@@ -107,6 +141,10 @@ def test_camera_looks_at_a_target_or_in_a_direction(tmp_path):
         load_laboratory(written(tmp_path, text.replace(camera, changed)))
     for changed in (camera, aimed + "  tilt: 3 deg\n"):
         with pytest.raises(ConfigurationError, match="camera: give either target"):
+            load_laboratory(written(tmp_path, text.replace(camera, changed)))
+    both = turned + "  vertical_field_of_view: 20 deg\n"
+    for changed in (both, both.replace("  field", "  vertical_field").replace("  v", "  # v")):
+        with pytest.raises(ConfigurationError, match="give either field_of_view, of the picture's"):
             load_laboratory(written(tmp_path, text.replace(camera, changed)))
     with pytest.raises(ConfigurationError, match="between 0 and 180 deg"):
         load_laboratory(written(tmp_path, text.replace(camera, aimed.replace("30 deg", "-3 deg"))))

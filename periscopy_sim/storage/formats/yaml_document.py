@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 import yaml
 from pydantic import (
@@ -40,14 +40,48 @@ class Strict(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _knows(cls, given: Any, info: ValidationInfo) -> Any:
+        known = cls.entries()
         for name in given if isinstance(given, dict) else ():
-            if name not in cls.model_fields:
-                near = get_close_matches(str(name), cls.model_fields, 1)
+            if name not in known:
                 example = (info.context or {}).get("example", "its documentation")
-                advice = f"did you mean '{near[0]}'?" if near else f"see {example}"
-                told = {"entry": str(name), "advice": advice}
-                raise PydanticCustomError("unknown", "is not known; {advice}", told)
+                told = {"entry": str(name), "advice": cls._advice(str(name), example)}
+                raise PydanticCustomError("unknown", "is not known{advice}", told)
         return given
+
+    @classmethod
+    def entries(cls) -> list[str]:
+        """Return the names of the entries, as a document has them."""
+        return [field.alias or name for name, field in cls.model_fields.items()]
+
+    @classmethod
+    def _advice(cls, name: str, example: str) -> str:
+        """Return what to write in the place of an entry that is not known."""
+        own = _kind(cls)
+        owners = [_kind(other) for other in _siblings(cls) if name in other.entries()]
+        if own and owners:
+            return f" of kind {own}; it belongs to kind {' and '.join(map(str, owners))}"
+        if near := get_close_matches(name, cls.entries(), 1):
+            return f"; did you mean '{near[0]}'?"
+        known = ", ".join(each for each in cls.entries() if each not in ("kind", "folder"))
+        return f"; {f'kind {own} has' if own else 'there are'} {known}; see {example}"
+
+
+def _kind(model: type[Strict]) -> str | None:
+    """Return the kind of what a model describes, where there are several."""
+    kind = model.model_fields.get("kind")
+    return None if kind is None else next(iter(get_args(kind.annotation)), None)
+
+
+def _siblings(model: type[Strict]) -> list[type[Strict]]:
+    """Return the models of the other kinds: those that share a base with it."""
+    family = next(each for each in reversed(model.__mro__) if Strict in each.__bases__)
+    found, waiting = [], [family]
+    while waiting:
+        each = waiting.pop(0)
+        waiting += each.__subclasses__()
+        if each is not model and _kind(each):
+            found.append(each)
+    return found
 
 
 def _rows_and_columns(given: Any) -> Any:

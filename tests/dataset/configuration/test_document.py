@@ -64,7 +64,10 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("colour: red", r"config.yaml: line 7, colour: is not known; see .*--example"),
+        (
+            "colour: red",
+            r"config.yaml: line 7, colour: is not known; there are seed, .*; see .*--example",
+        ),
         (
             "light: {kind: direct, smaples: 4}",
             r"line 7, light.smaples: is not known; did you mean 'samples'\?$",
