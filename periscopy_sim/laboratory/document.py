@@ -174,9 +174,14 @@ Anchor = Literal["base", "center", "corner"]
 
 
 class _Occluder(Strict):
-    """What all occluders have: a name, and what they reflect."""
+    """What all occluders have: a name, what they stand with, and what they reflect.
+
+    The places and turns of one that has a bearer (``with`` in a document) are in the bearer's
+    coordinates: from its anchor, along its own axes. Those that state no error are exact there.
+    """
 
     name: Annotated[str, AfterValidator(_name)]
+    bearer: Annotated[str | None, Field(alias="with")] = None
     reflectance: Reflectance = (0.3, 0.3, 0.3)
 
 
@@ -307,6 +312,24 @@ class Laboratory(Strict):
                 f"occluder '{name}' is called like a bar of the frame '{bars[name]}'; name it "
                 "otherwise"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _bearers_are_there(self) -> Self:
+        known: dict[str, Occluding] = {}
+        for each in self.occluders:
+            bearer = known.get(each.bearer) if each.bearer else None
+            if each.bearer and bearer is None:
+                raise ValueError(
+                    f"occluder '{each.name}' stands with '{each.bearer}', but no occluder above it "
+                    f"is called so; there are {', '.join(known) or 'none'}"
+                )
+            if isinstance(bearer, Rod):
+                raise ValueError(
+                    f"occluder '{each.name}' stands with '{bearer.name}', a rod, which has no axes "
+                    "of its own; let it stand with another"
+                )
+            known[each.name] = each
         return self
 
 

@@ -56,8 +56,9 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     else:
         _add_camera(scene, camera, aim)
     _add_monitor(scene, laboratory)
-    for occluder in laboratory.occluders:
-        _add_occluder(scene, occluder, meshes)
+    to_world: dict[str | None, list[str]] = {None: []}  # from each occluder's own coordinates
+    for body in laboratory.occluders:
+        to_world[body.name] = _add_occluder(scene, body, meshes, to_world[body.bearer])
     return scene.text(title)
 
 
@@ -259,12 +260,21 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
     )
 
 
-def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) -> None:
+def _add_occluder(
+    scene: SceneText, body: Occluding, meshes: Mapping[str, str], bearer: list[str]
+) -> list[str]:
+    """Add an occluder, given its bearer's tags to the world; return its own tags to the world."""
     name, entry = body.name, f"occluder '{body.name}'"
+    beside = f", in the coordinates of '{body.bearer}'" if body.bearer else ""
+
+    def stated(measured: Measured) -> Measured:
+        exact = body.bearer is not None and measured.error is None
+        return Measured(measured.value, 0.0) if exact else measured
+
     if isinstance(body, Rod):
-        scene.section(f"The rod '{name}': its ends, and its radius.")
+        scene.section(f"The rod '{name}': its ends{beside}, and its radius.")
         for end, point in (("start", body.start), ("end", body.end)):
-            scene.place(f"{name}_{end}", point, f"{entry}: {end}")
+            scene.place(f"{name}_{end}", map(stated, point), f"{entry}: {end}")
         radius, given = body.radius, "radius"
         if body.diameter is not None:
             value, error = body.diameter.value, body.diameter.error
@@ -280,15 +290,19 @@ def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) 
                 f'<shape type="cylinder" id="{name}">',
                 *ends,
                 f'    <float name="radius" value="${name}_radius"/>',
+                *(transform(*bearer) if bearer else []),
                 *paint(body.reflectance),
                 "</shape>",
             ]
         )
-        return
+        return bearer
     anchor = getattr(body, "anchor", "base")
-    scene.section(f"The {body.kind} '{name}': the place of its {anchor}, its tilt and turn there.")
-    place = scene.place(name, body.position, f"{entry}: position")
-    turns = scene.turns(name, body.tilt, body.turn, entry)
+    scene.section(
+        f"The {body.kind} '{name}': the place of its {anchor}, its tilt and turn there{beside}."
+    )
+    place = scene.place(name, map(stated, body.position), f"{entry}: position")
+    turns = scene.turns(name, stated(body.tilt), stated(body.turn), entry)
+    to_world = [*turns, place, *bearer]
 
     def length(size: str) -> str:
         return scene.declare(f"{name}_{size}", getattr(body, size), "length", f"{entry}: {size}")
@@ -299,7 +313,7 @@ def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) 
                 f'<shape type="{kind}" id="{label}">',
                 *([f'    <string name="filename" value={quoteattr(file)}/>'] if file else []),
                 *(['    <boolean name="face_normals" value="true"/>'] if file else []),
-                *transform(*shaping, *turns, place),
+                *transform(*shaping, *to_world),
                 *paint(body.reflectance),
                 "</shape>",
             ]
@@ -333,6 +347,7 @@ def _add_occluder(scene: SceneText, body: Occluding, meshes: Mapping[str, str]) 
             '<scale value="0.5"/>',
             f"<scale {axes(*sizes)}/>",
         )
+    return to_world
 
 
 def _bars(width: str, thickness: str, height: str, bar: str) -> dict[str, tuple[str, ...]]:

@@ -299,6 +299,51 @@ def test_rod_lies_between_its_ends(built):
     assert not dark[apart > 0.021].any()
 
 
+BORNE = """occluders:
+- {kind: box, name: bottle, position: [20 cm, 50 cm, 5 cm], turn: 25 deg, tilt: -15 deg,
+   width: 6 cm, depth: 4 cm, height: 10 cm, anchor: center}
+- {kind: box, name: neck, with: bottle, position: [1 cm, 0 cm, 5 cm], turn: 10 deg,
+   width: 2 cm, depth: 1 cm, height: 3 cm}
+- {kind: plate, name: flag, with: neck, position: [0 cm +- 1 mm, 0 cm, 3 cm], tilt: 5 deg,
+   width: 4 cm, thickness: 2 mm, height: 2 cm}
+- {kind: rod, name: straw, with: bottle, start: [0 cm, 0 cm, 5 cm], end: [2 cm, 1 cm, 15 cm],
+   radius: 3 mm}
+- {kind: rod, name: twin, start: [%s], end: [%s], radius: 3 mm}
+"""
+
+
+def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path):
+    ends = turned([(0, 0, 0.05), (0.02, 0.01, 0.15)], -15, 25) + POSITION
+    start, end = (", ".join(f"{x:.12f} m" for x in each) for each in ends)
+    found = {
+        each.name: each for each in built(WALL, CAMERA, MONITOR, BORNE % (start, end)).occluders
+    }
+    neck = turned(corners_of((-0.01, -0.005, 0), (0.01, 0.005, 0.03)), 0, 10) + np.array(
+        [0.01, 0, 0.05]
+    )
+    same_points(found["neck"].vertices, turned(neck, -15, 25) + POSITION)
+    flag = turned(corners_of((-0.02, -0.001, 0), (0.02, 0.001, 0.02)), 5, 0) + np.array(
+        [0, 0, 0.03]
+    )
+    flag = turned(turned(flag, 0, 10) + np.array([0.01, 0, 0.05]), -15, 25) + POSITION
+    same_points(found["flag"].vertices, flag)
+    straw, twin = (found[name].bounds for name in ("straw", "twin"))
+    np.testing.assert_allclose(straw, twin, atol=1e-5)
+    declared = read_document(tmp_path / "lab.xml").defaults
+    errors = {name for name in declared if name.endswith("_error")}
+    own = {"neck_width_error", "neck_depth_error", "neck_height_error"}
+    assert {name for name in errors if name.startswith("neck")} == own
+    assert "flag_x_error" in errors and "flag_y_error" not in errors
+    assert {"bottle_x_error", "bottle_turn_error", "straw_radius_error"} <= errors
+    assert not {name for name in errors if name.startswith("straw_start")}
+    moved = built(WALL, CAMERA, MONITOR, BORNE % (start, end), parameters={"bottle_x": "0.23"})
+    for each in moved.occluders:
+        there = 0.0 if each.name == "twin" else 0.03
+        np.testing.assert_allclose(
+            each.bounds - found[each.name].bounds, [(there, 0, 0)] * 2, atol=1e-6
+        )
+
+
 # -- meshes --------------------------------------------------------------------------------------
 
 CORNERS = np.array([(100, 200, 10), (160, 200, 10), (100, 260, 10), (100, 200, 90)], "f4")

@@ -107,7 +107,7 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
         (
             "{kind: rod, name: r, length: 1 cm}",
             "occluders.0.length: is not known; kind rod has "
-            "name, reflectance, diameter, radius, start, end; see",
+            "name, with, reflectance, diameter, radius, start, end; see",
         ),
         (
             "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm, "
@@ -117,6 +117,16 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
         (
             "{kind: cylinder, name: c, position: [0 m, 0 m, 0 m], height: 1 cm}",
             "occluders.0: give either diameter or radius",
+        ),
+        (
+            BOX.replace("}", ", with: a}").replace("NAME", "b") + f", {BOX.replace('NAME', 'a')}",
+            "occluder 'b' stands with 'a', but no occluder above it is called so; there are none",
+        ),
+        (BOX.replace("}", ", with: b}").replace("NAME", "b"), "no occluder above it"),
+        (
+            "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm}, "
+            + BOX.replace("}", ", with: r}").replace("NAME", "b"),
+            "'r', a rod, which has no axes",
         ),
         (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "two occluders are called"),
         (BOX.replace("NAME", "b").replace("}", ", anchor: top}"), "anchor: Input should be 'base'"),
