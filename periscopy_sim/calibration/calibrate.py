@@ -23,7 +23,7 @@ from periscopy_sim.calibration.fisher_information import block_scores
 from periscopy_sim.calibration.global_search import explore, points_visited
 from periscopy_sim.calibration.image_shift import ImageShift
 from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.overdispersion import overdispersion
+from periscopy_sim.calibration.overdispersion import STRUCTURED, overdispersion
 from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.resolution_level import (
@@ -67,10 +67,6 @@ MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
 curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
 
-NEAR = 4.0
-"""Scales of a parameter within which a descent needs no search before: where the ruler's error is
-no more."""
-
 FALLEN = 0.7
 """Part of the residual's overdispersion, or less, after a descent that makes another worthwhile."""
 
@@ -99,8 +95,8 @@ def calibrate(
 
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
     ambient light but that it comes from afar; see `evidence`. Of the parameters is known what the
-    ruler says, see `Prior`. Where that is little, many points about the start are tried at a low
-    resolution first; then come descents, coarse to fine.
+    ruler says, see `Prior`. Of many points that the ruler finds likely (where it knows nothing, of a
+    box, at a low resolution) the best is where descents begin, coarse to fine.
 
     Parameters
     ----------
@@ -227,9 +223,13 @@ def calibrate_levels(
     require_effect(coarse, start, held)
     scales, spreads = scales_and_spreads(coarse, start)
     steps = np.minimum(scales, prior.errors)
-    near = bool((prior.errors <= NEAR * scales).all())
-    log = _Log(len(start), near, progress)
-    values = _neighbourhood(coarse, start, spreads, near, log.at(coarse))
+    ruled = bool(np.isfinite(prior.errors).all())
+    log = _Log(len(start), ruled, progress)
+    # What a ruler leaves open is too little for a coarse level to tell.
+    rough, widths = (middle.differing(), prior.errors) if ruled else (coarse, spreads)
+    visit = log.at(rough)
+    values = explore(rough, start, widths, rough.seed, visit, likely=ruled)
+    _require_shadows(coarse, values)
     onward = log.at(middle)
     middle, end = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
     values, _ = shift.settled(middle, *settle(middle, end, steps))
@@ -244,19 +244,21 @@ def calibrate_levels(
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
+    patches = shift.ambiguity(end.explanation, end.curvature, fine.hidden_shape)
     values, after = shift.settled(fine, *settle(fine, end, steps))
     before = fine.explain(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
-    set_back = not gained and bool(np.isfinite(prior.errors).all())
+    set_back = ruled and not gained
     if set_back:
         values, after = start, before
     visit(values, after.evidence)
-    why = doubts(names, values, spreads, prior, gained, known)
+    misfit = after.left if fine.overdispersion > STRUCTURED else 0.0
+    why = doubts(names, values, spreads, prior, gained, known, misfit)
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
     ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
-    alone, covariance = _covariances(fine, end, moves, ruler, shift.alone | set_back)
+    alone, covariance = _covariances(fine, end, patches, moves, ruler, shift.alone | set_back)
     deviations = np.sqrt(np.diag(covariance))
     log.report(1.0)
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
@@ -279,37 +281,31 @@ def calibrate_levels(
     )
 
 
-def _neighbourhood(
-    level: ResolutionLevel, start: Values, spreads: Values, near: bool, visit: Visit
-) -> Values:
-    """Return where descents begin: at the start, if it is near, else at the best of a search.
-
-    A PhotographError says that nothing of the scene is seen there.
-    """
-    values = start if near else explore(level, start, spreads, level.seed, visit)
+def _require_shadows(level: ResolutionLevel, values: Values) -> None:
+    """Check that something of the scene is seen at some values; else raise a PhotographError."""
     seen = level.explain(values)
-    visit(values, seen.evidence)
     if seen.darkness - seen.evidence < SHOWN:
         raise PhotographError(
             "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
             "can be learned from it"
         )
-    return values
 
 
 def _covariances(
     level: ResolutionLevel,
     end: Descent,
+    patches: Array,
     moves: Array,
     ruler: Values,
     as_ruler: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
 
-    Both are `bounded`; `moves` are those of `sensitivity`, (P, U).
+    Both are `bounded`; `patches`, (P, 2), are the `ImageShift.ambiguity`, `moves`, (P, U), those of
+    `sensitivity`.
     """
     scores = block_scores(level, end.explanation, end.curvature.jacobian)
-    alone = MARGIN**2 * end.curvature.covariance(scores)
+    alone = MARGIN**2 * end.curvature.covariance(scores) + patches @ patches.T
     both = alone + moves @ moves.T
     return bounded(alone, ruler, as_ruler), bounded(both, ruler, as_ruler)
 
@@ -349,14 +345,13 @@ class _Log:
     """Keep what is visited, and report how much is done."""
 
     def __init__(
-        self, parameters: int, near: bool, progress: Callable[[float], None] | None
+        self, parameters: int, ruled: bool, progress: Callable[[float], None] | None
     ) -> None:
-        # In units of one point of the first level; a descent's visits each stand for an iteration,
-        # and what follows the descents for one more.
-        iteration = 4 * parameters + 2
-        # Before a descent without a search come the scales of the parameters.
-        self._costs = (15.0 * parameters if near else 1.0, 5.0 * iteration, 8.0 * iteration)
-        explored = 1 if near else 1 + points_visited(parameters)
+        # In units of a rendering of the middle level for a difference; a descent's visits each
+        # stand for an iteration, and what follows the descents for one more.
+        iteration = 4 * parameters + 6
+        self._costs = (1.0 if ruled else 0.2, 1.0 * iteration, 1.6 * iteration)
+        explored = points_visited(parameters, likely=ruled)
         points = (explored, *(count + 2 for count in ITERATIONS))
         self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]
         self._done = 0.0

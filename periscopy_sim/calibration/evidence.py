@@ -83,6 +83,12 @@ class Explanation:
         """(3,) σ_c κ^½: of white noise that tells as much as the errors do."""
         return np.asarray(self.noise * np.sqrt(self.overdispersion))
 
+    @property
+    def left(self) -> float:
+        """Part of y⊥, root mean square, that is left unexplained."""
+        whole = self.residuals + self._projected @ self.images
+        return float(np.linalg.norm(self.residuals) / np.linalg.norm(whole))
+
     @cached_property
     def _volume(self) -> Array:
         """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
@@ -141,6 +147,16 @@ class Explanation:
                 factor, (self._projected.T @ moved[:, c])[positive], check_finite=False
             )
         return np.asarray(moved - self._projected @ response)
+
+    def shift(self, hidden_shape: tuple[int, int], axis: int) -> Array:
+        """Return how the photograph moves as the hidden image does, by a patch down (0) or right.
+
+        A⊥ (S f̂ − f̂) over σ κ^½, (M, 3), in the unit of `jacobian`; what enters is black.
+        """
+        image = self.images.reshape(*hidden_shape, 3)
+        moved = np.roll(image, 1, axis)
+        moved[(slice(None),) * axis + (0,)] = 0
+        return np.asarray(self._projected @ (moved - image).reshape(-1, 3) / self.deviations)
 
     def unabsorbed(self, pixels: NDArray[np.intp]) -> Array:
         """Return residuals over σ κ^½ at some pixels, (m, 3), raised by what was absorbed of them.

@@ -8,32 +8,49 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values, Visit
 from periscopy_sim.scenario import Array
 
-GENERATIONS = 4
 ELITE = 10
 """Points of a generation from which the next is drawn."""
 
+EVERYWHERE, LIKELY = (256, 64, 4), (64, 32, 2)
+"""Points of the first generation and of each later one, and how many later ones there are: in a box
+of which nothing more is known, and where a ruler tells what is likely."""
 
-def population(parameters: int) -> tuple[int, int]:
-    """Return how many points the first generation has, and each later one."""
-    return (128 if parameters <= 3 else 256), 64
+FEW = 3
+"""Parameters for which half of the first generation does."""
 
 
-def points_visited(parameters: int) -> int:
+def population(parameters: int, *, likely: bool) -> tuple[int, int, int]:
+    """Return how many points the first generation has, each later one, and how many come later."""
+    if likely:
+        return LIKELY
+    first, later, generations = EVERYWHERE
+    return (first // 2 if parameters <= FEW else first), later, generations
+
+
+def points_visited(parameters: int, *, likely: bool) -> int:
     """Return how many points `explore` visits."""
-    first, later = population(parameters)
-    return first + GENERATIONS * later
+    first, later, generations = population(parameters, likely=likely)
+    return first + generations * later
 
 
 def explore(
-    level: ResolutionLevel, start: Values, spreads: Values, seed: int, visit: Visit
+    level: ResolutionLevel,
+    start: Values,
+    widths: Values,
+    seed: int,
+    visit: Visit,
+    *,
+    likely: bool = False,
 ) -> Values:
     """Return the best, (P,), of many points, generation by generation; each is passed to `visit`.
 
     The first generation is spread evenly (Sobol's sequence) over a box about the start, (P,), which
-    is one of its points, with half widths `spreads`, (P,). Each later one is drawn from the normal
-    distribution of the best points so far (the cross-entropy method: Rubinstein, Methodol. Comput.
-    Appl. Probab. 1, 1999). Points that are not physical lose.
+    is one of its points, with half widths `widths`, (P,); if `likely`, as normal distributions with
+    these standard deviations are. Each later one is drawn from the normal distribution of the best
+    points so far (the cross-entropy method: Rubinstein, Methodol. Comput. Appl. Probab. 1, 1999).
+    Points that are not physical lose.
     """
+    from scipy.special import ndtri
     from scipy.stats import qmc
 
     def evidence(point: Values) -> float:
@@ -42,15 +59,16 @@ def explore(
         return value
 
     random = np.random.default_rng(seed)
-    first, later = population(len(start))
-    box = 2 * qmc.Sobol(len(start), rng=random).random(first) - 1
-    points: Array = np.concatenate([start[None], start + spreads * box[1:]])
+    first, later, generations = population(len(start), likely=likely)
+    even = qmc.Sobol(len(start), rng=random).random(first)[1:]
+    offsets = ndtri(np.maximum(even, 1 / (2 * first))) if likely else 2 * even - 1
+    points: Array = np.concatenate([start[None], start + widths * offsets])
     values: NDArray[np.float64] = np.array([evidence(point) for point in points])
-    for _ in range(GENERATIONS):
+    for _ in range(generations):
         best = np.argsort(values)[:ELITE]
         points, values = points[best], values[best]
-        # A little of the box keeps the generations from freezing where they have agreed early.
-        covariance = np.atleast_2d(np.cov(points.T)) + np.diag((0.01 * spreads) ** 2)
+        # A little width of its own keeps the generations from freezing where they agreed early.
+        covariance = np.atleast_2d(np.cov(points.T)) + np.diag((0.01 * widths) ** 2)
         drawn = random.multivariate_normal(points.mean(axis=0), covariance, later)
         points = np.concatenate([points, drawn])
         values = np.append(values, [evidence(point) for point in drawn])

@@ -3,6 +3,10 @@
 A monitor that moves in its own plane while its image moves the other way sends out the same light.
 Only its border tells: where nothing shines any more. Between one patch of shift and the next the
 evidence has a dip, whatever is true, for an image on a grid must be shifted by whole patches.
+
+Nor does a photograph tell a small occluder that moves from an image that does, as a pinhole camera
+does not: so what moves an occluder, too, is found up to what moves shadows as a patch of shift does
+(`ImageShift.ambiguity`), unless the evidence is plain.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Explanation
+from periscopy_sim.calibration.fisher_information import UNSEEN, Curvature
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.trust import is_significant
@@ -25,6 +30,13 @@ from periscopy_sim.scenario import Array, Occluder, Scenario
 
 OUT_OF_PLANE = 0.25
 """Part of a shift, at most, that leads out of the monitor's plane: 14 degrees."""
+
+TELLING = 100.0
+"""Loss of evidence by which one patch is told from the next, as slopes predict it. What stays
+unexplained has favoured a wrong patch by more than 30."""
+
+ALIKE = 0.5
+"""Part of what a shift of the image does to the photograph, at least, that parameters undo."""
 
 SAME = 1e-6
 """Of the largest coordinate: within it points are the same, known to single precision."""
@@ -103,6 +115,33 @@ class ImageShift:
             return values, seen
         worse = is_significant(there.evidence - seen.evidence, self.alone.sum())
         return (values, seen) if worse else (near, there)
+
+    def ambiguity(
+        self, explanation: Explanation, about: Curvature, hidden_shape: tuple[int, int]
+    ) -> Array:
+        """Return how far parameters move, (P, 2), to undo a shift of the image down and right.
+
+        By a patch each: the photograph stays as it is, as far as it can. Where it tells all the
+        same, or where parameters cannot undo it, they are 0; so are those of `alone`, which need
+        not.
+        """
+        found, others = np.zeros((len(self.alone), 2)), ~self.alone
+        moved = about.jacobian.moved.mean(axis=0)[others]
+        moved = moved.reshape(len(moved), -1)
+        normal = moved @ moved.T
+        normal[np.diag_indices_from(normal)] *= 1 + UNSEEN
+        for axis, patches in enumerate(hidden_shape):
+            shift = explanation.shift(hidden_shape, axis).ravel()
+            if patches == 1 or not shift.any() or not normal.any(axis=0).all():
+                continue
+            undone = -np.linalg.solve(normal, moved @ shift)
+            left = shift + undone @ moved
+            column = np.zeros(len(others))
+            column[others] = undone
+            loss = column @ about.information @ column
+            if left @ left < (1 - ALIKE) * (shift @ shift) and loss < TELLING:
+                found[:, axis] = column
+        return found
 
 
 def shifts_image(here: Scenario, moved: Scenario) -> bool:

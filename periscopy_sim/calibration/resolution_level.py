@@ -19,7 +19,7 @@ from periscopy_sim.reconstruction.background_subspace import background_basis, j
 from periscopy_sim.reconstruction.observation import Observation
 from periscopy_sim.reconstruction.unevenness import Unevenness
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.storage.pictures import area_average
 
@@ -32,7 +32,7 @@ COVERED = 0.5
 
 @dataclass(frozen=True)
 class Rays:
-    """How many make up an entry of the transport matrix, see `render_transport`."""
+    """How many make up an entry of the transport matrix, see `render_penumbrae`."""
 
     samples: int
     pixel_samples: int
@@ -157,7 +157,7 @@ class ResolutionLevel:
 
         A SceneError says that they are not physical, or that no light reaches the wall.
         """
-        A = render_transport(
+        A = render_penumbrae(
             self.scenario(values),
             samples=self._rays.samples,
             pixel_samples=self._rays.pixel_samples * self._finer,

@@ -54,7 +54,7 @@ def test_a_ruler_that_is_right_is_left_alone_and_told_as_it_is():
     for parameter, error in zip(found.parameters, [0.02, 0.03], strict=True):
         assert parameter.standard_error == parameter.statistical_error == pytest.approx(error)
         assert not parameter.determined
-    np.testing.assert_array_equal(found.correlation, np.eye(2))
+    np.testing.assert_allclose(found.correlation, np.eye(2), atol=1e-12)
 
 
 def test_what_shifts_the_image_is_known_by_the_ruler_alone():
@@ -63,11 +63,11 @@ def test_what_shifts_the_image_is_known_by_the_ruler_alone():
     assert found.moved and distance.determined and not middle.determined
     assert middle.standard_error == pytest.approx(np.hypot(0.02, middle.value - middle.start))
     assert middle.statistical_error == middle.standard_error
-    np.testing.assert_array_equal(found.correlation, np.eye(2))
+    np.testing.assert_allclose(found.correlation, np.eye(2), atol=1e-12)
 
 
 def test_what_shifts_the_image_and_no_ruler_knows_is_not_determined(monkeypatch):
-    monkeypatch.setattr(calibration, "explore", lambda _, start, *__: start)
+    monkeypatch.setattr(calibration, "explore", lambda _, start, *__, **___: start)
     start, shift = ERRING, ImageShift(np.array([[2.0, 0.0], [0.0, 0.0]]))
     middle, distance = (found := calibrated(start, [np.inf, 0.02], shift)).parameters
     assert distance.determined and not middle.determined
@@ -99,4 +99,4 @@ def test_a_descent_that_takes_long_does_not_eat_the_next_ones_share():
         for _ in range(40):
             visit(np.zeros(2), 0.0)
     assert told == sorted(told)
-    assert told[39] < told[40] < told[79] < told[80] and told[79] < 0.6 and told[-1] == 1
+    assert told[39] < told[40] < told[79] < told[80] and told[79] < 0.7 and told[-1] == 1

@@ -36,7 +36,7 @@ def photograph():
 def near_search(monkeypatch):
     """Search a centimetre about the start, at few points: hundreds take most of the time."""
     monkeypatch.setattr(parameters, "SPREAD", 0.1)
-    monkeypatch.setattr(global_search, "population", lambda _: (16, 4))
+    monkeypatch.setattr(global_search, "population", lambda _, **__: (16, 4, 4))
 
 
 @pytest.mark.slow

@@ -24,9 +24,17 @@ SHADOW_EPSILON = 1e-4
 
 
 def make_kernel(
-    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
+    scenario: Scenario,
+    samples: int,
+    strata: Strata,
+    pixel_samples: int,
+    *,
+    visibility: bool = False,
 ) -> Callable[[Any, Any, Any], Any]:
-    """Return the function that computes entries A[pixel, patch] as Dr.Jit arrays."""
+    """Return the function that computes entries A[pixel, patch] as Dr.Jit arrays.
+
+    With `visibility` they are the part of the same rays that nothing blocks.
+    """
     import drjit as dr
     import mitsuba as mi
 
@@ -108,6 +116,8 @@ def make_kernel(
         segment = mi.Ray3f(start, to_light, 1 - 2 * SHADOW_EPSILON, 0.0, [])
         # Traced for every lane: a mask costs more than the few rays that it saves.
         visible = ~scene.ray_test(segment)
+        if visibility:
+            return dr.select(visible, mi.Float(1), 0)
         return dr.select(visible & light.is_valid() & (cos_emission > 0) & (value > 0), value, 0)
 
     def entries(pixel: Any, patch: Any, seed: Any) -> Any:
@@ -120,7 +130,8 @@ def make_kernel(
             return _sum(samples, lambda k: transfer(seen(k), patch, k, point_key))
 
         total = _sum(pixel_samples, at_wall_point)
-        return total / (samples * pixel_samples * hidden_rows * hidden_columns)
+        area = 1 if visibility else hidden_rows * hidden_columns
+        return total / (samples * pixel_samples * area)
 
     return entries
 

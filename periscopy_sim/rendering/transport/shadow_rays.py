@@ -85,9 +85,14 @@ def render_transport(
         for rows, block in rendered.row_blocks():
             A[rows] = block
             report(rows.stop / len(A))
+    require_light(A, scenario)
+    return A
+
+
+def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
+    """Check that a transport matrix is not all black; else raise a SceneError."""
     if not A.any():
         raise SceneError(
             f"scene '{scenario.path}': no light of the monitor reaches the wall; look for what "
             "stands between them, or an emitter that shines in other directions"
         )
-    return A

@@ -1,0 +1,99 @@
+"""The transport matrix with its rays where shadows have edges: a few times faster for equal noise.
+
+Between a pixel and a patch that see all of each other, or nothing, a few rays tell as much as many.
+A few are traced everywhere. Where they disagree, or with those of a neighbouring pixel or patch,
+an edge passes: there all the rays are traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.rendering.transport.kernel import make_kernel
+from periscopy_sim.rendering.transport.row_blocks import LANES, RAYS
+from periscopy_sim.rendering.transport.shadow_rays import require_light
+from periscopy_sim.rendering.variant import use_variant
+from periscopy_sim.scenario import Scenario
+
+PROBES = 4
+"""Rays from a pixel's centre to a patch that look for edges."""
+
+Mask = NDArray[np.bool_]
+
+
+def render_penumbrae(
+    scenario: Scenario, *, samples: int, pixel_samples: int, seed: int = 0
+) -> NDArray[np.float32]:
+    """Render A, (M, N), as `render_transport` does, with fewer rays where no shadow has an edge.
+
+    For JIT variants, and walls without texture. Entries that an edge crosses are the same, byte for
+    byte, as `render_transport` makes them.
+
+    Raises
+    ------
+    SceneError
+        If no light of the monitor reaches the wall.
+    """
+    use_variant()
+    everywhere = np.arange(np.prod(scenario.transport_shape), dtype=np.uint32)
+    A, visible = (
+        _evaluated(
+            make_kernel(scenario, PROBES, "jittered", 1, visibility=visibility),
+            everywhere,
+            scenario,
+            PROBES,
+            seed,
+        )
+        for visibility in (False, True)
+    )
+    lanes = everywhere[edges(visible.reshape(*scenario.photograph_shape, *scenario.hidden_shape))]
+    kernel = make_kernel(scenario, samples, "jittered", pixel_samples)
+    A[lanes] = _evaluated(kernel, lanes, scenario, samples * pixel_samples, seed)
+    require_light(A, scenario)
+    return A.reshape(scenario.transport_shape)
+
+
+def edges(visible: NDArray[np.floating[Any]]) -> Mask:
+    """Return where shadows have edges, (M N,), of the part that is visible, (rows, columns, R, C).
+
+    There some rays of an entry, or of its neighbours by pixel or by patch, pass and some do not.
+    """
+    some, not_all = visible > 0, visible < 1
+    crossed = [_spread(some, axes) & _spread(not_all, axes) for axes in ((0, 1), (2, 3))]
+    return np.asarray(crossed[0] | crossed[1]).ravel()
+
+
+def _spread(where: Mask, axes: tuple[int, int]) -> Mask:
+    """Return where a mask is true or a neighbour along two axes, diagonal ones too."""
+    for axis in axes:
+        moved = np.moveaxis(where, axis, 0)
+        wider = moved.copy()
+        wider[1:] |= moved[:-1]
+        wider[:-1] |= moved[1:]
+        where = np.moveaxis(wider, 0, axis)
+    return where
+
+
+def _evaluated(
+    entries: Callable[[Any, Any, Any], Any],
+    lanes: NDArray[np.uint32],
+    scenario: Scenario,
+    rays: int,
+    seed: int,
+) -> NDArray[np.float32]:
+    """Return what a kernel makes of some entries, by their row-major numbers."""
+    import drjit as dr
+    import mitsuba as mi
+
+    patches = scenario.transport_shape[1]
+    found = np.empty(len(lanes), np.float32)
+    at_once = max(1, min(LANES, RAYS // rays))
+    for start in range(0, len(lanes), at_once):
+        lane = mi.UInt32(lanes[start : start + at_once])
+        values = entries(lane // patches, lane % patches, dr.opaque(mi.UInt32, seed))
+        found[start : start + at_once] = np.array(values)
+    return found
