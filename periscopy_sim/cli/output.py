@@ -18,6 +18,9 @@ INTERRUPTED = 130
 BETWEEN_LINES = 20.0
 """Seconds between two lines of progress where there is no terminal."""
 
+FORETELLS = 0.02
+"""Part of the work from which it tells how long the rest takes; before, kernels are compiled."""
+
 
 @contextmanager
 def fixable(what: str) -> Iterator[None]:
@@ -126,7 +129,7 @@ def counted_progress(label: str, unit: str) -> Iterator[Callable[[int, int], Non
 
 def _left(passed: float, fraction: float) -> str:
     """Return how long the rest takes if it goes on as it did, as ", about 12 s left"."""
-    if not 0 < fraction < 1:
+    if not FORETELLS <= fraction < 1:
         return ""
     left = passed * (1 - fraction) / fraction
     return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"

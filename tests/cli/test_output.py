@@ -94,6 +94,14 @@ def test_long_work_tells_now_and_then_how_far_it_is(monkeypatch, capfd):
 
 
 @pytest.mark.usefixtures("plain_environment")
+def test_what_has_hardly_begun_foretells_nothing(monkeypatch, capfd):
+    monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
+    with progress("rendering") as report:
+        report(0.01)
+    assert capfd.readouterr().err == "periscopy: rendering\nperiscopy: rendering: 1 %\n"
+
+
+@pytest.mark.usefixtures("plain_environment")
 def test_counted_progress_tells_of_how_many(monkeypatch, capfd):
     monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
     with counted_progress("making", "samples") as report:
