@@ -95,8 +95,8 @@ def calibrate(
 
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
     ambient light but that it comes from afar; see `evidence`. Of the parameters is known what the
-    ruler says, see `Prior`. Of many points that the ruler finds likely (where it knows nothing, of a
-    box, at a low resolution) the best is where descents begin, coarse to fine.
+    ruler says, see `Prior`. Of many points that the ruler finds likely (of a box, at a low
+    resolution, where it knows nothing) the best is where descents begin, coarse to fine.
 
     Parameters
     ----------
