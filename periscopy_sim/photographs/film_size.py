@@ -1,4 +1,4 @@
-"""How many pixels a photograph of the wall needs: what the shadows show, what memory allows.
+"""How many pixels a photograph needs: what shadows show, what memory and the marks allow.
 
 A patch of the hidden image that lies beside another casts the occluder's shadow beside the other's:
 by the patches' distance times the occluder's distance from the wall over that from the monitor.
@@ -26,8 +26,14 @@ a step give 25.0, 24.7, 24.5 and 22.9 dB at an SNR of 40 dB a fine pixel, 34.0, 
 dB at 55 dB. Where paint or bounced light limits the picture, less is lost, or nothing.
 """
 
+PLACED = 0.5
+"""Standard error, in pixels of the film, to which marks should place a photograph."""
+
 SHARPEST = 10.0
 """Percentile of the occluders' edges whose step counts: a corner that touches the wall does not."""
+
+MOST_OUTSIDE = 0.5
+"""Part of the film that may lie outside of the photograph without a word."""
 
 _ON_EDGE = 8  # points looked at on each edge of a mesh
 _MOST_POINTS = 200_000
@@ -162,3 +168,40 @@ def films_of_shape(shape: tuple[int, int], finest: float) -> list[tuple[int, int
     unit = shape[0] // common, shape[1] // common
     most = max(int(common * finest), 1)
     return [(n * unit[0], n * unit[1]) for n in range(1, most + 1)]
+
+
+def films_of_marks(
+    shape: tuple[int, int], coverage: float, placement: float
+) -> list[tuple[int, int]]:
+    """Return films of the proportions of one, (rows, columns), that a rectified photograph allows.
+
+    They are no finer than the photograph, of which a pixel of the film covers `coverage`; nor, but
+    for those up to the film itself, than the marks, which place its pixels to `placement` of one.
+    """
+    finest = max(1.0, PLACED / placement) if placement > 0 else np.inf
+    return films_of_shape(shape, min(float(np.sqrt(coverage)), finest))
+
+
+def film_doubts(placement: float, coverage: float, outside: float) -> list[str]:
+    """Return lines of doubt about a rectified photograph.
+
+    `outside` is the part of the film that lies outside of the photograph; see `films_of_marks`.
+    """
+    doubts = []
+    if outside > MOST_OUTSIDE:
+        doubts.append(
+            f"{outside:.0%} of the scene's film lie outside of the photograph: the scene's camera "
+            "sees other wall; let it see what the photograph shows (in measurements: kind "
+            "rectified, the range of the points' x and z), or check the points"
+        )
+    if placement > PLACED:
+        doubts.append(
+            f"the marks place the photograph to {placement:.1f} of the scene's pixels only, where "
+            "it is worst; measure more of them, further apart"
+        )
+    if coverage < 1:
+        doubts.append(
+            f"the scene's pixels are finer than the photograph's ({coverage:.2f} in each); give "
+            "its film fewer"
+        )
+    return doubts

@@ -20,7 +20,7 @@ from periscopy_sim.photographs.exposures import (
     sensor_image,
     without_offset,
 )
-from periscopy_sim.photographs.film_size import films_of_blocks
+from periscopy_sim.photographs.film_size import film_doubts, films_of_blocks
 from periscopy_sim.photographs.homography import Array
 from periscopy_sim.photographs.marks import points_as_marks, tags_as_marks
 from periscopy_sim.photographs.resampling import (
@@ -41,7 +41,6 @@ OFF_WALL = 0.02
 FAR = 10.0
 """Distance of marks from what the camera sees, over its diagonal, that other units have."""
 
-_PLACED = 0.5  # of a new pixel; standard error from which on more marks are asked for
 _BAND = 1 << 20  # pixels in which defects are looked for at once
 _REACH = 4  # rows beyond a band that are looked at, too
 
@@ -197,6 +196,7 @@ def prepare(
     """
     light = _as_sensor_image(photograph, "the photograph")
     on_film = np.ones(scenario.photograph_shape, bool)
+    has_mask = mask is not None
     if mask is not None and mask.shape == on_film.shape != light.size:
         on_film = mask
         mask = None
@@ -213,7 +213,7 @@ def prepare(
     if points is None and tags is None:
         check_blocks(light.size, scenario.photograph_shape)
         resampled = average_blocks(light.values, flaws, scenario.photograph_shape)
-        coverage = pixels_covered(light, scenario)
+        coverage = float(np.prod(light.size) / np.prod(scenario.photograph_shape))
     else:
         plane = wall_plane(scenario)
         view, missing = _view(light, plane, points, tags)
@@ -223,21 +223,25 @@ def prepare(
         coverage = _coverage(corners)
         if tags is not None:
             markers = _beneath(view, plane)
-        side = light.cell * np.sqrt(coverage)
-        placement = float(view.standard_error(plane.pixel_corners()) / side)
-        warnings += _doubts(placement, coverage)
+        placement = _placement(view, plane, light.cell * np.sqrt(coverage))
+        warnings += film_doubts(placement, coverage, float(resampled.outside.mean()))
     used = resampled.used & ~markers & on_film
     if not used.any():
         raise PhotographError(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
             "saturated or masked; check the marks and the exposure"
         )
+    masked = ~on_film | ((resampled.flaws & Flaw.MASKED) != 0)
+    if has_mask and not masked.any():
+        warnings.append(
+            "the mask leaves out no pixel of the scene's film; paint black what is not wall"
+        )
     return Prepared(
         values=np.where(used[..., np.newaxis], resampled.values, np.nan),
         mask=used,
         outside=resampled.outside,
         saturated=(resampled.flaws & Flaw.SATURATED) != 0,
-        masked=~on_film | ((resampled.flaws & Flaw.MASKED) != 0),
+        masked=masked,
         markers=markers,
         defects=int(np.count_nonzero(single)),
         coverage=coverage,
@@ -247,23 +251,22 @@ def prepare(
     )
 
 
-def pixels_covered(
+def sample_film(
     photograph: SensorImage | ArrayLike,
     scenario: Scenario,
     *,
     points: WallPoints | None = None,
     tags: WallTags | None = None,
-) -> float:
-    """Return how many pixels of a photograph a pixel of the scene's film covers, in the median.
+) -> tuple[float, float]:
+    """Return the `coverage` and the `placement` that `prepare` would find of a photograph.
 
-    The parameters are those of `prepare`, and so are the errors.
+    The parameters are those of `prepare`, one of points and tags is given; so are the errors.
     """
     light = _as_sensor_image(photograph, "the photograph")
-    if points is None and tags is None:
-        return float(np.prod(light.size) / np.prod(scenario.photograph_shape))
     plane = wall_plane(scenario)
     view, _ = _view(light, plane, points, tags)
-    return _coverage(_corners(plane, view) / light.cell)
+    coverage = _coverage(_corners(plane, view) / light.cell)
+    return coverage, _placement(view, plane, light.cell * np.sqrt(coverage))
 
 
 def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
@@ -380,6 +383,11 @@ def _coverage(corners: Array) -> float:
     return float(np.median(areas))
 
 
+def _placement(view: FittedView, plane: WallPlane, side: float) -> float:
+    """Return the largest standard error of the film's pixels, whose side is in the photograph's."""
+    return float(view.standard_error(plane.pixel_corners()) / side)
+
+
 def _beneath(view: FittedView, plane: WallPlane) -> Mask:
     """Return the film's pixels that the papers of the tags reach into, (rows, columns) bool."""
     rows, columns = plane.shape
@@ -393,19 +401,3 @@ def _beneath(view: FittedView, plane: WallPlane) -> Mask:
         (left, top), (right, bottom) = np.floor(frame).astype(int)
         hidden[max(top, 0) : max(bottom + 1, 0), max(left, 0) : max(right + 1, 0)] = True
     return hidden
-
-
-def _doubts(placement: float, coverage: float) -> list[str]:
-    """Return lines of doubt about a rectified photograph."""
-    doubts = []
-    if placement > _PLACED:
-        doubts.append(
-            f"the marks place the photograph to {placement:.1f} of the scene's pixels only, where "
-            "it is worst; measure more of them, further apart"
-        )
-    if coverage < 1:
-        doubts.append(
-            f"the scene's pixels are finer than the photograph's ({coverage:.2f} in each); give "
-            "its film fewer"
-        )
-    return doubts

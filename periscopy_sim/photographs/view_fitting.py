@@ -28,6 +28,10 @@ ASSUMED = 0.5
 """Pixels that a mark's coordinate is taken to be off, where nothing is left to tell it."""
 
 
+RULER = 1e-3
+"""Metres that a mark's coordinate on the wall may be off by an honest ruler."""
+
+
 @dataclass(frozen=True, eq=False)
 class FittedView:
     """A view of the wall, and how well it is known.
@@ -47,6 +51,9 @@ class FittedView:
     error
         Standard deviation of a coordinate of a mark, in pixels: as the residuals have it, or
         `ASSUMED` where they tell nothing.
+    expected
+        Root mean square that the residuals would have, in pixels, if marks were off by `ASSUMED`
+        pixels in the photograph and by `RULER` on the wall.
     corners
         (k, 2) corners of tags in metres across and up, as they were found to be turned; else empty.
     """
@@ -57,6 +64,7 @@ class FittedView:
     residuals_on_wall: Array = field(repr=False)
     freedom: int
     error: float
+    expected: float
     corners: Array = field(repr=False)
     _fit: ViewFit = field(repr=False)
 
@@ -105,8 +113,13 @@ def fit_view(marks: Marks, size: tuple[int, int]) -> FittedView:
             "and row, and at the signs of x, y and z"
         )
     error = np.sqrt(fit.squares / fit.freedom) if fit.freedom else ASSUMED
+    # What is left of independent errors, of which the view takes its part.
+    variance = 2 * ASSUMED**2 + RULER**2 * np.mean(np.sum(slopes**2, axis=(1, 2)))
+    expected = float(np.sqrt(variance * fit.freedom / fit.residuals.size))
     turned = fit.placed[marks.arms.any(axis=1)]
-    return FittedView(fit.view, marks, residuals, on_wall, fit.freedom, float(error), turned, fit)
+    return FittedView(
+        fit.view, marks, residuals, on_wall, fit.freedom, float(error), expected, turned, fit
+    )
 
 
 def _check_enough(marks: Marks) -> None:

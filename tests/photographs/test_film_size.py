@@ -6,6 +6,7 @@ from periscopy_sim.photographs.film_size import (
     PIXELS_IN_STEP,
     advise,
     films_of_blocks,
+    films_of_marks,
     films_of_shape,
     shadow_step,
 )
@@ -54,6 +55,17 @@ def test_memory_bounds_the_film(scenario, monkeypatch):
     chosen = advice.choose(films)
     assert advice.fits(chosen) and not advice.fits((2 * chosen[0], 2 * chosen[1]))
     assert advice.size((10, 20)) == 4 * 200 * 290 * 360
+
+
+@pytest.mark.parametrize(
+    ("coverage", "placement", "finest"),
+    [(100, 0.25, 2), (100, 0.5, 1), (100, 3.0, 1), (9, 0.1, 3), (9, 0.0, 3), (0.25, 0.0, 0.5)],
+)
+def test_marks_and_photograph_bound_the_film(coverage, placement, finest):
+    """Placed to half of its pixels at best, but for films as coarse as the scene's own."""
+    films = films_of_marks((60, 80), coverage, placement)
+    assert max(films) == (60 * finest, 80 * finest)
+    assert all(rows * 4 == columns * 3 for rows, columns in films) and (30, 40) in films
 
 
 def test_films_of_blocks_divide_both_sides():

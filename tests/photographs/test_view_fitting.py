@@ -51,6 +51,20 @@ def test_exact_points_give_the_view_back(count, distortion):
     assert found.residuals.max() < 1e-6 and found.freedom == 2 * count - 8 - len(distortion)
 
 
+def test_expected_residual_is_that_of_a_click_and_a_ruler():
+    """Mean squares of 100 sets of 4 degrees of freedom are known to 1 in 200^0.5, or 7 %."""
+    points, ratios = scattered(6, 3), []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        clicked = seen(points + rng.normal(0, 1e-3, points.shape), slant=40)
+        clicked += rng.normal(0, 0.5, clicked.shape)
+        marks = points_as_marks(clicked, points, list("abcdef"))
+        with contextlib.suppress(PhotographError):
+            found = fit_view(marks, SIZE)
+            ratios.append(np.mean(found.residuals**2) / found.expected**2)
+    assert len(ratios) > 90 and np.mean(ratios) == pytest.approx(1, abs=0.25)
+
+
 def test_told_errors_are_those_that_repeats_have():
     """60 sets of points clicked to 0.3 pixels, which tell a deviation of two coordinates to 7 %."""
     points, elsewhere = scattered(8, 3), np.array([[0.35, 0.2]])

@@ -13,6 +13,7 @@ import typer
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli.laboratory.prepared import tell_prepared, view_record
 from periscopy_sim.cli.output import progress, say, say_written, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
@@ -22,7 +23,6 @@ from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 if TYPE_CHECKING:
     from periscopy_sim.photographs.exposures import SensorImage
     from periscopy_sim.photographs.film_size import FilmAdvice
-    from periscopy_sim.photographs.prepare import Prepared
     from periscopy_sim.scenario import Scenario
 
 FILM_SIZES = (
@@ -156,13 +156,13 @@ def prepare(
             "photographs_sha256": ", ".join(map(_sha256, photos)),
             "black": black, "dark": _listed(dark), "flat": _listed(flat), "white": white,
             "exposures": exposures, "points": points, "tags": tags, "mask": mask, "bin": bin_by,
-            **_view_record(found),
+            **view_record(found),
             **inputs.provenance_of(scenario, None),
         }  # fmt: skip
         text = as_text(record)
         write_exr(staged, found.values, text)
         write_png(staged_mask, np.repeat(found.mask[..., np.newaxis], 3, axis=2), text)
-    _tell(found, advice, light.size, casts=not shadowless)
+    tell_prepared(found, advice, light.size, casts=not shadowless)
     say_written(out, mask_file)
     if given:
         definitions = " ".join(f"-D {name}={value}" for name, value in given.items())
@@ -271,15 +271,18 @@ def _film(
     marks: Mapping[str, Any],
 ) -> tuple[int, int]:
     """Return the (rows, columns) of the film that was asked for."""
-    from periscopy_sim.photographs.film_size import films_of_blocks, films_of_shape
-    from periscopy_sim.photographs.prepare import pixels_covered
+    from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
+    from periscopy_sim.photographs.prepare import sample_film
 
     if marks:
-        side = np.sqrt(pixels_covered(light, scenario, **marks))
-        shapes = films_of_shape(scenario.photograph_shape, side)
-        wanted = scenario.photograph_shape[0] * side / (factor or 1)
-        nearest = min(shapes, key=lambda shape: abs(shape[0] - wanted))
-        return nearest if factor else advice.choose(shapes)
+        own = scenario.photograph_shape
+        coverage, placement = sample_film(light, scenario, **marks)
+        if not factor:
+            return advice.choose(films_of_marks(own, coverage, placement))
+        side = np.sqrt(coverage)
+        return min(
+            films_of_shape(own, side), key=lambda each: abs(each[0] - own[0] * side / factor)
+        )
     films = films_of_blocks(light.size)
     if factor and factor not in films:
         raise PeriscopyError(
@@ -316,80 +319,6 @@ def _film_definitions(
         'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
         "its film"
     )
-
-
-# -- what is told --------------------------------------------------------------------------------
-
-
-def _tell(found: Prepared, advice: FilmAdvice, size: tuple[int, int], *, casts: bool) -> None:
-    """Print how well the view is known, what was left out, and which film the shadows need."""
-    rows, columns = found.mask.shape
-    if found.view is not None:
-        view = found.view
-        on_wall = 1e3 * np.sqrt(np.mean(view.residuals_on_wall**2))
-        lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
-        fit = (
-            f"fit to {np.sqrt(np.mean(view.residuals**2)):.2f} pixels ({on_wall:.2g} mm on the "
-            f"wall) rms{lens}"
-            if view.freedom
-            else "are as many as the view needs: nothing checks them"
-        )
-        say(
-            f"{len(view.marks)} marks {fit}; they place the scene's pixels to "
-            f"{found.placement:.2f} of one where it is worst"
-        )
-    reasons = {
-        "outside": found.outside, "saturated": found.saturated, "masked": found.masked,
-        "beneath tags": found.markers,
-    }  # fmt: skip
-    told = [f"{np.count_nonzero(each)} {why}" for why, each in reasons.items() if each.any()]
-    left_out = f"; left out {', '.join(told)}" if told else ""
-    single = f"; {found.defects} dead or hot ones left out" if found.defects else ""
-    say(
-        f"{size[0]}x{size[1]} pixels averaged to {rows}x{columns}, {found.coverage:.3g} in each"
-        f"{single}{left_out}"
-    )
-    say(_advised(advice, (rows, columns), found, casts=casts))
-
-
-def _advised(advice: FilmAdvice, shape: tuple[int, int], found: Prepared, *, casts: bool) -> str:
-    """Return the line that tells whether the film is as fine as the shadows need."""
-    megabytes = advice.size(shape) / 1e6
-    room = f"A takes {megabytes:.3g} MB" + ("" if advice.fits(shape) else ", too much here")
-    if advice.step is None:
-        reason = "film: the shadows are none of a mesh's edges; " if casts else "film: "
-        return f"{reason}{room}"
-    pixels = advice.pixels_in_step(shape)
-    line = (
-        f"film: {pixels:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm from patch "
-        f"to patch); {room}"
-    )
-    from periscopy_sim.photographs.film_size import PIXELS_IN_STEP
-
-    if not advice.fits(shape) or pixels >= 2 * PIXELS_IN_STEP:
-        return f"{line}; coarser would do: --bin auto"
-    if pixels < PIXELS_IN_STEP and found.coverage >= 4:
-        return f"{line}; finer may show more: --bin auto"
-    return line
-
-
-def _view_record(found: Prepared) -> dict[str, Any]:
-    """Return what the metadata tell of the view and of what was left out."""
-    record: dict[str, Any] = {
-        "pixels_left_out": int(np.count_nonzero(~found.mask)),
-        "defects_left_out": found.defects,
-        "coverage": found.coverage,
-    }
-    if found.view is not None:
-        view = found.view
-        record |= {
-            "view_placement": found.placement,
-            "view_residual_pixels": float(np.sqrt(np.mean(view.residuals**2))),
-            "view_residual_metres": float(np.sqrt(np.mean(view.residuals_on_wall**2))),
-            "view_distortion": " ".join(map(repr, view.view.distortion)) or "none",
-            "view_homography": " ".join(map(repr, view.view.homography.ravel().tolist())),
-        }
-    return record
 
 
 def _listed(paths: Sequence[Path] | None) -> str | None:

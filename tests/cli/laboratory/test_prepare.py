@@ -116,7 +116,9 @@ def test_points_rectify_and_their_fit_is_told(succeeds, tmp_path):
     save(tmp_path / "y.tif", light)
     write_points(tmp_path / "p.csv", wall_points())
     told = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
-    assert told.startswith("8 marks fit to 0.00 pixels")
+    assert told.startswith("8 marks fit to 0.00 pixels of the photograph (")
+    assert "as good as errors of 0.5 pixels in the photograph and 1 mm on the wall allow (" in told
+    assert "they place the scene's pixels to 0.00 of one (" in told
     pixels, metadata = read_exr(tmp_path / "wall.exr")
     assert np.nanmean(pixels) == pytest.approx(2000, rel=1e-3)
     assert metadata["view_distortion"] == "none"
@@ -131,8 +133,58 @@ def test_wall_outside_of_the_photograph_is_masked(succeeds, tmp_path):
     write_points(tmp_path / "p.csv", rows)
     told = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
     mask = read_mask(tmp_path / "wall_mask.png")
-    assert f"left out {np.count_nonzero(~mask)} outside" in told
+    assert f"left out {np.count_nonzero(~mask)} outside of the photograph\n" in told
     assert mask[:, :12].all() and not mask[:, 22:].any()
+
+
+def test_what_lies_outside_is_told_apart_from_what_the_mask_leaves_out(periscopy, tmp_path):
+    save(tmp_path / "y.tif", LIGHT)
+    rows = wall_points()
+    rows[:, 0] += 30
+    write_points(tmp_path / "p.csv", rows)
+    black = np.full((24, 24), 255, np.uint8)
+    black[:3] = 0
+    Image.fromarray(black).save(tmp_path / "m.png")
+    given = "prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr"
+    without, outside = periscopy(*given), ~read_mask(tmp_path / "wall_mask.png")
+    outcome = periscopy(*given, "--mask", "m.png")
+    more = np.count_nonzero(~outside[:3])
+    told = f"left out {np.count_nonzero(outside)} outside of the photograph, {more} by the mask\n"
+    assert told in outcome.out and "by the mask" not in without.out
+    assert np.count_nonzero(~read_mask(tmp_path / "wall_mask.png")) == outside.sum() + more
+    assert "mask leaves" not in outcome.err and "% of the scene's film" not in outcome.err
+    rows[:, 0] += 30
+    write_points(tmp_path / "p.csv", rows)
+    outcome = periscopy(*given)
+    assert outcome.code == 0 and "% of the scene's film lie outside of the phot" in outcome.err
+
+
+@pytest.mark.parametrize("shape", [(24, 24), (96, 96)])
+def test_mask_that_leaves_out_nothing_is_told(shape, photo, periscopy, tmp_path):
+    Image.fromarray(np.full(shape, 255, np.uint8)).save(tmp_path / "m.png")
+    given = "prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr"
+    outcome = periscopy(*given, "--mask", "m.png")
+    assert outcome.code == 0 and "the mask leaves out no pixel of the scene's film" in outcome.err
+    assert "mask" not in periscopy(*given).err
+
+
+@pytest.mark.parametrize(("error", "finer"), [(0.1, True), (12.0, False)])
+def test_no_film_is_advised_that_is_finer_than_the_marks_allow(error, finer, periscopy, tmp_path):
+    """Clicks are off by pixels of the photograph, of which the scene's cover 5 x 5."""
+    save(tmp_path / "y.tif", np.kron(LIGHT, np.ones((8, 8, 1))) + RNG.normal(0, 9, (768, 768, 3)))
+    rows = wall_points(12)
+    rows[:, :2] = 8 * rows[:, :2] + np.random.default_rng(3).normal(0, error, (12, 2))
+    write_points(tmp_path / "p.csv", rows)
+    given = "prepare", "y.tif", *SCENE[:2], "--points", "p.csv", "--out", "wall.exr"
+    outcome = periscopy(*given)
+    assert ("finer may show more: --bin auto" in outcome.out) == finer
+    assert ("finer would show more only with more marks" in outcome.out) != finer
+    assert ("check the points" in outcome.out) == (error == 12)
+    doubted = "marks place the photograph to"
+    assert (doubted in outcome.err) == (error == 12)
+    outcome = periscopy(*given, "--bin", "auto")
+    assert (doubted in outcome.err) == (error == 12)
+    assert (len(read_exr(tmp_path / "wall.exr")[0]) > 126) == finer
 
 
 def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
