@@ -92,6 +92,15 @@ def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
     return [f"{name}: {doubt}"] if doubt else []
 
 
+def warn_of_occluders(scenario: Scenario, name: str) -> None:
+    """Warn where no occluder casts a shadow; else of those whose size looks like a wrong unit."""
+    from periscopy_sim.rendering.shadow_check import size_doubts
+
+    if not warn_without_shadows(scenario, name):
+        for doubt in size_doubts(scenario):
+            warn(f"{name}: {doubt}")
+
+
 # -- the transport matrix ------------------------------------------------------------------------
 
 TOLD_MEMORY = 2e9

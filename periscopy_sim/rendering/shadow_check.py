@@ -17,6 +17,9 @@ LARGE, SMALL = 20.0, 1 / 200
 """Sizes over the distance from the monitor to the wall beyond which an occluder's unit is
 doubted; `LARGE` as well its distance from the wall."""
 
+SMALLEST = 1e-3
+"""Metres that an occluder measures in its largest extent, at least, if its unit is right."""
+
 NAMED = 3
 """Occluders that are told of."""
 
@@ -52,12 +55,32 @@ def shadow_doubt(scenario: Scenario) -> str:
     )
 
 
+def size_doubts(scenario: Scenario) -> list[str]:
+    """Return a line for each occluder that is smaller than `SMALLEST`, or larger than any room."""
+    distance = _distance(scenario)
+    doubts = []
+    for occluder in scenario.occluders:
+        if occluder.bounds is None:
+            continue
+        size = float(np.max(occluder.bounds[1] - occluder.bounds[0]))
+        if not SMALLEST <= size <= LARGE * distance:
+            told = f"{1e3 * size:.2g} mm" if size < 1 else f"{size:.3g} m"
+            doubts.append(f"occluder '{occluder.name}' is {told} large: are its numbers metres?")
+    return doubts
+
+
+def _distance(scenario: Scenario) -> float:
+    """Return metres from what the camera sees of the wall to the monitor."""
+    wall, monitor = scenario.wall_points.mean(axis=0), scenario.patch_centers.mean(axis=0)
+    return float(np.linalg.norm(wall - monitor))
+
+
 def _where(solid: Solid, scenario: Scenario) -> str:
     """Return how large a solid is and where, and what is wrong with that, if it shows."""
     low, high = solid.points.min(axis=0), solid.points.max(axis=0)
     size = float(np.max(high - low))
     wall, monitor = scenario.wall_points.mean(axis=0), scenario.patch_centers.mean(axis=0)
-    distance = float(np.linalg.norm(wall - monitor))
+    distance = _distance(scenario)
     x, y, z = (low + high) / 2
     told = f"is {size:.2g} m large, its middle at x {x:.3g}, y {y:.3g}, z {z:.3g} m"
     far = float(np.linalg.norm((low + high) / 2 - wall)) > LARGE * distance

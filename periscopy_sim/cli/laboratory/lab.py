@@ -51,5 +51,5 @@ def lab(
 
     written = build_laboratory(measurements, out)
     say_written(*written)
-    inputs.warn_without_shadows(load_scenario(out, (1, 1), photograph=TRIED), str(out))
+    inputs.warn_of_occluders(load_scenario(out, (1, 1), photograph=TRIED), str(out))
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")

@@ -114,9 +114,10 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
     sight = survey.view_origins[4] - middle
     away = float(np.linalg.norm(sight))
     slant = np.degrees(np.arccos(np.clip(sight @ normal / away, -1, 1)))
+    aim = "" if survey.parallel else f" ({turn_and_tilt(-sight, -normal)})"
     across, up = _monitor_size(scenario)
     before = float((scenario.patch_centers.mean(axis=0) - middle) @ normal)
-    facing = np.degrees(np.arccos(np.clip(-scenario.patch_normals.mean(axis=0) @ normal, -1, 1)))
+    facing = turn_and_tilt(scenario.patch_normals.mean(axis=0), -normal)
     where = (
         "parallel rays, as of a picture that was brought to the wall's own rectangle"
         if survey.parallel
@@ -124,12 +125,14 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
     )
     seen = f"{in_words(float(wide))} x {in_words(float(high))}"
     lines = [
-        f"Camera: {where}, {slant:.0f}° off its normal; sees {seen} of it (width x height).",
-        f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} before the wall, turned "
-        f"{facing:.0f}° from facing it squarely.",
+        f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees {seen} of it.",
+        f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} before the wall, "
+        f"{facing} from facing it squarely.",
+        "Turns are counterclockwise as seen from above, tilts upwards; negative the other way.",
     ]
     told = []
-    solids = standing(survey, world_axes(scenario, survey), PANELS)
+    frame = world_axes(scenario, survey)
+    solids = standing(survey, frame, PANELS)
     for name, points in groups_of(solids).items():
         heights = (points - middle) @ normal
         distance = float(heights.min() + heights.max()) / 2
@@ -143,6 +146,18 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
             "Middles before the wall (and how wide an edge's penumbra is from there, across x up): "
             f"{shown}."
         )
+    sizes = [
+        f"{name} {' x '.join(map(in_words, np.ptp(points, axis=0)[list(frame.axes)]))}".replace(
+            " ", NO_BREAK
+        )
+        for name, points in groups_of(
+            [*solids, *(s for s in survey.solids if s not in solids)]
+        ).items()
+    ]
+    if sizes:
+        shown = ", ".join(sizes[:MOST_TOLD]) + (", ..." if sizes[MOST_TOLD:] else "")
+        axes = ", ".join("xyz"[axis] for axis in frame.axes)
+        lines.append(f"Extents along {axes}: {shown}.")
     return [line for long in lines for line in wrap(long, CHARACTERS)]
 
 
@@ -152,8 +167,22 @@ def _monitor_size(scenario: Scenario) -> tuple[float, float]:
     return float(across), float(np.linalg.norm(scenario.patch_up, axis=1).mean() * rows)
 
 
+def turn_and_tilt(direction: Array, ahead: Array) -> str:
+    """Return by which angles a direction is turned and tilted from another, in words.
+
+    The turn is about the vertical, counterclockwise from above, the tilt upwards from there.
+    """
+    turn = np.arctan2(direction[1], direction[0]) - np.arctan2(ahead[1], ahead[0])
+    tilts = [np.arctan2(each[2], np.hypot(each[0], each[1])) for each in (direction, ahead)]
+    turned = (np.degrees(turn) + 180) % 360 - 180
+    told = [round(float(each), 1) + 0.0 for each in (turned, np.degrees(tilts[0] - tilts[1]))]
+    return f"turned {told[0]:g}°, tilted {told[1]:g}°"
+
+
 def in_words(length: float, digits: int = 3) -> str:
     """Return a length, in metres, as a person writes it."""
+    if 0 < length < 0.00995:
+        return f"{1000 * length:.{digits}g} mm"
     return f"{length:.2f} m" if length >= 0.995 else f"{100 * length:.{digits}g} cm"
 
 

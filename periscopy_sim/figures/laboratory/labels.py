@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from periscopy_sim.scenario import Array
+
+STEP = 8.0
+"""Pixels between the places of a line that labels are kept off."""
 
 GAP = 9.0
 """Pixels between a thing and its label."""
@@ -18,10 +22,16 @@ class Labels:
     def __init__(self, ax: Any) -> None:
         self._ax = ax
         self._asked: list[tuple[str, Array, str]] = []
+        self._hollow: set[str] = set()
         self._avoided: list[Array] = []
+        self._lines: list[Array] = []
 
-    def add(self, text: str, points: Array, colour: str) -> None:
-        """Name what covers the points (n, 2), in the panel's coordinates, if it is in sight."""
+    def add(self, text: str, points: Array, colour: str, *, hollow: bool = False) -> None:
+        """Name what covers the points (n, 2), in the panel's coordinates, if it is in sight.
+
+        Other labels may stand within what is hollow; see `avoid_line`.
+        """
+        self._hollow |= {text} if hollow else set()
         (left, right), (bottom, top) = sorted(self._ax.get_xlim()), sorted(self._ax.get_ylim())
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         if (high > (left, bottom)).all() and (low < (right, top)).all():
@@ -31,13 +41,23 @@ class Labels:
         """Keep labels off what covers the points (n, 2), too."""
         self._avoided.append(np.asarray(points, float))
 
+    def avoid_line(self, points: Array) -> None:
+        """Keep labels off the line through the points (n, 2): one that it strikes is illegible."""
+        self._lines.append(np.asarray(points, float))
+
     def place(self) -> None:
         """Place every label: beside its thing, off all others' boxes and within the panel."""
         figure = self._ax.figure
         renderer = figure.canvas.get_renderer()
         frame = self._ax.get_window_extent(renderer)
         boxes = [self._box(points, frame) for _, points, _ in self._asked]
-        things = [*boxes, *(self._box(points, frame) for points in self._avoided)]
+        solid = [
+            box
+            for (name, _, _), box in zip(self._asked, boxes, strict=True)
+            if name not in self._hollow
+        ]
+        things = [*solid, *(self._box(points, frame) for points in self._avoided)]
+        lines = [box for points in self._lines for box in self._along(points)]
         taken: list[Array] = []
         for (text, _, colour), box in zip(self._asked, boxes, strict=True):
             paper = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}
@@ -49,10 +69,19 @@ class Labels:
             size = np.array([extent.width, extent.height])
             best = min(
                 _candidates(box, size),
-                key=lambda corner: _cost(corner, size, taken, things, frame),
+                key=lambda corner: _cost(corner, size, [*taken, *lines], things, frame),
             )
             label.set_position(tuple(best))
             taken.append(np.concatenate([best, best + size]))
+
+    def _along(self, points: Array) -> list[Array]:
+        """Return points along a line in pixels, every `STEP`, as boxes."""
+        ends = self._ax.transData.transform(points)
+        found = []
+        for start, end in pairwise(ends):
+            count = max(2, int(np.linalg.norm(end - start) / STEP) + 1)
+            found += [np.tile(at, 2) for at in np.linspace(start, end, count)]
+        return found
 
     def _box(self, points: Array, frame: Any) -> Array:
         """Return the box of points in pixels, left, bottom, right, top, cut to the panel."""

@@ -57,10 +57,13 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
     outline, _ = view.project(survey.view_points[:4])
     ax.add_patch(Polygon(screen, fill=False, edgecolor=MONITOR, linewidth=1.2))
     ax.add_patch(Polygon(outline, fill=False, edgecolor=VIEWED, linewidth=1.2))
+    for polygon in (screen, outline):
+        labels.avoid_line(np.concatenate([polygon, polygon[:1]]))
     for start, end in zip(survey.view_origins[:4], survey.view_points[:4], strict=True):
         line, before = view.project(np.stack([start, end]))
         if before.all():
             ax.plot(*line.T, color=VIEWED, linewidth=0.5)
+            labels.avoid_line(line)
     for text, where, colour in (
         ("camera", survey.view_origins[4], VIEWED),
         ("monitor", survey.monitor_points, MONITOR),
@@ -69,7 +72,7 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
         at, _ = view.project(np.atleast_2d(where))
         if text == "camera":
             ax.plot(*at[0], marker="o", markersize=5, color=colour)
-        labels.add(text, at, colour)
+        labels.add(text, at, colour, hollow=text == "seen by the camera")
     for solid in standing(survey, world_axes(scenario, survey), PANELS):
         labels.avoid(view.project(solid.points)[0])
     _draw_triad(ax, view)
@@ -80,14 +83,34 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
 
 def _draw_triad(ax: Any, view: View) -> None:
     """Draw the directions of x, y and z in the lower left corner."""
-    corner = np.array([0.09 * view.shape[1], 0.9 * view.shape[0]])
-    for k, name in enumerate("xyz"):
-        direction = view.axes[:2] @ np.eye(3)[k] * (1, -1)
-        end = corner + 0.08 * view.shape[1] * direction
-        look = {"arrowstyle": "->", "lw": 1, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", end, corner, arrowprops=look)
-        place = corner + 0.105 * view.shape[1] * direction
+    width = view.shape[1]
+    corner = np.array([0.09 * width, 0.9 * view.shape[0]])
+    tips = corner + 0.08 * width * view.axes[:2].T * (1, -1)
+    look = {"arrowstyle": "->", "lw": 1, "shrinkA": 0, "shrinkB": 0}
+    for tip, place, name in zip(
+        tips, letter_places(corner, tips, 0.028 * width), "xyz", strict=True
+    ):
+        ax.annotate("", tip, corner, arrowprops=look)
         ax.text(*place, name, fontsize=8, ha="center", va="center")
+
+
+def letter_places(corner: Array, tips: Array, gap: float) -> Array:
+    """Return where the letters of arrows from a corner to their tips (3, 2) stand.
+
+    Each stands a gap beyond its tip, or turned about it, where that is farthest from all arrows and
+    other letters: arrows that point at the viewer are short, and two may point alike.
+    """
+    along = np.linspace(corner, tips, 9)  # (9, 3, 2)
+    found: list[Array] = []
+    for tip in tips:
+        ahead = np.arctan2(*(tip - corner)[::-1])
+        angles = ahead + np.radians([0, 30, -30, 60, -60, 90, -90, 135, -135, 180])
+        places = tip + gap * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        others = np.concatenate([along.reshape(-1, 2), *(each[None] for each in found)])
+        apart = np.linalg.norm(places[:, None] - others, axis=2).min(axis=1)
+        free = np.flatnonzero(apart >= 0.99 * gap)
+        found.append(places[free[0] if free.size else int(apart.argmax())])
+    return np.array(found)
 
 
 def _within(outline: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:

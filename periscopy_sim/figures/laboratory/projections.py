@@ -58,7 +58,8 @@ def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> 
         outline = points[:, [h, v]] if points.shape[1] == 3 else points
         style = "-" if colour == VIEWED else "--"
         ax.add_patch(Polygon(outline, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style))
-        labels.add(text, outline, colour)
+        labels.avoid_line(np.concatenate([outline, outline[:1]]))
+        labels.add(text, outline, colour, hollow=True)
     ax.set_xlim(*((left, right) if frame.signs[0] > 0 else (right, left)))
     ax.set_ylim(bottom, top)
     labels.place()
@@ -100,16 +101,16 @@ def draw_projection(
     labels.add("monitor", monitor, MONITOR)
     size = 0.05 * float(np.ptp(limits[0]) + np.ptp(limits[1]))
     screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
-    _arrow(ax, screen, facing, size, (h, v), MONITOR)
+    labels.avoid_line(_arrow(ax, screen, facing, size, (h, v), MONITOR))
     normal = scenario.wall_normals.mean(axis=0)
-    _arrow(ax, middle, normal, size, (h, v), "0.45")
+    labels.avoid_line(_arrow(ax, middle, normal, size, (h, v), "0.45"))
     labels.add("normal", (middle + size * normal)[None, [h, v]], "0.45")
     sight = middle - eye
-    _arrow(ax, eye, sight, min(1.0, size / float(np.linalg.norm(sight))), (h, v), VIEWED)
+    short = min(1.0, size / float(np.linalg.norm(sight)))
+    labels.avoid_line(_arrow(ax, eye, sight, short, (h, v), VIEWED))
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid(seen)
-    labels.avoid(np.stack([middle, middle + size * normal])[:, [h, v]])
     if shown == (0, 1):
         _draw_scale_bar(ax)
     else:
@@ -198,19 +199,22 @@ def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxe
     for start, end in pairwise(stops):
         look = {"arrowstyle": "<->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", (start, level), (end, level), arrowprops=look, zorder=6)
-        ax.text(
+        text = ax.text(
             (start + end) / 2, level, in_words(abs(end - start)), fontsize=7, ha="center",
             va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8}, zorder=7,
         )  # fmt: skip
+        room = abs(np.diff(ax.transData.transform([(start, level), (end, level)])[:, 0])[0])
+        if text.get_window_extent().width > 0.6 * room:  # too long to stand within its arrows
+            text.set(y=level + 0.02 * (top - bottom), va="bottom")
 
 
 def _draw_scale_bar(ax: Any) -> None:
     """Draw a bar of a round length in the lower right corner."""
-    wide, tall = abs(np.ptp(ax.get_xlim())), abs(np.ptp(ax.get_ylim()))
+    wide, tall = abs(np.ptp(ax.get_xlim())), float(np.diff(ax.get_ylim())[0])
     length = max(n for n in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if n < 0.3 * wide)
     right = max if ax.get_xlim()[1] > ax.get_xlim()[0] else min
     end = right(ax.get_xlim()) - 0.04 * np.ptp(ax.get_xlim())
-    level = min(ax.get_ylim()) + 0.04 * tall
+    level = ax.get_ylim()[0] + 0.04 * tall
     ends = [end - np.sign(np.ptp(ax.get_xlim())) * length, end]
     ax.plot(ends, [level, level], color="black", linewidth=3, solid_capstyle="butt", zorder=6)
     ax.text(
@@ -221,10 +225,12 @@ def _draw_scale_bar(ax: Any) -> None:
 
 def _arrow(
     ax: Any, start: Array, direction: Array, size: float, axes: tuple[int, int], colour: str
-) -> None:
+) -> Array:
+    """Draw an arrow; return its two ends."""
     tip = (start + size * direction)[list(axes)]
     ax.annotate(
         "", tip, start[list(axes)],
         arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1, "shrinkA": 0, "shrinkB": 0},
         zorder=7, annotation_clip=False,
     )  # fmt: skip
+    return np.stack([start[list(axes)], tip])

@@ -1,5 +1,7 @@
 """What a drawing shows, read off the finished figure."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
@@ -13,9 +15,12 @@ from periscopy_sim.figures.laboratory.geometry import (
     drawn_box,
     facts,
     groups_of,
+    in_words,
     standing,
+    turn_and_tilt,
     world_axes,
 )
+from periscopy_sim.figures.laboratory.overview import letter_places
 from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import Solid, Survey
@@ -132,12 +137,66 @@ def test_distances_are_those_of_the_scene(figure, scenario, panels):
     """The camera stands 1.26 m from the wall, by Pythagoras, 45.7 degrees off its normal."""
     (text,) = [text.get_text().replace(NO_BREAK, " ") for text in figure.texts]
     assert "Camera: 1.26 m from the wall along its line of sight, 46° off its normal" in text
-    assert "Monitor: 40.2 cm x 30.6 cm, 1.03 m before the wall, turned 12° from" in text
+    # Its line of sight runs from (1.65, 0.15, 0.42) to (0.76, 1.03, 0.27): atan 0.89 / 0.88, and
+    # atan -0.15 / 1.2516.
+    assert "off its normal (turned 45.3°, tilted -6.8°); sees" in text
+    assert "1.03 m before the wall, turned -12°, tilted 0° from facing it squarely" in text
+    assert "Extents along x, y, z: plant" in text and "pedestal 9 cm x 9 cm x 15 cm" in text
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     told = {text.get_text() for text in panels["from the side"].texts}
     assert {"58 cm", "45 cm"} <= told
     lines = " ".join(facts(scenario, Survey(scenario)))
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
+
+
+def test_turn_and_tilt_are_those_that_measurements_have():
+    ahead = np.array([0, 1.0, 0])
+    for turn, tilt in ((30.0, 0.0), (-12.0, 5.5), (0.0, -20.0), (170.0, 40.0)):
+        t, e = np.radians([turn, tilt])
+        direction = np.array([-np.sin(t) * np.cos(e), np.cos(t) * np.cos(e), np.sin(e)])
+        assert turn_and_tilt(3 * direction, ahead) == f"turned {turn:g}°, tilted {tilt:g}°"
+    assert turn_and_tilt(-ahead + [1e-9, 0, 0], -ahead) == "turned 0°, tilted 0°"
+
+
+@pytest.mark.parametrize(
+    ("length", "told"), [(0.0003, "0.3 mm"), (0.0099, "9.9 mm"), (0.01, "1 cm"), (1.234, "1.23 m")]
+)
+def test_lengths_are_told_as_a_person_writes_them(length, told):
+    assert in_words(length) == told
+
+
+@pytest.mark.parametrize(
+    "arrows",
+    [
+        ((10, 0), (0, -10), (7, -7)),
+        ((10, 0), (0.1, 0.1), (0, -10)),  # one points at the viewer
+        ((10, 0), (0, -10), (0.5, -9)),  # two point alike
+        ((10, 0), (9, 1), (0, -10)),
+    ],
+)
+def test_letters_of_axes_keep_apart_from_each_other_and_from_all_arrows(arrows):
+    corner, gap = np.array([3.0, 5.0]), 3.5
+    tips = corner + np.array(arrows)
+    places = letter_places(corner, tips, gap)
+    apart = np.linalg.norm(places[:, None] - places, axis=2)[np.triu_indices(3, 1)]
+    assert apart.min() > 0.9 * gap
+    shafts = np.linspace(corner, tips, 50).reshape(-1, 2)
+    assert np.linalg.norm(places[:, None] - shafts, axis=2).min() > 0.6 * gap
+    np.testing.assert_allclose(np.linalg.norm(places - tips, axis=1), gap)
+
+
+def test_no_line_strikes_a_label(panels, figure):
+    """Neither the frame of what the camera sees, nor an arrow of monitor, camera or normal."""
+    figure.canvas.draw()
+    for title in (TITLES[0], TITLES[3]):
+        ax = panels[title]
+        (frame,) = [p for p in ax.patches if to_rgba(p.get_edgecolor()) == to_rgba(VIEWED)]
+        corners = ax.transData.transform(frame.get_xy())
+        along = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(corners)])
+        for text in ax.texts:
+            if text.get_text() in ("camera", "monitor", "seen by the camera"):
+                box = text.get_window_extent()
+                assert not any(box.contains(*point) for point in along), text.get_text()
 
 
 def test_scale_bar_is_as_long_as_it_says(panels):
