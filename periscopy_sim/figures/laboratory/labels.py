@@ -9,6 +9,12 @@ import numpy as np
 
 from periscopy_sim.scenario import Array
 
+FARTHER = 200.0
+"""Pixels of a thing that a label may cover rather than stand farther from what it names."""
+
+HOLLOW = 0.1
+"""Weight of what is hollow, where a label would cover it."""
+
 STEP = 8.0
 """Pixels between the places of a line that labels are kept off."""
 
@@ -29,7 +35,7 @@ class Labels:
     def add(self, text: str, points: Array, colour: str, *, hollow: bool = False) -> None:
         """Name what covers the points (n, 2), in the panel's coordinates, if it is in sight.
 
-        Other labels may stand within what is hollow; see `avoid_line`.
+        Other labels may stand within what is hollow, but rather beside it; see `avoid_line`.
         """
         self._hollow |= {text} if hollow else set()
         (left, right), (bottom, top) = sorted(self._ax.get_xlim()), sorted(self._ax.get_ylim())
@@ -51,12 +57,9 @@ class Labels:
         renderer = figure.canvas.get_renderer()
         frame = self._ax.get_window_extent(renderer)
         boxes = [self._box(points, frame) for _, points, _ in self._asked]
-        solid = [
-            box
-            for (name, _, _), box in zip(self._asked, boxes, strict=True)
-            if name not in self._hollow
-        ]
-        things = [*solid, *(self._box(points, frame) for points in self._avoided)]
+        weights = [HOLLOW if name in self._hollow else 1.0 for name, _, _ in self._asked]
+        things = list(zip(boxes, weights, strict=True))
+        things += [(self._box(points, frame), 1.0) for points in self._avoided]
         lines = [box for points in self._lines for box in self._along(points)]
         taken: list[Array] = []
         for (text, _, colour), box in zip(self._asked, boxes, strict=True):
@@ -67,10 +70,9 @@ class Labels:
             )  # fmt: skip
             extent = label.get_window_extent(renderer)
             size = np.array([extent.width, extent.height])
-            best = min(
-                _candidates(box, size),
-                key=lambda corner: _cost(corner, size, [*taken, *lines], things, frame),
-            )
+            places = _candidates(box, size)
+            costs = [_cost(place, size, [*taken, *lines], things, frame) for place in places]
+            best = places[int(np.argmin(costs + FARTHER * (np.arange(len(places)) // 8)))]
             label.set_position(tuple(best))
             taken.append(np.concatenate([best, best + size]))
 
@@ -105,15 +107,17 @@ def _candidates(box: Array, size: Array) -> list[Array]:
     return [np.array(corner) for corner in found]
 
 
-def _cost(corner: Array, size: Array, taken: list[Array], things: list[Array], frame: Any) -> float:
-    """Return how bad a place is: off the panel, over other labels, over things."""
+def _cost(
+    corner: Array, size: Array, taken: list[Array], things: list[tuple[Array, float]], frame: Any
+) -> float:
+    """Return how bad a place is: off the panel, over other labels, over things by their weights."""
     label = np.concatenate([corner, corner + size])
     edges = np.array([frame.x0 + 2, frame.y0 + 2, frame.x1 - 2, frame.y1 - 2])
     outside = np.maximum(edges - label, 0)[:2].sum() + np.maximum(label - edges, 0)[2:].sum()
     return (
         100 * float(outside)
         + 20 * sum(_overlap(label, other) for other in taken)
-        + sum(_overlap(label, box) for box in things)
+        + sum(weight * _overlap(label, box) for box, weight in things)
     )
 
 

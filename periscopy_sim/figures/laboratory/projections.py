@@ -110,7 +110,7 @@ def draw_projection(
     labels.avoid_line(_arrow(ax, eye, sight, short, (h, v), VIEWED))
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
-    labels.avoid(seen)
+    labels.avoid_line(seen[list(extremes(seen))])
     if shown == (0, 1):
         _draw_scale_bar(ax)
     else:
