@@ -181,7 +181,7 @@ class _Occluder(Strict):
     """
 
     name: Annotated[str, AfterValidator(_name)]
-    bearer: Annotated[str | None, Field(alias="with")] = None
+    bearer: Annotated[str, Field(alias="with", min_length=1)] = ""
     reflectance: Reflectance = (0.3, 0.3, 0.3)
 
 

@@ -56,7 +56,7 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     else:
         _add_camera(scene, camera, aim)
     _add_monitor(scene, laboratory)
-    to_world: dict[str | None, list[str]] = {None: []}  # from each occluder's own coordinates
+    to_world: dict[str, list[str]] = {"": []}  # from each occluder's own coordinates
     for body in laboratory.occluders:
         to_world[body.name] = _add_occluder(scene, body, meshes, to_world[body.bearer])
     return scene.text(title)
@@ -268,7 +268,7 @@ def _add_occluder(
     beside = f", in the coordinates of '{body.bearer}'" if body.bearer else ""
 
     def stated(measured: Measured) -> Measured:
-        exact = body.bearer is not None and measured.error is None
+        exact = bool(body.bearer) and measured.error is None
         return Measured(measured.value, 0.0) if exact else measured
 
     if isinstance(body, Rod):

@@ -123,6 +123,7 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
             "occluder 'b' stands with 'a', but no occluder above it is called so; there are none",
         ),
         (BOX.replace("}", ", with: b}").replace("NAME", "b"), "no occluder above it"),
+        (BOX.replace("}", ", with: }").replace("NAME", "b"), "occluders.0.with: Input should be a"),
         (
             "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm}, "
             + BOX.replace("}", ", with: r}").replace("NAME", "b"),
