@@ -62,7 +62,7 @@ def edges(visible: NDArray[np.floating[Any]]) -> Mask:
 
     There some rays of an entry, or of its neighbours by pixel or by patch, pass and some do not.
     """
-    some, not_all = visible > 0, visible < 1
+    some, not_all = visible > 0, visible < 1 - 0.5 / PROBES  # a division may round
     crossed = [_spread(some, axes) & _spread(not_all, axes) for axes in ((0, 1), (2, 3))]
     return np.asarray(crossed[0] | crossed[1]).ravel()
 
