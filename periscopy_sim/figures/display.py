@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +42,19 @@ def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
     return srgb_encode(_exposed(image, white))
 
 
-def save_png(path: str | Path, image: Any, white: float | None = None) -> None:
+def save_png(
+    path: str | Path,
+    image: Any,
+    white: float | None = None,
+    *,
+    text: Mapping[str, str] | None = None,
+) -> None:
     """Write linear light as an 8-bit sRGB PNG, exposed as by `to_srgb`; see there.
 
-    An `OutputError` says that the file cannot be written.
+    `text` holds text chunks, such as provenance. An `OutputError` says that the file cannot be
+    written.
     """
-    write_png(Path(path), _exposed(image, white), {})
+    write_png(Path(path), _exposed(image, white), text or {})
 
 
 def show(

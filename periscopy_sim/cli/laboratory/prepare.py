@@ -115,8 +115,11 @@ def prepare(
     """Bring a camera's photograph to the scene's pixels.
 
     It is written as an EXR file, NAME.exr. Beside it, NAME_mask.png leaves out what lies outside of
-    the photograph, what is saturated in every exposure, and the tags.
+    the photograph, what is saturated in every exposure, and the tags; NAME_preview.png is to look
+    at, black where the mask is.
     """
+    from periscopy_sim.figures.display import save_png
+    from periscopy_sim.figures.panels import enlarged
     from periscopy_sim.photographs.film_size import advise
     from periscopy_sim.photographs.prepare import prepare as prepared_from
     from periscopy_sim.storage.formats.exr import write_exr
@@ -130,10 +133,14 @@ def prepare(
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     times = None if exposures is None else _times(exposures, photos)
     factor = None if bin_by is None else _factor(bin_by)
-    mask_file = out.with_name(f"{out.stem}_mask.png")
+    mask_file, preview = (out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, find_scene(scene)
-    spare_inputs((out, mask_file), given_files)
-    with staged_file(out) as staged, staged_file(mask_file) as staged_mask:
+    spare_inputs((out, mask_file, preview), given_files)
+    with (
+        staged_file(out) as staged,
+        staged_file(mask_file) as staged_mask,
+        staged_file(preview) as staged_preview,
+    ):
         with progress("reading the scene and the photograph") as report:
             scenario = inputs.load(scene, "1x1", define)
             light, used = _developed(photos, black, dark, flat, white, times, mask, report)
@@ -162,8 +169,9 @@ def prepare(
         text = as_text(record)
         write_exr(staged, found.values, text)
         write_png(staged_mask, np.repeat(found.mask[..., np.newaxis], 3, axis=2), text)
+        save_png(staged_preview, enlarged(found.values), text=text)
     tell_prepared(found, advice, light.size, casts=not shadowless)
-    say_written(out, mask_file)
+    say_written(out, mask_file, preview)
     if given:
         definitions = " ".join(f"-D {name}={value}" for name, value in given.items())
         say(f"the scene's film has this size with {definitions}: give it with every command")

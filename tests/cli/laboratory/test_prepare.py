@@ -45,8 +45,10 @@ def write_points(path, rows, header="column,row,x,y,z"):
 def test_blocks_are_averaged_to_the_scenes_film(photo, succeeds, tmp_path):
     told = succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "new/wall.exr")
     assert "96x96 pixels averaged to 24x24, 16 in each\n" in told
-    assert told.endswith("wrote new/wall.exr, new/wall_mask.png\n")
-    assert {path.name for path in (tmp_path / "new").iterdir()} == {"wall.exr", "wall_mask.png"}
+    assert told.endswith("wrote new/wall.exr, new/wall_mask.png, new/wall_preview.png\n")
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {
+        "wall.exr", "wall_mask.png", "wall_preview.png"
+    }  # fmt: skip
     pixels, metadata = read_exr(tmp_path / "new" / "wall.exr")
     assert np.allclose(pixels, MEANS, rtol=1e-6)
     assert metadata["black"] == "512.0" and len(metadata["photographs_sha256"]) == 64
@@ -62,6 +64,31 @@ def test_two_photographs_in_a_folder_keep_a_mask_each(photo, succeeds, tmp_path)
     assert {path.name for path in tmp_path.glob("*_mask.png")} == {
         "wall_mask.png", "monitor_off_mask.png"
     }  # fmt: skip
+
+
+def test_preview_shows_the_photograph_and_what_is_left_out_is_black(photo, succeeds, tmp_path):
+    used = np.full((24, 24), 255, np.uint8)
+    used[5:9, 2:12] = 0
+    Image.fromarray(used).save(tmp_path / "poster.png")
+    options = ("--black", 512, "--mask", "poster.png")
+    succeeds("prepare", photo, *SCENE, *options, "--out", "wall.exr")
+    with Image.open(tmp_path / "wall_preview.png") as picture:
+        assert picture.info["command"].startswith("periscopy prepare y.tif")
+        shown = np.asarray(picture)
+    factor = len(shown) // 24
+    assert shown.shape == (24 * factor, 24 * factor, 3) and factor > 10
+    pixels = shown[factor // 2 :: factor, factor // 2 :: factor]
+    assert (pixels[used == 0] == 0).all()
+    white = np.percentile(MEANS[used > 0], 99.5)  # of what is used alone
+    expected = 255 * ps.to_srgb(MEANS, white=white)
+    assert np.abs(pixels[used > 0] - expected[used > 0]).max() <= 0.51
+
+
+def test_nothing_is_left_of_what_could_not_be_written(photo, refused, tmp_path):
+    (tmp_path / "wall_preview.png").mkdir()
+    line = refused("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
+    assert "wall_preview.png: it is a folder" in line
+    assert not (tmp_path / "wall.exr").exists() and not (tmp_path / "wall_mask.png").exists()
 
 
 def test_an_input_is_not_written_over(photo, succeeds, refused, tmp_path):
