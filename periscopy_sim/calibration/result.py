@@ -56,6 +56,11 @@ class Parameter:
         """Whether the photograph determines it: to less than its scale, better than the ruler."""
         return self.trusted and self.standard_error < min(self.scale, WELL * self.ruler_error)
 
+    @property
+    def ruler_errors_off(self) -> float:
+        """How many of the ruler's errors it ended above its start; 0 where no ruler knows it."""
+        return (self.value - self.start) / self.ruler_error
+
 
 @dataclass(frozen=True, eq=False)
 class Visited:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,8 +40,15 @@ DISTRUSTED = (
 )
 """What to do with a calibration that is not to be trusted."""
 
-TIED = 0.8
-"""Correlation from which a parameter is named for another that is not determined."""
+TIED = 0.9
+"""Correlation of two parameters' errors from which the photograph hardly tells them apart."""
+
+PAIRS = 3
+"""Of those that are tied the most, named."""
+
+FAR = 2.0
+"""Ruler's errors from where the ruler has it, from which a value is marked: of 20 that are right,
+one is as far. Beyond `trust.FARTHEST` it is not believed."""
 
 
 def calibrate(
@@ -254,12 +262,17 @@ def _say(found: Calibration) -> None:
         blame = _largest(found, k)
         alone = f" (± {p.statistical_error:.2g} alone" + (f"; most by {blame})" if blame else ")")
         ruler = f" ± {p.ruler_error:.2g} by the ruler" if np.isfinite(p.ruler_error) else ""
+        far = abs(p.ruler_errors_off)
+        mark = f"  <-- {far:.1f} of the ruler's errors off" if far > FAR else ""
         say(
             f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}"
             f"{alone if found.uncertain.names else ''}, from {p.start:.4g}{ruler}: {_standing(p)}"
+            f"{mark}"
         )
         if not p.determined and not ruler:
             warn(_open(found, k, blame))
+    if tied := _tied(found):
+        say(tied)
     if found.uncertain.names:
         held = ", ".join(found.uncertain.names)
         say(f"held where they are, their errors in those above: {held}")
@@ -278,6 +291,23 @@ def _say(found: Calibration) -> None:
         say("no other values explain it better than those at the start, which stay")
     elif not found.moved:
         say("that is no more than chance gains: the values at the start explain it as well")
+
+
+def _tied(found: Calibration) -> str:
+    """Return which pairs of parameters the photograph hardly tells apart; empty if it does all."""
+    correlations = {
+        f"{a.name} and {b.name}": float(found.correlation[j, k])
+        for (j, a), (k, b) in combinations(enumerate(found.parameters), 2)
+    }
+    sizes = {pair: abs(each) for pair, each in correlations.items() if abs(each) >= TIED}
+    if not sizes:
+        return ""
+    tied = sorted(sizes, key=lambda pair: -sizes[pair])[:PAIRS]
+    told = ", ".join(f"{pair} ({correlations[pair]:.2f})" for pair in tied)
+    return (
+        f"can hardly be told apart (correlation of their errors): {told}; where one of a pair is "
+        "measured better, both are better known"
+    )
 
 
 def _standing(p: Parameter) -> str:

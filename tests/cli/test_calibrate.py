@@ -233,16 +233,49 @@ def test_why_a_parameter_is_open_is_told(alone, correlation, why):
     assert why in _open(SimpleNamespace(parameters=parameters, correlation=errors), 0, "turn")
 
 
+def calibrated(*parameters, correlation=None, **more):
+    """A calibration of some parameters in which nothing else is of interest."""
+    count = len(parameters)
+    uncertain = UncertainParameters((), np.empty(0), np.empty(0))
+    left = np.ones(3), np.ones(3), np.ones((2, 2, 3)), np.ones((2, 2, 3))
+    errors = np.eye(count) if correlation is None else correlation
+    return Calibration(parameters, uncertain, np.empty((count, 0)), errors, (), *left, **more)
+
+
 @pytest.mark.parametrize(
     ("value", "told"),
     [(0.0, "those at the start, which stay"), (0.1, "no more than chance gains")],
 )
 def test_it_is_told_whether_values_stay_that_nothing_betters(capsys, value, told):
     parameter = Parameter("dx", 0.0, value, 0.1, 0.1, 1.0, 1.0, np.inf if value else 0.1)
-    uncertain = UncertainParameters((), np.empty(0), np.empty(0))
-    left = np.ones(3), np.ones(3), np.ones((2, 2, 3)), np.ones((2, 2, 3))
-    _say(Calibration((parameter,), uncertain, np.empty((1, 0)), np.eye(1), (), *left, moved=False))
+    _say(calibrated(parameter, moved=False))
     assert told in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("ruler", "mark"),
+    [(0.01, "<-- 2.9 of the ruler's errors off"), (0.015, ""), (np.inf, "")],
+)
+def test_values_that_end_far_from_the_ruler_are_marked(capsys, ruler, mark):
+    _say(calibrated(Parameter("dz", 0.343, 0.314, 0.005, 0.005, 1.0, 1.0, ruler)))
+    line, *rest = capsys.readouterr().out.splitlines()
+    assert line.startswith("dz") and line.endswith(mark) and ("<--" in line) == bool(mark)
+    assert "<--" not in "".join(rest)
+
+
+def test_pairs_that_are_hardly_told_apart_are_named_the_closest_first(capsys):
+    parameters = [Parameter(name, 0, 0, 0.1, 0.1, 1, 1, 0.1) for name in "abcde"]
+    errors = np.eye(5)
+    for j, k, correlation in ((0, 1, 0.91), (2, 3, -0.99), (1, 4, 0.97), (0, 4, 0.92), (0, 2, 0.8)):
+        errors[j, k] = errors[k, j] = correlation
+    _say(calibrated(*parameters, correlation=errors))
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "apart" in line]
+    assert line.startswith(
+        "can hardly be told apart (correlation of their errors): c and d (-0.99), b and e (0.97), "
+        "a and e (0.92); "
+    )
+    _say(calibrated(*parameters, correlation=np.where(abs(errors) > 0.9, 0.8, errors)))
+    assert "apart" not in capsys.readouterr().out
 
 
 def test_progress_leaps_over_what_ended_early_and_never_goes_back():
