@@ -21,8 +21,9 @@ from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .photographs.defects import defective_pixels
-from .photographs.prepare import Prepared, develop, prepare
-from .photographs.wall_marks import WallPoints, WallTags
+from .photographs.developing.develop import develop
+from .photographs.prepare import Prepared, prepare
+from .photographs.view.wall_marks import WallPoints, WallTags
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction

@@ -31,8 +31,13 @@ DETACHED = 1 / 8
 STRIP = 2**21
 """Values that medians are taken of at once; it bounds the memory."""
 
+BAND = 1 << 20
+"""Pixels that `single_defects` looks at together."""
+
 EXCESS = 0.1
 """Part of the local median by which a hot pixel exceeds it at least, where there is no noise."""
+
+_REACH = 4  # rows beyond a band that are looked at, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +137,23 @@ def defective_pixels(
             found |= np.stack([saturated, dead, hot])
     saturated, dead, hot = found
     return DefectivePixels(saturated, dead, hot & ~saturated)
+
+
+def single_defects(photograph: NDArray[Any], mask: Mask | None = None) -> Mask:
+    """Return where single pixels are dead or hot, as `defective_pixels` does by default.
+
+    It looks at bands of rows, which bounds the memory that a large photograph needs.
+    """
+    rows, columns = size = photograph.shape[:2]
+    height = max(BAND // columns, 4 * _REACH)
+    found = np.zeros(size, bool)
+    for start in range(0, rows, height):
+        first = max(min(start, rows - height) - _REACH, 0)
+        band = slice(first, start + height + _REACH)
+        defects = defective_pixels(photograph[band], None if mask is None else mask[band])
+        single = defects.dead | defects.hot
+        found[start : start + height] = single[start - first : start - first + height]
+    return found
 
 
 def saturated_pixels(photograph: NDArray[Any]) -> Mask:

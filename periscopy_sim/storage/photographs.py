@@ -20,7 +20,7 @@ from periscopy_sim.photographs.checking import (
     with_channels,
 )
 from periscopy_sim.photographs.defects import saturated_pixels
-from periscopy_sim.photographs.exposures import SensorImage, sensor_image
+from periscopy_sim.photographs.developing.sensor_image import SensorImage, sensor_image
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.srgb import srgb_decode

@@ -11,7 +11,7 @@ import pytest
 from periscopy_sim.cli import inputs
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
-from periscopy_sim.photographs.film_size import FilmAdvice
+from periscopy_sim.photographs.film.size import FilmAdvice
 from periscopy_sim.rendering.variant import examine_variants
 
 pytestmark = pytest.mark.usefixtures("jit")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.measurement import Sensor
-from periscopy_sim.photographs.defects import defective_pixels
+from periscopy_sim.photographs import defects
+from periscopy_sim.photographs.defects import defective_pixels, single_defects
 from periscopy_sim.storage.formats.srgb import srgb_decode
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
@@ -256,6 +257,19 @@ def test_one_row_is_enough_to_tell():
     mask[50] = True
     found = defective_pixels(y, mask)
     assert np.argwhere(found.dead).tolist() == [[50, 3], [50, 60]]
+
+
+def test_bands_find_the_defects_that_the_whole_photograph_shows(monkeypatch):
+    rng = np.random.default_rng(3)
+    light = rng.normal(1000, 10, (240, 360, 3))
+    light.reshape(-1, 3)[rng.choice(240 * 360, 60, replace=False)] *= 3
+    mask = np.ones((240, 360), bool)
+    mask[:20] = False
+    whole = defective_pixels(light, mask)
+    for size in (240 * 360, 50 * 360, 1):
+        monkeypatch.setattr(defects, "BAND", size)
+        assert np.array_equal(single_defects(light, mask), whole.dead | whole.hot)
+    assert np.count_nonzero(whole.hot) >= 50
 
 
 @pytest.mark.parametrize("dtype", [">f4", ">f8", "<f4"])

@@ -9,7 +9,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.photographs.prepare import prepare
-from periscopy_sim.photographs.wall_marks import WallPoints
+from periscopy_sim.photographs.view.wall_marks import WallPoints
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 
 WALL = np.array([0.1, 1.0, 0.3])  # its middle; it faces the camera at smaller y
@@ -163,9 +163,9 @@ def squares(line):
 
 def test_corners_of_squares_stay_within_a_tenth_of_a_pixel_with_clicked_points(scenario):
     """20 points clicked to 0.3 pixels place every pixel to 0.1 in the root mean square or so."""
-    from periscopy_sim.photographs.marks import points_as_marks
-    from periscopy_sim.photographs.view_fitting import fit_view
-    from periscopy_sim.photographs.wall_view import wall_plane
+    from periscopy_sim.photographs.view.fitting import fit_view
+    from periscopy_sim.photographs.view.marks import points_as_marks
+    from periscopy_sim.photographs.view.wall_view import wall_plane
 
     plane = wall_plane(scenario)
     off = []
@@ -181,7 +181,7 @@ def test_corners_of_squares_stay_within_a_tenth_of_a_pixel_with_clicked_points(s
 
 
 def test_the_film_is_where_the_scene_says(scenario):
-    from periscopy_sim.photographs.wall_view import wall_plane
+    from periscopy_sim.photographs.view.wall_view import wall_plane
 
     plane = wall_plane(scenario)
     corners = plane.pixel_corners().reshape(81, 121, 2)
@@ -206,7 +206,7 @@ def test_a_curved_wall_and_a_scene_behind_the_camera_are_refused(photograph, tmp
 
 
 def test_saturated_light_and_what_a_mask_leaves_out_are_not_measured(photograph, scenario):
-    from periscopy_sim.photographs.exposures import sensor_image
+    from periscopy_sim.photographs.developing.sensor_image import sensor_image
 
     mask = np.ones(SIZE, bool)
     mask[:, :250] = False
@@ -244,7 +244,7 @@ def test_whole_blocks_are_averaged_where_the_camera_is_the_scenes(scenario):
 
 def test_places_in_a_raw_file_are_those_of_its_sensor(photograph, scenario):
     """Two by two pixels of the mosaic make one; points and masks are given as viewers show it."""
-    from periscopy_sim.photographs.exposures import sensor_image
+    from periscopy_sim.photographs.developing.sensor_image import sensor_image
 
     points = clicked(8, 1)
     whole = prepare(photograph, scenario, points=points)
@@ -260,19 +260,6 @@ def test_places_in_a_raw_file_are_those_of_its_sensor(photograph, scenario):
     one = prepare(cells, scenario, points=on_sensor, mask=mask)
     other = prepare(photograph, scenario, points=points, mask=half)
     assert (one.mask == other.mask).all() and one.masked.any()
-
-
-def test_bands_find_the_defects_that_the_whole_photograph_shows(scenario, monkeypatch):
-    from periscopy_sim.photographs import prepare as module
-
-    rng = np.random.default_rng(3)
-    light = rng.normal(1000, 10, (240, 360, 3))
-    light.reshape(-1, 3)[rng.choice(240 * 360, 60, replace=False)] *= 3
-    at_once = prepare(light, scenario)
-    monkeypatch.setattr(module, "_BAND", 50 * 360)
-    by_bands = prepare(light, scenario)
-    assert at_once.defects == by_bands.defects >= 55
-    assert np.array_equal(at_once.values, by_bands.values)
 
 
 def test_hot_pixels_are_left_out_of_the_averages(scenario):

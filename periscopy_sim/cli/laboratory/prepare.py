@@ -21,8 +21,8 @@ from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.exposures import SensorImage
-    from periscopy_sim.photographs.film_size import FilmAdvice
+    from periscopy_sim.photographs.developing.sensor_image import SensorImage
+    from periscopy_sim.photographs.film.size import FilmAdvice
     from periscopy_sim.scenario import Scenario
 
 FILM_SIZES = (
@@ -120,7 +120,7 @@ def prepare(
     """
     from periscopy_sim.figures.display import save_png
     from periscopy_sim.figures.panels import enlarged
-    from periscopy_sim.photographs.film_size import advise
+    from periscopy_sim.photographs.film.size import advise
     from periscopy_sim.photographs.prepare import prepare as prepared_from
     from periscopy_sim.storage.formats.exr import write_exr
     from periscopy_sim.storage.pictures import write_png
@@ -188,18 +188,18 @@ def _developed(
     report: Any,
 ) -> tuple[SensorImage, inputs.Mask | None]:
     """Read the photographs, and make one picture of linear light of them."""
-    from periscopy_sim.photographs.calibration_frames import (
+    from periscopy_sim.photographs.developing.calibration_frames import (
         black_level_doubt,
         dark_frame_doubt,
-        same_file,
     )
-    from periscopy_sim.photographs.exposures import average
-    from periscopy_sim.photographs.prepare import develop, mask_of_pixels
+    from periscopy_sim.photographs.developing.develop import develop
+    from periscopy_sim.photographs.developing.exposures import average
+    from periscopy_sim.photographs.developing.sensor_image import mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 
     for flag, frames in (("--dark", dark), ("--flat", flat)):
         for frame, photo in product(frames or (), photos):
-            if same_file(frame, photo):
+            if _same_file(frame, photo):
                 raise PeriscopyError(f"{flag} {frame}: is the photograph itself; give another")
     count = len(photos) + len(dark or ()) + len(flat or ())
     done = 0
@@ -279,15 +279,15 @@ def _film(
     marks: Mapping[str, Any],
 ) -> tuple[int, int]:
     """Return the (rows, columns) of the film that was asked for."""
-    from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
-    from periscopy_sim.photographs.prepare import sample_film
+    from periscopy_sim.photographs.film.placing import place_film
+    from periscopy_sim.photographs.film.size import films_of_blocks, films_of_marks, films_of_shape
 
     if marks:
         own = scenario.photograph_shape
-        coverage, placement = sample_film(light, scenario, **marks)
+        placed = place_film(light, scenario, **marks)
         if not factor:
-            return advice.choose(films_of_marks(own, coverage, placement))
-        side = np.sqrt(coverage)
+            return advice.choose(films_of_marks(own, placed.coverage, placed.placement))
+        side = np.sqrt(placed.coverage)
         return min(
             films_of_shape(own, side), key=lambda each: abs(each[0] - own[0] * side / factor)
         )
@@ -327,6 +327,17 @@ def _film_definitions(
         'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
         "its film"
     )
+
+
+def _same_file(first: Path, second: Path) -> bool:
+    """Return whether two files are one, or hold the same bytes."""
+    try:
+        return first.samefile(second) or (
+            first.stat().st_size == second.stat().st_size
+            and first.read_bytes() == second.read_bytes()
+        )
+    except OSError:  # what cannot be read is told where it is read
+        return False
 
 
 def _listed(paths: Sequence[Path] | None) -> str | None:

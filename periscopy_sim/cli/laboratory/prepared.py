@@ -9,9 +9,9 @@ import numpy as np
 from periscopy_sim.cli.output import say
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.film_size import FilmAdvice
+    from periscopy_sim.photographs.film.size import FilmAdvice
     from periscopy_sim.photographs.prepare import Prepared
-    from periscopy_sim.photographs.view_fitting import FittedView
+    from periscopy_sim.photographs.view.fitting import FittedView
 
 GOOD = 2.0
 """Times what clicks and a ruler allow that the marks' residual may be."""
@@ -51,7 +51,7 @@ def tell_prepared(
 
 def _fit(view: FittedView) -> str:
     """Return how well a view fits its marks, and whether that is well."""
-    from periscopy_sim.photographs.view_fitting import ASSUMED, RULER
+    from periscopy_sim.photographs.view.fitting import ASSUMED, RULER
 
     if not view.freedom:
         return "are as many as the view needs: nothing checks them"
@@ -83,7 +83,7 @@ def _advised(advice: FilmAdvice, shape: tuple[int, int], found: Prepared, *, cas
         f"film: {pixels:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm from patch "
         f"to patch); {room}"
     )
-    from periscopy_sim.photographs.film_size import PIXELS_IN_STEP, films_of_marks
+    from periscopy_sim.photographs.film.size import PIXELS_IN_STEP, films_of_marks
 
     if not advice.fits(shape) or pixels >= 2 * PIXELS_IN_STEP:
         return f"{line}; coarser would do: --bin auto"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.blocks import block_means
+from periscopy_sim.photographs.film.blocks import block_means
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
 

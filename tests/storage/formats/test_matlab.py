@@ -9,7 +9,7 @@ import scipy.io
 import scipy.io.matlab
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.blocks import block_means
+from periscopy_sim.photographs.film.blocks import block_means
 from periscopy_sim.storage.formats.matfile import read_matrices
 from periscopy_sim.storage.formats.matlab import bayer_colours
 from periscopy_sim.storage.formats.table import format_of

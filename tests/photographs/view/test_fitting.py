@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.marks import points_as_marks, tags_as_marks
-from periscopy_sim.photographs.view_fitting import fit_view
+from periscopy_sim.photographs.view.fitting import fit_view
+from periscopy_sim.photographs.view.marks import points_as_marks, tags_as_marks
 
 SIZE = (800, 1200)
 FOCAL = 1500

@@ -1,105 +1,18 @@
-"""Exposures of one view: black level and dark frame taken off, averaged or merged, made even.
-
-A camera's counts are linear in light above its black level and below its saturation. Arrays are of
-single precision, which holds the counts of every sensor exactly: photographs may be large.
-"""
+"""Exposures of one view: black level and dark frame taken off, averaged or merged, made even."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real, with_channels
-
-_LEAST_CODE = 255
+from periscopy_sim.photographs.developing.sensor_image import SensorImage, check_same_size
 
 FILLED = 0.95
 """Part of the saturation that a longer exposure may fill where it is merged with shorter ones."""
-
-
-@dataclass(frozen=True, eq=False)
-class SensorImage:
-    """One picture, linear in light, and where its sensor was saturated.
-
-    Attributes
-    ----------
-    values
-        (rows, columns, 3) float32.
-    saturated
-        (rows, columns) bool, where a channel is.
-    white
-        The least value at which a channel is saturated; infinite if that is not known.
-    cell
-        Pixels of the sensor along each side of one of these: 2 where cells of a Bayer mosaic were
-        made pixels. Places in the photograph, and masks, may be those of the sensor.
-    """
-
-    values: NDArray[np.float32]
-    saturated: NDArray[np.bool_]
-    white: float = np.inf
-    cell: int = 1
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(rows, columns)."""
-        rows, columns = self.saturated.shape
-        return rows, columns
-
-
-def sensor_image(
-    values: ArrayLike,
-    name: str,
-    white: float | None = None,
-    saturated: NDArray[np.bool_] | None = None,
-    cell: int = 1,
-) -> SensorImage:
-    """Return a picture as a `SensorImage`.
-
-    Parameters
-    ----------
-    values
-        (rows, columns), (rows, columns, 1) or (rows, columns, 3), linear in light.
-    name
-        What messages call it.
-    white
-        The value from which on a pixel is saturated. None: of integers the largest, if that is one
-        less than a power of two, as of a converter's range that is used up; else no value is.
-    saturated
-        (rows, columns) bool, where else they are.
-    cell
-        See `SensorImage`.
-
-    Raises
-    ------
-    PhotographError
-        If it is no picture, or holds NaN or infinity.
-    """
-    array = np.asarray(values)
-    check_real(array.dtype, name)
-    array = with_channels(array, name)
-    if not array.size:
-        raise PhotographError(f"{name}: has no pixels; give a picture")
-    with np.errstate(over="ignore", invalid="ignore"):
-        light = np.repeat(array.astype(np.float32), 3 // array.shape[2], axis=2)
-    if not np.isfinite(light).all():
-        raise PhotographError(f"{name}: holds NaN or infinite values; replace them")
-    if white is None:
-        white = _top_code(array) if array.dtype.kind in "iu" else np.inf
-    full = np.asarray((light >= white).any(axis=2))
-    if saturated is not None and saturated.any():
-        full |= saturated
-        white = min(white, float(light[saturated].max(axis=1).min()))
-    return SensorImage(light, full, white, cell)
-
-
-def _top_code(counts: NDArray[np.integer]) -> float:
-    """Return the largest of a converter's codes, if the counts reach it, else infinity."""
-    largest = int(counts.max())
-    return float(largest) if largest >= _LEAST_CODE and largest & (largest + 1) == 0 else np.inf
 
 
 def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
@@ -206,12 +119,3 @@ def evenly_sensitive(
     mean = flat.values[used].mean(axis=0, dtype=np.float64)
     gain = np.where(used[..., np.newaxis], flat.values / mean, 1).astype(np.float32)
     return replace(exposure, values=exposure.values / gain)
-
-
-def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:
-    """Refuse a picture that is not as large as the photograph it belongs to."""
-    if tuple(size) != tuple(wanted):
-        raise PhotographError(
-            f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the photograph has "
-            f"{wanted[0]} x {wanted[1]}; take it with the same camera and settings"
-        )

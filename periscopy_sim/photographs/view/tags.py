@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.homography import Array
+from periscopy_sim.photographs.view.homography import Array
 
 FAMILIES = (
     "APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10", "4X4_1000", "5X5_1000",

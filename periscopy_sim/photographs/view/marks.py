@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.photographs.homography import Array, fit_homography, project
+from periscopy_sim.photographs.view.homography import Array, fit_homography, project
 
 
 @dataclass(frozen=True, eq=False)

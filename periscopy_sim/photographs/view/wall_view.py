@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.photographs.homography import Array, depths, fit_homography, project
+from periscopy_sim.photographs.view.homography import Array, depths, fit_homography, project
 from periscopy_sim.scenario import Scenario, WallFrame, wall_frame
 
 FLATNESS = 1e-3

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.numerics.threads import in_parallel, ranges
-from periscopy_sim.photographs.blocks import block_means
+from periscopy_sim.photographs.film.blocks import block_means
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

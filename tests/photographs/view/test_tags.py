@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.homography import project
-from periscopy_sim.photographs.tags import find_tags
-from periscopy_sim.photographs.wall_marks import WallTags
+from periscopy_sim.photographs.view.homography import project
+from periscopy_sim.photographs.view.tags import find_tags
+from periscopy_sim.photographs.view.wall_marks import WallTags
 
 cv2 = pytest.importorskip("cv2")
 
@@ -68,8 +68,8 @@ def test_corners_of_either_kind_are_found_to_a_tenth_of_a_pixel(family):
 
 
 def test_tags_give_the_view_of_the_wall():
-    from periscopy_sim.photographs.marks import tags_as_marks
-    from periscopy_sim.photographs.view_fitting import fit_view
+    from periscopy_sim.photographs.view.fitting import fit_view
+    from periscopy_sim.photographs.view.marks import tags_as_marks
 
     seen = find_tags(picture("APRILTAG_36h11"), IDS)
     marks = tags_as_marks(seen.corners, np.array(CENTERS), np.array(SIDES), list("abcd"))

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.homography import (
+from periscopy_sim.photographs.view.homography import (
     Array,
     are_on_a_line,
     fit_homography,
     project,
 )
-from periscopy_sim.photographs.marks import Marks
-from periscopy_sim.photographs.wall_view import WallView, distorted
+from periscopy_sim.photographs.view.marks import Marks
+from periscopy_sim.photographs.view.wall_view import WallView, distorted
 
 ROUNDING = 1e-3
 """Pixels that a coordinate is off by rounding, at least: exact marks make no test certain."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.photographs.resampling import (
+from periscopy_sim.photographs.film.resampling import (
     Flaw,
     average_blocks,
     average_quadrilaterals,

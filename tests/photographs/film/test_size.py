@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.photographs.film_size import (
+from periscopy_sim.photographs.film.size import (
     PIXELS_IN_STEP,
     advise,
     films_of_blocks,
@@ -47,7 +47,7 @@ def test_the_coarsest_film_that_is_fine_enough_is_chosen(scenario):
 
 
 def test_memory_bounds_the_film(scenario, monkeypatch):
-    from periscopy_sim.photographs import film_size
+    from periscopy_sim.photographs.film import size as film_size
 
     advice = advise(scenario, (290, 360))
     films = list(films_of_blocks((1008, 1008)).values())

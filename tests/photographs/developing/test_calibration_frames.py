@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.calibration_frames import (
+from periscopy_sim.photographs.developing.calibration_frames import (
     black_level_doubt,
     check_another_frame,
     dark_frame_doubt,
 )
-from periscopy_sim.photographs.exposures import sensor_image
-from periscopy_sim.photographs.prepare import develop
+from periscopy_sim.photographs.developing.develop import develop
+from periscopy_sim.photographs.developing.sensor_image import sensor_image
 
 RNG = np.random.default_rng(5)
 SIZE = (80, 96)

@@ -14,8 +14,9 @@ from math import gcd
 
 import numpy as np
 
+from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics.memory import has_memory, transport_memory
-from periscopy_sim.photographs.homography import Array
+from periscopy_sim.photographs.view.homography import Array
 from periscopy_sim.scenario import Scenario, wall_frame
 
 PIXELS_IN_STEP = 2.0
@@ -205,3 +206,17 @@ def film_doubts(placement: float, coverage: float, outside: float) -> list[str]:
             "its film fewer"
         )
     return doubts
+
+
+def check_blocks(size: tuple[int, int], shape: tuple[int, int]) -> None:
+    """Refuse a photograph of (rows, columns) that does not average to a film by square blocks."""
+    films = films_of_blocks(size)
+    if shape in films.values():
+        return
+    sizes = [f"{rows}x{columns}" for rows, columns in list(films.values())[:12]]
+    raise PhotographError(
+        f"{size[0]} x {size[1]} pixels (rows x columns) do not average to the {shape[0]} x "
+        f"{shape[1]} of the scene's camera by whole square blocks; its film may have "
+        f"{', '.join(sizes)}: change it in the scene, or crop the photograph; of another camera "
+        "than the scene's, tell points of the wall by --points, or --tags"
+    )

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.homography import Array, are_on_a_line
-from periscopy_sim.photographs.marks import Marks
-from periscopy_sim.photographs.view_least_squares import LINE, ViewFit, least_squares_view
-from periscopy_sim.photographs.wall_view import WallView
+from periscopy_sim.photographs.view.homography import Array, are_on_a_line
+from periscopy_sim.photographs.view.least_squares import LINE, ViewFit, least_squares_view
+from periscopy_sim.photographs.view.marks import Marks
+from periscopy_sim.photographs.view.wall_view import WallView
 
 SIGNIFICANCE = 0.01
 """Rate at which a lens without distortion is given a coefficient, and right marks a bad one."""

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.exposures import merge, sensor_image
-from periscopy_sim.photographs.prepare import develop
+from periscopy_sim.photographs.developing.develop import develop
+from periscopy_sim.photographs.developing.exposures import merge
+from periscopy_sim.photographs.developing.sensor_image import sensor_image
 
 SIZE = (40, 60)
 LIGHT = np.random.default_rng(2).uniform(100, 200, (*SIZE, 3))

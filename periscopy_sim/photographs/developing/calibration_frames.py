@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.exposures import SensorImage
-from periscopy_sim.photographs.homography import Array
-from periscopy_sim.photographs.resampling import Mask
+from periscopy_sim.photographs.developing.sensor_image import Mask, SensorImage
 
 BELOW = 0.02
 """Part of the pixels below the black level from which that is told; of a well exposed photograph
@@ -60,7 +57,7 @@ def dark_frame_doubt(dark: SensorImage, photograph: SensorImage) -> str:
     if dark.size != photograph.size or min(rows, columns) < 2:
         return ""
 
-    def parts(frame: SensorImage) -> Array:
+    def parts(frame: SensorImage) -> NDArray[np.float64]:
         whole = frame.values[: BLOCKS * rows, : BLOCKS * columns].mean(axis=2, dtype=np.float64)
         blocks = whole.reshape(BLOCKS, rows, BLOCKS, columns)
         return np.asarray(np.moveaxis(blocks, 2, 1).reshape(BLOCKS**2, -1))
@@ -77,14 +74,3 @@ def dark_frame_doubt(dark: SensorImage, photograph: SensorImage) -> str:
         return ""
     shows = "shows what the photograph shows" if alike else "is not dark all over"
     return f"{shows}; take it with the lens covered, at the same exposure time"
-
-
-def same_file(first: Path, second: Path) -> bool:
-    """Return whether two files are one, or hold the same bytes."""
-    try:
-        return first.samefile(second) or (
-            first.stat().st_size == second.stat().st_size
-            and first.read_bytes() == second.read_bytes()
-        )
-    except OSError:  # what cannot be read is told where it is read
-        return False
