@@ -33,12 +33,17 @@ MOST = 0.3
 """Part of a parameter's standard error from which an uncertain parameter is named for it."""
 
 DISTRUSTED = (
-    "Look at the picture, and at what stays unexplained there. A photograph with the monitor off "
-    "(--background) and a mask tell paint, lamps and posters from shadows. Free fewer parameters "
-    "(--free), or measure again what is named above. Until then the scene as measured is the "
-    "better guess."
+    "Look at the picture, and at what stays unexplained there. {} Free fewer parameters (--free), "
+    "or measure again what is named above. Until then the scene as measured is the better guess."
 )
-"""What to do with a calibration that is not to be trusted."""
+"""What to do with a calibration that is not to be trusted, with one of `UNTOLD`."""
+
+UNTOLD = {
+    False: "A photograph with the monitor off (--background) and a mask tell paint, lamps and "
+    "posters from shadows.",
+    True: "A mask tells posters and sockets from shadows.",
+}
+"""What else may be given, by whether there were photographs with the monitor off."""
 
 TIED = 0.9
 """Correlation of two parameters' errors from which the photograph hardly tells them apart."""
@@ -144,10 +149,11 @@ def calibrate(
         write_json(json, summary)
         seen = blackened(given_photograph.values, used)
         draw_calibration(png, seen, found, as_text(provenance))
-    _say(found)
+    _say(found, has_backgrounds=bool(dark))
     say_written(out, record, picture)
     if found.doubts:
-        warn_boxed("this calibration is not to be trusted", found.doubts, DISTRUSTED)
+        advice = DISTRUSTED.format(UNTOLD[bool(dark)])
+        warn_boxed("this calibration is not to be trusted", found.doubts, advice)
 
 
 def _freed(text: str) -> dict[str, float | None]:
@@ -253,9 +259,10 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _say(found: Calibration) -> None:
+def _say(found: Calibration, *, has_backgrounds: bool) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
     from periscopy_sim.calibration.overdispersion import STRUCTURED
+    from periscopy_sim.reconstruction.residual.causes import ADVICE
 
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
@@ -281,11 +288,14 @@ def _say(found: Calibration) -> None:
     before, after = (
         100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
     )
-    say(f"unexplained: {before:.2f} % of the photograph at the start, {after:.2f} % now")
+    size = "{}x{}".format(*found.residual.shape[:2])
+    say(f"unexplained: {before:.2f} % of the photograph ({size}) at the start, {after:.2f} % now")
     if found.overdispersion > STRUCTURED:
+        likely = "" if has_backgrounds else f"likely {ADVICE['paint']}; "
         say(
-            f"that is no noise: at some scale it is {found.overdispersion:.0f} times as strong as "
-            "noise would be (uneven paint, or something in the scene); the errors above count it"
+            "not all of that is noise, so the photograph counts for "
+            f"1/{found.overdispersion:.0f} of what it would else, in values and errors: {likely}"
+            "periscopy reconstruct with this scene maps it (residual.png) and names likely causes"
         )
     if not found.moved and all(p.value == p.start for p in found.parameters):
         say("no other values explain it better than those at the start, which stay")

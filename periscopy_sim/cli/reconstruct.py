@@ -129,8 +129,8 @@ def reconstruct(
         )
     for doubt in doubts:
         warn(f"{photo}: {doubt}")
-    if told.remark:
-        say(told.remark)
+    for remark in told.remarks:
+        say(remark)
     if known is not None:
         say(
             f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
@@ -159,7 +159,7 @@ class _Told:
     stages: Sequence[tuple[str, Array]] = ()
     standard_errors: Array | None = None
     residual: Residual | None = None
-    remark: str = ""
+    remarks: Sequence[str] = ()
     doubt: str = ""
     misfit: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
@@ -185,12 +185,12 @@ def _told(
     residual = method.residual(photograph, found)
     numbers = {**method.told(found), **(residual.told() if residual else {})}
     as_json(numbers)
-    remarks = [residual.remark if residual else "", str(method.remark(found))]
+    remarks = residual.remark if residual else "", str(method.remark(found))
     return _Told(
         [(str(title), displayable(image)) for title, image in stages],
         None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),
         residual,
-        "; ".join(filter(None, remarks)),
+        tuple(filter(None, remarks)),
         str(method.doubt(found)),
         defects.else_warned(residual),
         numbers,

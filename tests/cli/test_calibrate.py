@@ -13,7 +13,7 @@ from periscopy_sim.calibration.calibrate import _Log
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.cli import output
-from periscopy_sim.cli.calibrate import _open, _say
+from periscopy_sim.cli.calibrate import DISTRUSTED, UNTOLD, _open, _say
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -248,7 +248,7 @@ def calibrated(*parameters, correlation=None, **more):
 )
 def test_it_is_told_whether_values_stay_that_nothing_betters(capsys, value, told):
     parameter = Parameter("dx", 0.0, value, 0.1, 0.1, 1.0, 1.0, np.inf if value else 0.1)
-    _say(calibrated(parameter, moved=False))
+    _say(calibrated(parameter, moved=False), has_backgrounds=False)
     assert told in capsys.readouterr().out
 
 
@@ -257,7 +257,10 @@ def test_it_is_told_whether_values_stay_that_nothing_betters(capsys, value, told
     [(0.01, "<-- 2.9 of the ruler's errors off"), (0.015, ""), (np.inf, "")],
 )
 def test_values_that_end_far_from_the_ruler_are_marked(capsys, ruler, mark):
-    _say(calibrated(Parameter("dz", 0.343, 0.314, 0.005, 0.005, 1.0, 1.0, ruler)))
+    _say(
+        calibrated(Parameter("dz", 0.343, 0.314, 0.005, 0.005, 1.0, 1.0, ruler)),
+        has_backgrounds=False,
+    )
     line, *rest = capsys.readouterr().out.splitlines()
     assert line.startswith("dz") and line.endswith(mark) and ("<--" in line) == bool(mark)
     assert "<--" not in "".join(rest)
@@ -268,14 +271,28 @@ def test_pairs_that_are_hardly_told_apart_are_named_the_closest_first(capsys):
     errors = np.eye(5)
     for j, k, correlation in ((0, 1, 0.91), (2, 3, -0.99), (1, 4, 0.97), (0, 4, 0.92), (0, 2, 0.8)):
         errors[j, k] = errors[k, j] = correlation
-    _say(calibrated(*parameters, correlation=errors))
+    _say(calibrated(*parameters, correlation=errors), has_backgrounds=False)
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "apart" in line]
     assert line.startswith(
         "can hardly be told apart (correlation of their errors): c and d (-0.99), b and e (0.97), "
         "a and e (0.92); "
     )
-    _say(calibrated(*parameters, correlation=np.where(abs(errors) > 0.9, 0.8, errors)))
+    apart = np.where(abs(errors) > 0.9, 0.8, errors)
+    _say(calibrated(*parameters, correlation=apart), has_backgrounds=False)
     assert "apart" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("has_backgrounds", [False, True])
+def test_paint_is_blamed_only_where_no_photograph_shows_it(capsys, has_backgrounds):
+    for overdispersion in (1.0, 17.4):
+        found = calibrated(Parameter("dx", 0, 0, 0.1, 0.1, 1, 1), overdispersion=overdispersion)
+        _say(found, has_backgrounds=has_backgrounds)
+        told = [line for line in capsys.readouterr().out.splitlines() if "noise" in line]
+        assert len(told) == (overdispersion > 3)
+    assert "counts for 1/17 of what" in told[0] and "periscopy reconstruct" in told[0]
+    assert ("--background" in told[0]) == ("uneven paint" in told[0]) == (not has_backgrounds)
+    advice = DISTRUSTED.format(UNTOLD[has_backgrounds])
+    assert ("--background" in advice) == (not has_backgrounds) and "--free" in advice
 
 
 def test_progress_leaps_over_what_ended_early_and_never_goes_back():

@@ -100,9 +100,11 @@ def test_gain_over_the_wall_is_told(succeeds, tmp_path):
     gain = 1 + 0.3 * np.linspace(-1, 1, 24)[None, :, None]
     noise = 1e-4 * signal.mean() * np.random.default_rng(1).standard_normal(signal.shape)
     np.save(tmp_path / "y.npy", gain * signal + noise)
-    succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
+    told = succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["wall_gain_found"] is True
+    (line,) = [line for line in told.splitlines() if "gain" in line]
+    assert line.startswith("a smooth gain over the wall: ") and "the image allows for it" in line
     np.testing.assert_allclose(summary["wall_gain_range"], [0.7, 1.3], atol=0.1)
 
 

@@ -14,6 +14,9 @@ from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
 
 Array = NDArray[np.float64]
 
+LENS = 0.7, 1.2
+"""Least and largest gain that a lens makes: one that darkens corners by 27 % made 0.75 to 1.11."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NoiseAwareReconstruction(Solution[np.float64]):
@@ -48,6 +51,27 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     def has_gain(self) -> bool:
         """Whether a gain over the wall was found."""
         return bool((self.gain != 1).any())
+
+    @property
+    def gain_remark(self) -> str:
+        """What the gain means to a user, and whether anything need be done; empty without one."""
+        if not self.has_gain:
+            return ""
+        least, largest = float(self.gain.min()), float(self.gain.max())
+        told = (
+            f"a smooth gain over the wall: the monitor's light there is {least:.2f} to "
+            f"{largest:.2f} times what the scene makes it"
+        )
+        if LENS[0] <= least and largest <= LENS[1]:
+            return (
+                f"{told}, as by a lens that darkens corners (prepare --flat); the image allows for "
+                "it, and nothing need be done"
+            )
+        return (
+            f"{told}, more than a lens does: the monitor's falloff with angle is another, or "
+            "something stands elsewhere (periscopy calibrate, if that was not done); the image "
+            "allows for it, only its place and brightness are less sure"
+        )
 
     def told(self) -> dict[str, Any]:
         """Return the noise, the weight and the iterations."""

@@ -172,14 +172,8 @@ class NoiseAware(AmbientMethod[np.float64]):
         }
 
     def remark(self, found: NoiseAwareReconstruction) -> str:
-        """Return what a gain over the wall that was found may mean; see `StillMethod`."""
-        if not found.has_gain:
-            return ""
-        return (
-            f"a smooth gain over the wall, {found.gain.min():.2f} to {found.gain.max():.2f}, "
-            "explains part of the photograph: vignetting (prepare --flat), another falloff of the "
-            "monitor, or a scene that is off (calibrate)"
-        )
+        """Return what a gain over the wall that was found means; see `StillMethod`."""
+        return found.gain_remark
 
     def explained(self, found: NoiseAwareReconstruction) -> Explained:
         """Return how well scene, image and gain explain the photograph; see `StillMethod`."""

@@ -62,8 +62,8 @@ ADVICE = {
 """What each cause is, for a user, and what helps."""
 
 BESIDE_BACKGROUNDS = {
-    "paint": "what no photograph with the monitor off shows (a scene that is off: periscopy "
-    "calibrate; light that bounces; a camera or a wall that moved between the photographs)",
+    "paint": "what no photograph with the monitor off shows ({scene}light that bounces; a camera "
+    "or a wall that moved between the photographs)",
     "smooth light": "vignetting (prepare --flat), or light that was not there with the monitor off",
 }
 """The same of causes that photographs with the monitor off have taken most of, if they were given:
@@ -83,7 +83,8 @@ def advice_for(causes: Sequence[Cause], *, has_backgrounds: bool) -> str:
         if {"paint", "geometry"} <= set(names) and names.index("paint") < names.index("geometry"):
             names.remove("paint")
             names.insert(names.index("geometry") + 1, "paint")
-    return "; ".join(told[name].format(place=places[name]) for name in names)
+    scene = "" if "geometry" in names else "a scene that is off: periscopy calibrate; "  # once
+    return "; ".join(told[name].format(place=places[name], scene=scene) for name in names)
 
 
 def likely_causes(
@@ -96,8 +97,9 @@ def likely_causes(
     """Return the likely causes of a residual, the largest share first.
 
     The residual that no hidden image explains, the photograph and its signal A f̂ are (3, rows,
-    columns), NaN where pixels are left out; the noise is (3,). `unexplained` returns what hidden
-    images and ambient light leave of (K, rows, columns) light, likewise.
+    columns), NaN where pixels are left out; the noise, (3,), is what they leave of it, too.
+    `unexplained` returns what hidden images and ambient light leave of (K, rows, columns) light,
+    likewise.
     """
     used = np.asarray(np.isfinite(residual).all(axis=0))
     r = residual[:, used] / noise[:, None]

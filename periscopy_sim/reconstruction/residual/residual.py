@@ -164,15 +164,17 @@ def residual_of(
     alone = float(np.sqrt(np.mean(noise.σ**2))) / level
     causes: tuple[Cause, ...] = ()
     smooth = structure is not None and structure.is_found and structure.excess > SMOOTH_EXCESS
-    # What another image would explain is the method's affair, not the scene's.
-    by_any = np.sqrt(np.nansum(rest**2) / (3 * max(freedom - transport.shape[1], 1))) / level
+    # What another image would explain is the method's affair, not the scene's; noise, too, is
+    # explained in part.
+    kept = float(np.sqrt(np.nanmean(white**2))) or 1.0
+    by_any = float(np.sqrt(np.nanmean(rest**2))) / kept / level
     if by_any > ROUNDING and alone > 0 and (by_any > MATERIAL * alone or smooth):
         used = np.isfinite(planes[0])
 
         def unexplained_light(light: Array) -> Array:
             return place(leave(transport.reject_background(light[:, used].T)))
 
-        causes = likely_causes(rest, place(y), place(signal), noise.σ, unexplained_light)
+        causes = likely_causes(rest, place(y), place(signal), kept * noise.σ, unexplained_light)
     return Residual(np.moveaxis(planes, 0, -1), unexplained, alone, noise, structure, causes)
 
 

@@ -1,5 +1,7 @@
 """The gain over the wall against joint least squares with everything that may explain the light."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -111,6 +113,23 @@ def test_known_gain_is_recovered_and_the_image_is_better_for_it():
         truth = TRUTH.reshape(*HIDDEN, 3)
         assert np.sum((found.image - truth) ** 2) < 0.3 * np.sum((without.image - truth) ** 2)
         assert (found.noise < without.noise).all()
+
+
+@pytest.mark.parametrize(
+    ("gain", "told", "not_told"),
+    [
+        (1 - 0.15 * (X**2 + Y**2 - 2 / 3), "nothing need be done", "periscopy calibrate"),
+        (1 + 0.45 * X, "periscopy calibrate, if that was not done", "nothing need be done"),
+    ],
+)
+def test_what_a_gain_means_and_what_to_do_is_told(gain, told, not_told):
+    solver = method()
+    found = solver.solve(photograph(gain))
+    remark = solver.remark(found)
+    assert told in remark and not_told not in remark and "\n" not in remark
+    least, largest = (float(word) for word in re.findall(r"\d\.\d\d", remark))
+    assert [least, largest] == pytest.approx([gain.min(), gain.max()], abs=0.08)
+    assert solver.remark(solver.solve(photograph())) == ""
 
 
 def method(**settings):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for
-from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.reconstruction.residual.residual import Residual, residual_of
 from periscopy_sim.reconstruction.residual.structure import Structure
 
 SHAPE, HIDDEN = (40, 44), (4, 5)
@@ -190,6 +191,8 @@ def test_causes_depend_on_whether_the_monitor_was_photographed_off():
     beside = advice_for(both, has_backgrounds=True)
     assert alone[0].startswith("uneven paint") and alone[1].startswith("a scene that is off")
     assert beside.startswith("a scene that is off") and "--flat" in beside
+    assert beside.count("a scene that is off") == 1
+    assert "a scene that is off" in advice_for(both[:1], has_backgrounds=True)
 
 
 @pytest.mark.parametrize(
@@ -215,3 +218,24 @@ def test_two_numbers_are_told_by_the_digits_in_which_they_differ(unexplained, al
     left = Residual(np.zeros((*SHAPE, 3)), unexplained, alone, None, smooth, causes)
     assert told in left.warning.replace("unexplained, where noise alone would leave", "/")
     assert "of 4 px it has 1.8 times the energy of noise" in left.warning
+
+
+def test_causes_are_named_where_images_explain_much_of_the_noise():
+    """What is left of the noise, not all of it, is what a structure stands out of."""
+    rng = np.random.default_rng(3)
+    pixels = V.size
+    A = rng.random((pixels, 700))  # 40 % of white noise
+    transport = TransportOperator(A, np.ones((pixels, 1)) / np.sqrt(pixels))
+    signal = np.repeat(A.mean(axis=1, keepdims=True), 3, axis=1)
+    light = 10 + signal
+    noise = rng.standard_normal((pixels, 3))
+
+    def place(values):
+        return values.T.reshape(-1, *SHAPE)
+
+    for strength, likeliest in ((0.0, ""), (0.055, "paint")):
+        uneven = light * strength * paint(2).reshape(-1, 1)
+        left = residual_of(light + uneven + noise, signal, transport, place)
+        assert np.nansum(left.light**2) < 1.4 * noise.size  # of noise alone 1
+        assert left.likeliest == likeliest
+    assert sum(cause.share for cause in left.causes) == pytest.approx(1, abs=0.15)
