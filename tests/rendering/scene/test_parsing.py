@@ -1,0 +1,224 @@
+"""What a scene file says and which files it names, as Mitsuba has it or in words that help."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+
+
+def mesh(filename):
+    return f'<shape type="ply" id="sofa"><string name="filename" value="{filename}"/></shape>'
+
+
+# -- XML -----------------------------------------------------------------------------------------
+
+
+def test_missing_file_is_refused(tmp_path, refusal):
+    assert refusal(tmp_path / "none.xml") == f"no scene file at '{tmp_path / 'none.xml'}'"
+    assert refusal(tmp_path).startswith("no scene file at")
+
+
+@pytest.mark.parametrize("content", [b"<scene version='3.0.0'><shape></scene>", b"", b"\xff\xfe\0"])
+def test_malformed_xml_is_refused(tmp_path, content, refusal):
+    path = tmp_path / "bad.xml"
+    path.write_bytes(content)
+    assert "is not well-formed XML" in refusal(path)
+
+
+@pytest.mark.parametrize("content", ["<foo/>", "<scene/>", '<scene version="3.0.0"><a/></scene>'])
+def test_xml_that_is_no_scene_is_refused(tmp_path, content, refusal):
+    path = tmp_path / "bad.xml"
+    path.write_text(content)
+    refusal(path)
+
+
+def test_unknown_plugin_and_unknown_property_are_refused_with_mitsubas_reason(room, refusal):
+    message = refusal(room.write('<shape type="blob" id="ball"/>'))
+    assert 'Plugin "blob" not found' in message
+    assert "[plugin.cpp" not in message and not message.split("': ")[1].startswith("[")
+    odd = '<shape type="sphere" id="ball"><float name="radiuss" value="1"/></shape>'
+    assert '"radiuss"' in refusal(room.write(odd))
+
+
+# -- parameters ----------------------------------------------------------------------------------
+
+
+def test_undeclared_parameter_is_refused_with_the_declared_ones(room, refusal):
+    path = room.write()
+    message = refusal(path, {"color": "1"})
+    assert message.endswith("declares no parameter 'color'; it declares none")
+    radius = '<default name="radius" value="0.25"/><default name="x" value="7"/>'
+    path = room.write(radius, room.blocker(radius="$radius"), room.blocker("$x, 0, 0", 1))
+    message = refusal(path, {"radius": "1", "color": "1"})
+    assert message.endswith("'color'; it declares radius (default 0.25), x (default 7)")
+
+
+def test_parameter_without_a_default_is_refused(room, refusal):
+    assert "$radius" in refusal(room.write(room.blocker(radius="$radius")))
+
+
+def test_defaults_are_listed_with_those_of_included_files(tmp_path):
+    deep = '<scene version="3.0.0"><default name="c" value="3"/></scene>'
+    near = (
+        '<scene version="3.0.0"><include filename="deep.xml"/><default name="b" value="2"/></scene>'
+    )
+    top = (
+        '<scene version="3.0.0"><default name="a" value="1"/><include filename="near.xml"/></scene>'
+    )
+    for name, text in {"deep": deep, "near": near, "top": top}.items():
+        (tmp_path / f"{name}.xml").write_text(text)
+    assert read_document(tmp_path / "top.xml").defaults == {"a": "1", "b": "2", "c": "3"}
+
+
+def test_default_of_an_included_file_can_be_set(room, tmp_path):
+    default = '<default name="radius" value="0.06"/>'
+    included = f'<scene version="3.0.0">{default}{room.blocker(radius="$radius")}</scene>'
+    (tmp_path / "ball.xml").write_text(included)
+    path = room.write('<include filename="ball.xml"/>')
+    scene = SceneNodes(path, {"radius": "0.11"}).instantiate()
+    ball = next(shape for shape in scene.shapes() if shape.id() == "ball")
+    np.testing.assert_allclose(np.ravel(ball.bbox().max - ball.bbox().min), 0.22, atol=1e-6)
+
+
+# -- included files ------------------------------------------------------------------------------
+
+
+def test_files_that_include_each_other_are_refused(room, tmp_path, refusal):
+    for name, other in ("ab", "ba"):
+        roundabout = f"../{tmp_path.name}/{other}.xml"
+        text = f'<scene version="3.0.0"><include filename="{roundabout}"/></scene>'
+        (tmp_path / f"{name}.xml").write_text(text)
+    assert "'a.xml' includes itself" in refusal(room.write('<include filename="a.xml"/>'))
+    assert "'room2.xml' includes itself" in refusal(room.write('<include filename="room2.xml"/>'))
+
+
+def test_missing_included_file_is_refused(room, refusal):
+    assert '"none.xml" not found' in refusal(room.write('<include filename="none.xml"/>'))
+
+
+# -- files that nodes name -----------------------------------------------------------------------
+
+
+def test_missing_mesh_is_refused_by_its_resolved_path(room, tmp_path, refusal):
+    message = refusal(room.write(mesh("meshes/sofa.ply")))
+    assert f"ply 'sofa' names a missing file '{tmp_path / 'meshes' / 'sofa.ply'}'" in message
+
+
+def test_missing_texture_is_refused(room, refusal):
+    bitmap = '<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>'
+    wall = room.wall(f'<bsdf type="diffuse">{bitmap}</texture></bsdf>')
+    assert "names a missing file" in refusal(room.write(wall=wall))
+
+
+def test_empty_mesh_is_refused(room, tmp_path, refusal):
+    (tmp_path / "sofa.ply").write_bytes(b"")
+    message = refusal(room.write(mesh("sofa.ply")))
+    assert f"ply 'sofa' names an empty file '{tmp_path / 'sofa.ply'}'" in message
+
+
+@pytest.mark.parametrize("content", [b"ply\nformat ascii 1.0\nnonsense\n", b"not a mesh"])
+def test_damaged_mesh_is_refused_with_mitsubas_reason(room, tmp_path, content, refusal):
+    (tmp_path / "sofa.ply").write_bytes(content)
+    assert "sofa.ply" in refusal(room.write(mesh("sofa.ply")))
+
+
+def test_mesh_format_that_is_not_read_is_refused_with_what_to_do(room, tmp_path, refusal):
+    (tmp_path / "sofa.gltf").write_bytes(b"{}")
+    message = refusal(room.write(mesh("sofa.gltf").replace("ply", "gltf")))
+    assert "gltf 'sofa': GLTF files are not read; save 'sofa.gltf' as STL, GLB, OFF" in message
+
+
+def test_name_that_is_no_text_is_left_to_mitsuba(room, refusal):
+    odd = '<shape type="ply" id="sofa"><float name="filename" value="1"/></shape>'
+    assert "filename" in refusal(room.write(odd))
+
+
+# -- where files are looked for ------------------------------------------------------------------
+
+
+def triangle(path, x):
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"{x} 0.5 0.2\n0.5 0.5 0.2\n0.4 0.5 0.3\n3 0 1 2\n"
+    )
+
+
+def test_files_are_found_beside_the_scene_whatever_the_working_folder(room, tmp_path, monkeypatch):
+    triangle(tmp_path / "meshes" / "sofa.ply", 0.4)
+    path = room.write(mesh("meshes/sofa.ply"))
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    (sofa,) = load_scenario(path, (1, 1)).occluders
+    assert sofa.name == "sofa"
+    np.testing.assert_allclose(sofa.vertices[1], [0.5, 0.5, 0.2], atol=1e-7)
+    monkeypatch.chdir(tmp_path)
+    assert len(load_scenario(path.relative_to(tmp_path), (1, 1)).occluders) == 1
+
+
+def test_files_are_found_in_the_folders_that_the_scene_names(room, tmp_path):
+    triangle(tmp_path / "m" / "sofa.ply", 0.4)
+    path = room.write('<path value="m"/>' + mesh("sofa.ply"))
+    assert [shape.name for shape in load_scenario(path, (1, 1)).occluders] == ["sofa"]
+
+
+def test_a_folder_that_the_scene_names_comes_before_its_own_as_in_mitsuba(room, tmp_path):
+    import mitsuba as mi
+
+    triangle(tmp_path / "sofa.ply", 0.41)
+    triangle(tmp_path / "m" / "sofa.ply", 0.42)
+    path = room.write(mesh("sofa.ply") + '<path value="m"/>')
+    (sofa,) = load_scenario(path, (1, 1)).occluders
+    assert sofa.vertices[0, 0] == pytest.approx(0.42)
+    theirs = next(shape for shape in mi.load_file(str(path)).shapes() if shape.id() == "sofa")
+    assert theirs.bbox().min.x == pytest.approx(0.4)
+
+
+def test_folders_that_a_scene_names_are_its_own_alone(room, tmp_path, refusal):
+    import mitsuba as mi
+
+    before = [str(folder) for folder in mi.file_resolver()]
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "ball.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
+    include = '<include filename="ball.xml"/>'
+    *_, last = SceneNodes(room.write('<path value="m"/>', include)).of_type("Shape")
+    assert last.id() == "ball"
+    assert [str(folder) for folder in mi.file_resolver()] == before
+    assert '"ball.xml" not found' in refusal(room.write(include))
+
+
+@pytest.mark.parametrize(
+    "tag",
+    [
+        '<include filename="work.xml"/>',
+        '<path value="folder"/>',
+        '<bsdf type="diffuse"><spectrum name="reflectance" filename="paint.spd"/></bsdf>',
+        mesh("sofa.ply"),
+    ],
+)
+def test_no_file_is_taken_from_the_folder_that_the_process_started_in(
+    room, tmp_path, monkeypatch, tag, refusal
+):
+    import mitsuba as mi
+
+    work = tmp_path / "work"
+    (work / "folder").mkdir(parents=True)
+    (work / "work.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
+    (work / "paint.spd").write_text("300 0.25\n900 0.25\n")
+    triangle(work / "sofa.ply", 0.4)
+    monkeypatch.chdir(work)
+    path = room.write(tag)
+    assert len(mi.load_file(str(path)).shapes()) >= 2
+    assert "names a missing file" in refusal(path)
+
+
+def test_spectrum_is_found_beside_the_scene(room, tmp_path, monkeypatch):
+    (tmp_path / "paint.spd").write_text("300 0.25\n900 0.25\n")
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    paint = '<bsdf type="diffuse"><spectrum name="reflectance" filename="paint.spd"/></bsdf>'
+    scenario = load_scenario(room.write(wall=room.wall(paint)), (1, 1))
+    np.testing.assert_allclose(scenario.wall_reflectance, 0.25, rtol=2e-3)
