@@ -1,0 +1,152 @@
+"""Each method by its name, and a user's own by its file."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from periscopy_sim.reconstruction.registry import METHODS
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "preconditioned"])
+def test_other_method_writes_its_image_and_what_it_can_tell(
+    method, light, reconstruct, hidden, tmp_path
+):
+    np.save(tmp_path / "y.npy", light[0])
+    np.save(tmp_path / "hidden.npy", hidden)
+    image, summary = reconstruct("y.npy", "--method", method, "--truth", "hidden.npy")
+    entry = METHODS[method]
+    told = {"stages.png"} if method in ("truncated-svd", "pseudoinverse") else set()
+    told |= {"certainty.png", "standard_error.npy"} if entry.certainty else set()
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("reconstruction.npy", "reconstruction.png", "summary.json", "comparison.png"),
+        "residual.png",
+        *told,
+    }
+    assert summary["method"] == method
+    options = {option.name: option.default for option in entry.options}
+    assert {name: summary.get(name) for name in options} == options
+    assert {"fit the method", "reconstruct"} <= set(summary["seconds"])
+    # The others repair what they take for outliers in an image that is noise.
+    assert summary["psnr"] > (25 if "differencing" in method else 10)
+    default, _ = reconstruct("y.npy")
+    assert not np.array_equal(image, default)
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "pseudoinverse"])
+def test_weight_of_total_variation_reaches_every_method(method, light, reconstruct, tmp_path):
+    np.save(tmp_path / "y.npy", sum(light) * np.random.default_rng(3).normal(1, 0.01, (24, 24, 3)))
+    option = next(o for o in METHODS[method].options if o.name == "tv_weight")
+    images = [
+        reconstruct("y.npy", "--method", method, "--tv-weight", factor * option.default)[0]
+        for factor in (1, 30)
+    ]
+    changes = [np.abs(np.diff(image, axis=1)).mean() / np.abs(image).mean() for image in images]
+    assert changes[1] < 0.8 * changes[0]
+
+
+# -- methods of one's own ------------------------------------------------------------------------
+
+
+MINE = """
+import sys
+import numpy as np
+
+class Mine:
+    def __init__(self, scenario, A, B):
+        self.shape = scenario.hidden_shape
+        self.inverse = np.linalg.pinv(A.astype(np.float64))
+
+    def reconstruct(self, photograph):
+        return (self.inverse @ photograph.reshape(-1, 3)).reshape(*self.shape, 3)
+
+class Wrong(Mine):
+    def reconstruct(self, photograph):
+        return photograph
+
+class Raising(Mine):
+    def reconstruct(self, photograph):
+        raise RuntimeError("lost")
+
+class Leaving(Mine):
+    def reconstruct(self, photograph):
+        sys.exit(0)
+
+class Unfit:
+    def __init__(self, scenario, A, B):
+        self.shape = {}["no"]
+"""
+LOST, UNFIT = 'raise RuntimeError("lost")', 'self.shape = {}["no"]'
+
+
+@pytest.mark.parametrize("place", ["mine.py", "mine_of_reconstruct", "deep/mine.py"])
+def test_own_method_stands_in(place, light, reconstruct, hidden, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    (tmp_path / "deep").mkdir()
+    for name in ("mine.py", "mine_of_reconstruct.py", "deep/mine.py"):
+        (tmp_path / name).write_text(MINE)
+    image, summary = reconstruct("y.npy", "--method", f"{place}:Mine")
+    assert np.allclose(image, hidden, rtol=1e-5)
+    assert summary["method"] == f"{place}:Mine"
+    assert summary["method_sha256"] == hashlib.sha256(MINE.encode()).hexdigest()
+
+
+def test_own_method_that_breaks_its_promise_is_refused(refused, light, setting, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    (tmp_path / "mine.py").write_text(MINE)
+    number = {text.strip(): n for n, text in enumerate(MINE.splitlines(), 1)}
+    for name, told in {
+        "Wrong": "failed on y.npy: ValueError: returned shape (24, 24, 3) instead of (4, 5, 3)",
+        "Raising": f"failed on y.npy: RuntimeError: lost (mine.py:{number[LOST]})",
+        "Leaving": f"failed on y.npy: SystemExit: 0 (mine.py:{number['sys.exit(0)']})",
+        "Unfit": f"cannot be fitted: KeyError: 'no' (mine.py:{number[UNFIT]})",
+    }.items():
+        method = f"mine.py:{name}"
+        line = refused("reconstruct", "y.npy", *setting, "--method", method, "--out", "out")
+        assert line == f"method '{method}' {told}"
+
+
+DERIVED = """
+import numpy as np
+from periscopy_sim import NoiseAware
+
+class Leaving(NoiseAware):
+    def stages(self, found):
+        raise SystemExit(0)
+
+class NaN(NoiseAware):
+    def told(self, found):
+        return {"share": float("nan")}
+
+class Small(NoiseAware):
+    def standard_errors(self, found):
+        return np.ones((2, 2, 3))
+
+class Flat(NoiseAware):
+    def stages(self, found):
+        return [("flat", np.ones(3))]
+
+for kind in (Leaving, NaN, Small, Flat):
+    globals()[f"fit_{kind.__name__}"] = kind.for_scene
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("Leaving", "SystemExit: 0 (derived.py:7)"),
+        ("NaN", "ValueError: Out of range float values are not JSON compliant"),
+        ("Small", "ValueError: cannot reshape array of size 12 into shape (4,5,3)"),
+        ("Flat", "ValueError: returned shape (3,) instead of (4, 5, 3)"),
+    ],
+)
+def test_derived_method_that_tells_what_it_may_not_is_refused(
+    name, told, refused, light, setting, tmp_path
+):
+    np.save(tmp_path / "y.npy", light[0])
+    (tmp_path / "derived.py").write_text(DERIVED)
+    method = f"derived.py:fit_{name}"
+    line = refused("reconstruct", "y.npy", *setting, "--method", method, "--out", "out")
+    assert line.startswith(f"method '{method}' failed on y.npy: {told}")

@@ -1,0 +1,72 @@
+"""Options and places that are refused before anything is written."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from periscopy_sim.cli import inputs
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+COUNTS = np.random.default_rng(21).integers(9000, 65536, (24, 24, 3)).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--method", "magic"), "no method 'magic'; use noise-aware, preconditioned, "),
+        (("--method", "mine.py:Mine"), "there is no file mine.py"),
+        (
+            ("--method", "differencing", "--repair-threshold", "1"),
+            "--repair-threshold belongs to --method preconditioned, truncated-svd or pseudoinverse,"
+            " not to differencing; leave it out",
+        ),
+        (("--method", "noise-aware", "--tv-weight", "0"), "--method noise-aware takes 1e-09 to"),
+        (("--method", "pseudoinverse", "--rank-tolerance", "1e-3"), "--rank-tolerance belongs to"),
+        (("--method", "differencing", "--repair-threshold", "0.1"), "--repair-threshold belongs"),
+        (("--model", "guessed"), "'guessed' is not one of 'rendered', 'analytic'"),
+        (("--tv-weight", "-1"), "'--tv-weight'"),
+        (("--tv-weight", "inf"), "'--tv-weight'"),
+        (("--tv-weight", "heavy"), "'--tv-weight'"),
+        (("--repair-threshold", "-1"), "'--repair-threshold'"),
+        (("--repair-threshold", "inf"), "'--repair-threshold'"),
+        (("--rank-tolerance", "0"), "'--rank-tolerance'"),
+        (("--rank-tolerance", "1"), "'--rank-tolerance'"),
+        (("--hidden", "24x24"), "full column rank"),
+        (("--hidden", "24x25"), "24x25 hidden patches are more than the 24x24 pixels"),
+        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: chair"),
+        (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
+        (("--transport", "none.npy"), "none.npy: no such file"),
+    ],
+)
+def test_impossible_option_is_refused(options, message, refused, setting, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    assert message in refused("reconstruct", "y.npy", *setting, *options, "--out", "out")
+
+
+def test_place_that_cannot_be_written_is_refused_before_rendering(
+    refused, monkeypatch, setting, tmp_path
+):
+    monkeypatch.setattr(inputs, "load", None)
+    (tmp_path / "file").write_text("kept")
+    for out in ("file", "file/new", "file/new/deep"):
+        line = refused("reconstruct", "y.npy", *setting, "--out", out)
+        assert f"cannot write {out}: " in line
+
+
+def test_folder_in_the_place_of_a_file_is_refused(refused, setting, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    (tmp_path / "out" / "summary.json").mkdir(parents=True)
+    line = refused("reconstruct", "y.npy", *setting, "--out", "out")
+    assert "summary.json: a folder of that name exists; remove it" in line
+
+
+def test_photograph_of_another_scene_than_its_matrix_is_refused(
+    refused, edited_scene, setting, tmp_path
+):
+    np.save(tmp_path / "y.npy", COUNTS)
+    scene = edited_scene(('id="monitor"', 'id="screen"'))
+    shutil.copy(scene, tmp_path / "mine.xml")
+    line = refused("reconstruct", "y.npy", *setting, "--scene", "mine.xml", "--out", "out")
+    assert "'mine.xml' has no shape with id 'monitor'" in line
