@@ -68,9 +68,9 @@ class NoiseAwareReconstruction(Solution[np.float64]):
                 "it, and nothing need be done"
             )
         return (
-            f"{told}, more than a lens does: the monitor's falloff with angle is another, or "
-            "something stands elsewhere (periscopy calibrate, if that was not done); the image "
-            "allows for it, only its place and brightness are less sure"
+            f"{told}, more than a lens does: by light that bounces, another falloff of the monitor "
+            "with angle, or something that stands elsewhere (periscopy calibrate, if that was not "
+            "done); the image allows for it, only its place and brightness are less sure"
         )
 
     def told(self) -> dict[str, Any]:
