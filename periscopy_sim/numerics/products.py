@@ -1,7 +1,9 @@
 """Products of photographs with large matrices, at the speed of memory or of the cores.
 
 For the three channels of one photograph BLAS packs the matrix anew, which costs more than the
-product, and its threads then spin for milliseconds on the cores that the next stage needs.
+product, and its threads then spin for milliseconds on the cores that the next stage needs. Sums
+over all pixels that make few numbers are worst: the threads wait for each other many times over,
+and on a busy machine each time until the other one has its turn.
 """
 
 from __future__ import annotations
@@ -154,6 +156,20 @@ def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop
                 a, p = coefficients[k, r], rows[r, first:last]
                 for m in range(last - first):
                     v[m] -= a * p[m]
+
+
+def combine_rows(coefficients: Array, rows: Array) -> Array:
+    """Combine rows: `coefficients @ rows`, (K, M), of one type."""
+    combined = np.zeros((len(coefficients), rows.shape[1]), rows.dtype)
+    subtract_combinations(combined, -coefficients, rows)
+    return combined
+
+
+def rejected(vectors: Array, basis: Array) -> Array:
+    """Return vectors, (K, M), without their parts in the span of orthonormal rows, (r, M)."""
+    left = np.array(vectors, np.result_type(vectors, basis), order="C")
+    subtract_combinations(left, times_rows(left, basis), basis)
+    return left
 
 
 def filter_rows(vectors: Array, rows: Array, gain: Array, offset: Array) -> Array:

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.numerics.products import (
+    combine_rows,
     filter_rows,
+    rejected,
     subtract_combinations,
     times_rows,
 )
@@ -90,3 +92,22 @@ def test_rows_are_combined_by_filtered_products(dtype, vectors, rows, columns):
     size = (np.abs(gain) * (np.abs(x) @ np.abs(matrix).T) + np.abs(offset)) @ np.abs(matrix)
     assert found.dtype == dtype
     assert (np.abs(found - exact) <= PRECISION[dtype] * size).all()
+
+
+@pytest.mark.parametrize("vectors", [1, 3, 18])
+def test_combinations_of_rows_are_a_product(vectors):
+    x, rows = draw((vectors, 9), (9, 2500))
+    assert_product(combine_rows(x, rows), x, np.ascontiguousarray(rows.T))
+
+
+@pytest.mark.parametrize("vectors", [1, 3, 7, 18])
+@pytest.mark.parametrize("rank", [0, 1, 5, 44])
+@pytest.mark.parametrize("types", [(np.float32,) * 2, (np.float64,) * 2, (np.float32, np.float64)])
+def test_rejected_vectors_have_no_part_in_the_basis_and_keep_the_rest(vectors, rank, types):
+    x, random = draw((vectors, 2500), (2500, rank), dtype=np.float64)
+    basis = np.ascontiguousarray(np.linalg.qr(random)[0].T).astype(types[1])
+    given = x.astype(types[0])
+    left = rejected(given, basis)
+    assert left.dtype == types[1] and np.array_equal(given, x.astype(types[0]))
+    exact = x - (x @ basis.astype(np.float64).T) @ basis
+    assert np.abs(left - exact).max() < (1e-5 if np.float32 in types else 1e-13)

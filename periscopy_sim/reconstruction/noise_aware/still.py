@@ -27,7 +27,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.products import subtract_combinations, times_rows
+from periscopy_sim.numerics.products import (
+    combine_rows,
+    rejected,
+    subtract_combinations,
+    times_rows,
+)
 from periscopy_sim.numerics.validation import check_stopping
 from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
@@ -283,12 +288,13 @@ class NoiseAware(AmbientMethod[np.float64]):
         shown = times_rows(times_rows(left, self._transport), self._basis.rows)
         # Weaker patterns explain nothing beyond single precision.
         shown[:, self._basis.curvatures <= STRONG * self._basis.curvatures[-1]] = 0
-        images = (shown / (self._unit**2 * self._basis.curvatures)) @ self._basis.rows
-        return left - self._rejected_rows(images.astype(np.float32) @ self._transport)
+        coefficients = (shown / (self._unit**2 * self._basis.curvatures)).astype(np.float32)
+        images = combine_rows(coefficients, self._basis.rows)
+        return left - self._rejected_rows(combine_rows(images, self._transport))
 
     def _rejected_rows(self, rows: Image) -> Image:
         """Return (J, M') rows, range(B) projected out."""
-        return np.asarray(rows - (rows @ self._background.T) @ self._background)
+        return rejected(rows, self._background)
 
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence
@@ -355,7 +361,9 @@ class NoiseAware(AmbientMethod[np.float64]):
 
     def _shown_of(self, images: Image) -> Array:
         """Return the coefficients of the light of (3, N) images, of the patterns seen, (3, N')."""
-        shown = times_rows((images @ self._gram).astype(np.float32), self._basis.rows)
+        # Aᵀ A is symmetric.
+        products = times_rows(np.ascontiguousarray(images, np.float64), self._gram)
+        shown = times_rows(products.astype(np.float32), self._basis.rows)
         return np.asarray(shown[:, self._seen], np.float64)
 
     def _objective(self, evidence: Evidence, regularization: float) -> Objective:

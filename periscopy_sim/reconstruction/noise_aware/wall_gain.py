@@ -40,7 +40,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from periscopy_sim.numerics.products import subtract_combinations, times_rows
+from periscopy_sim.numerics.products import combine_rows, rejected, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -119,20 +119,19 @@ class WallGain:
         deviation σ, (3,). The image is the first one, f₀, (3, N), in units of y over those of A.
         """
         count = len(self._terms)
-        signal = np.zeros(y.shape, np.float32)
-        subtract_combinations(signal, -image.astype(np.float32), self._transport)
+        signal = combine_rows(image.astype(np.float32), self._transport)
         light = np.concatenate([self._used_terms[:, None] * signal, y[None]]) / noise[:, None]
         vectors = self._without_background(light.reshape(-1, y.shape[1]).astype(np.float32))
         terms, rest = vectors[:-3], vectors[-3:]
         coordinates = self._coordinates(vectors)
         images = (coordinates * self._scales) @ self._basis
         whole = products(terms)
-        H = whole - products(coordinates[:-3]) - products(terms @ self._ambient.T)
+        H = whole - products(coordinates[:-3]) - products(times_rows(terms, self._ambient))
         # From what is left of y, not as a difference of sums of squares: single precision suffices.
         r = self._unexplained_light(rest, images[-3:])
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
-        compared = r @ self._compared.T
+        compared = times_rows(r, self._compared)
         c, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
             c = np.asarray(np.linalg.solve(H, q), np.float64)
@@ -155,10 +154,8 @@ class WallGain:
 
     def _unexplained_light(self, y: Image, images: Image) -> Array:
         """Return r, what hidden images and smooth ambient light leave of y, (3, M')."""
-        explained = np.zeros(y.shape, np.float32)
-        subtract_combinations(explained, -images, self._transport)
-        r = y - self._without_background(explained)
-        return np.asarray(r - (r @ self._ambient.T) @ self._ambient, np.float64)
+        r = y - self._without_background(combine_rows(images, self._transport))
+        return np.asarray(rejected(r, self._ambient), np.float64)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
         """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
@@ -168,7 +165,7 @@ class WallGain:
         return np.stack([own, -shared], axis=1).astype(np.float64)
 
     def _without_background(self, vectors: Image) -> Image:
-        return vectors - (vectors @ self._background.T) @ self._background
+        return rejected(vectors, self._background)
 
     def _coordinates(self, vectors: Image) -> Image:
         """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
@@ -182,7 +179,7 @@ class WallGain:
             left = self._without_background(left.astype(np.float32))
             f = (self._coordinates(left) * self._scales) @ self._basis
             left = self._without_background(left - f @ self._transport)
-            left = left - (left @ others.T) @ others
+            left = rejected(left, others)
             sizes *= np.linalg.norm(left, axis=1)
             left = unit_rows(left)
         _, sines, basis = np.linalg.svd(left[sizes > LEFT], full_matrices=False)
@@ -209,4 +206,4 @@ def unit_rows(rows: Image) -> Image:
 def products(vectors: Image) -> Array:
     """Return the products of terms, (K, K), from (3 K, M') vectors, three channels a term."""
     terms = vectors.reshape(len(vectors) // 3, -1).astype(np.float64)
-    return np.asarray(terms @ terms.T)
+    return np.asarray(np.einsum("km,lm->kl", terms, terms))
