@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -139,6 +140,19 @@ def test_links_lead_to_files():
     for page in PAGES:
         for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text("utf-8")):
             assert (page.parent / target).is_file(), f"{page.name}: {target}"
+
+
+def test_the_source_distribution_holds_what_pages_link_to_and_tests_read():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    included = set(project["tool"]["hatch"]["build"]["targets"]["sdist"]["include"])
+    linked = [
+        (page.parent / target).resolve()
+        for page in PAGES
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text("utf-8"))
+    ]
+    needed = {path.relative_to(ROOT).parts[0] for path in (*PAGES, *linked)}
+    needed |= {"periscopy_sim", "scenes", "experiments", "tests", "Makefile"}
+    assert {f"/{name}" for name in needed} <= included
 
 
 def test_readme_is_one_screen():
