@@ -25,6 +25,7 @@ from periscopy_sim.calibration.image_shift import ImageShift
 from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.overdispersion import STRUCTURED, overdispersion
 from periscopy_sim.calibration.parameters import scales_and_spreads
+from periscopy_sim.calibration.patch_walk import walk
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.resolution_level import (
     Rays,
@@ -244,8 +245,9 @@ def calibrate_levels(
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
-    patches = shift.ambiguity(end.explanation, end.curvature, fine.hidden_shape)
-    values, after = shift.settled(fine, *settle(fine, end, steps))
+    undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
+    values, after, patches = walk(fine, end, *settle(fine, end, steps), undone)
+    values, after = shift.settled(fine, values, after)
     before = fine.explain(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
@@ -301,8 +303,8 @@ def _covariances(
 ) -> tuple[Array, Array]:
     """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
 
-    Both are `bounded`; `patches`, (P, 2), are the `ImageShift.ambiguity`, `moves`, (P, U), those of
-    `sensitivity`.
+    Both are `bounded`; `patches`, (P, 2), are those that are alike, see `walk`, `moves`, (P, U),
+    those of `sensitivity`.
     """
     scores = block_scores(level, end.explanation, end.curvature.jacobian)
     alone = MARGIN**2 * end.curvature.covariance(scores) + patches @ patches.T

@@ -5,8 +5,8 @@ Only its border tells: where nothing shines any more. Between one patch of shift
 evidence has a dip, whatever is true, for an image on a grid must be shifted by whole patches.
 
 Nor does a photograph tell a small occluder that moves from an image that does, as a pinhole camera
-does not: so what moves an occluder, too, is found up to what moves shadows as a patch of shift does
-(`ImageShift.ambiguity`), unless the evidence is plain.
+does not: so what moves an occluder, too, may be found a whole patch of shift off
+(`ImageShift.undone`, `patch_walk`).
 """
 
 from __future__ import annotations
@@ -30,10 +30,6 @@ from periscopy_sim.scenario import Array, Occluder, Scenario
 
 OUT_OF_PLANE = 0.25
 """Part of a shift, at most, that leads out of the monitor's plane: 14 degrees."""
-
-TELLING = 100.0
-"""Loss of evidence by which one patch is told from the next, as slopes predict it. What stays
-unexplained has favoured a wrong patch by more than 30."""
 
 ALIKE = 0.5
 """Part of what a shift of the image does to the photograph, at least, that parameters undo."""
@@ -116,19 +112,20 @@ class ImageShift:
         worse = is_significant(there.evidence - seen.evidence, self.alone.sum())
         return (values, seen) if worse else (near, there)
 
-    def ambiguity(
+    def undone(
         self, explanation: Explanation, about: Curvature, hidden_shape: tuple[int, int]
     ) -> Array:
         """Return how far parameters move, (P, 2), to undo a shift of the image down and right.
 
-        By a patch each: the photograph stays as it is, as far as it can. Where it tells all the
-        same, or where parameters cannot undo it, they are 0; so are those of `alone`, which need
-        not.
+        By a patch each: the photograph stays as it is, as far as they can, and the ruler lets them.
+        Where they cannot they stay; so do those of `alone`, which need not move.
         """
         found, others = np.zeros((len(self.alone), 2)), ~self.alone
+        if not others.any():
+            return found
         moved = about.jacobian.moved.mean(axis=0)[others]
         moved = moved.reshape(len(moved), -1)
-        normal = moved @ moved.T
+        normal = moved @ moved.T + np.diag(about.prior.precision[others])
         normal[np.diag_indices_from(normal)] *= 1 + UNSEEN
         for axis, patches in enumerate(hidden_shape):
             shift = explanation.shift(hidden_shape, axis).ravel()
@@ -136,11 +133,8 @@ class ImageShift:
                 continue
             undone = -np.linalg.solve(normal, moved @ shift)
             left = shift + undone @ moved
-            column = np.zeros(len(others))
-            column[others] = undone
-            loss = column @ about.information @ column
-            if left @ left < (1 - ALIKE) * (shift @ shift) and loss < TELLING:
-                found[:, axis] = column
+            if left @ left < (1 - ALIKE) * (shift @ shift):
+                found[others, axis] = undone
         return found
 
 

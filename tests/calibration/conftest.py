@@ -7,8 +7,12 @@ import pytest
 
 from periscopy_sim.calibration.evidence import explain
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.shipped import find_scene
 
 PIXELS, PATCHES = 144, 10
 HIDDEN = (1, PATCHES)
@@ -85,3 +89,22 @@ def jit():
     use_variant()
     if not is_vectorized():
         pytest.skip("needs LLVM or CUDA")
+
+
+@pytest.fixture
+def chair_before_a_small_image(jit):  # noqa: ARG001
+    """A level of the chair, moved across and up or its monitor turned, all 0; and the scenario.
+
+    The hidden image is black at its border, which would tell by how much it is shifted.
+    """
+    prior = Prior(np.zeros(3), np.array([0.01, 0.01, 2.0]))
+    hidden, given = (18, 22), {"resolution": "32"}
+    scenario = load_scenario(find_scene("chair"), hidden, given)
+    image = np.zeros((*hidden, 3))
+    image[4:12, 6:16] = np.random.default_rng(0).random((8, 10, 3))
+    y = (render_transport(scenario, samples=64) @ image.reshape(-1, 3)).reshape(32, 32, 3)
+    level = ResolutionLevel(
+        find_scene("chair"), given, ("occluder_dx", "occluder_dz", "monitor_turn"), prior, y, [],
+        None, hidden, Resolution(32, 22, Rays(4, 9), Rays(4, 9)), 0, lambda _: None,
+    )  # fmt: skip
+    return level, scenario

@@ -1,0 +1,95 @@
+"""The same photograph one patch on: the evidence has a dip at each, and a descent is held by one.
+
+Where an occluder moves shadows as a shift of the image does (`ImageShift.undone`), there is a place
+for each whole patch that explains nearly as much; between them the image, on a grid, cannot follow.
+Slopes tell of these walls, not of how the dips compare, so the dips beside a descent's end are
+looked at. One patch on the photograph looks the same, and so do its derivatives: a few renderings
+find the bottom of a dip.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from periscopy_sim.calibration.evidence import Explanation
+from periscopy_sim.calibration.levenberg_marquardt import DAMPING, Descent
+from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import Array
+
+TELLING = 100.0
+"""Loss of evidence by which one patch is told from the next: what stays unexplained has favoured a
+wrong patch by more than 30."""
+
+NEGLIGIBLE = 5.0
+"""Gain for which nobody walks: the rays change the evidence by more."""
+
+CHORDS = 2
+"""Steps to the bottom of a dip."""
+
+FARTHEST = 4
+"""Patches walked, at most."""
+
+
+def walk(
+    level: ResolutionLevel, end: Descent, values: Values, seen: Explanation, patches: Array
+) -> tuple[Values, Explanation, Array]:
+    """Walk from dip to dip while that gains; return where, what is seen there, and what is alike.
+
+    Parameters
+    ----------
+    level
+        By whose rays evidences are compared.
+    end
+        Of the descent, with the derivatives.
+    values, seen
+        (P,) where it settled, and what is seen there.
+    patches
+        (P, 2) how far parameters move to undo a shift of the image, see `ImageShift.undone`.
+
+    Returns
+    -------
+    values, seen
+        Of the best dip.
+    alike
+        (P, 2) those of the patches by which the next dip loses less than is telling; else 0.
+    """
+    for _ in range(FARTHEST):
+        beside = [
+            [_bottom(level, end, values + sign * patch) for sign in (1, -1)] if patch.any() else []
+            for patch in patches.T
+        ]
+        found = [dip for dips in beside for dip in dips if dip is not None]
+        best = min(found, key=lambda dip: dip[1].evidence, default=None)
+        if best is None or best[1].evidence > seen.evidence - NEGLIGIBLE:
+            break
+        values, seen = best
+    limit = seen.evidence + TELLING
+    alike = [any(dip and dip[1].evidence < limit for dip in dips) for dips in beside]
+    return values, seen, np.where(alike, patches, 0.0)
+
+
+def _bottom(
+    level: ResolutionLevel, end: Descent, values: Values
+) -> tuple[Values, Explanation] | None:
+    """Return the bottom of a dip, by chords, and what is seen there; None if it is not physical."""
+    about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
+
+    def pull(seen: Explanation) -> Array:
+        return np.asarray(
+            np.einsum("pmc,mc->p", moved, seen.residuals / seen.deviations, optimize=True)
+        )
+
+    volume = about.slope - about.prior.slope(end.values) + pull(end.explanation)
+    best = None
+    try:
+        for _ in range(CHORDS + 1):
+            seen = level.explain(values)
+            if best is not None and seen.evidence >= best[1].evidence:
+                break
+            best = values, seen
+            slope = volume - pull(seen) + about.prior.slope(values)
+            values = values - np.linalg.solve(about.damped(DAMPING), slope)
+    except SceneError:
+        pass
+    return best

@@ -1,0 +1,95 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.fisher_information import Curvature, Jacobian, curvature
+from periscopy_sim.calibration.image_shift import ImageShift
+from periscopy_sim.calibration.levenberg_marquardt import descend
+from periscopy_sim.calibration.patch_walk import TELLING, walk
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.errors import SceneError
+
+MOVED = np.full((1, 4, 3), 30.0)
+
+
+class Comb:
+    """Dips at whole numbers, each with a loss of its own; a border where nothing is physical."""
+
+    prior = Prior.none(1)
+
+    def __init__(self, losses, border=9.0):
+        self.losses, self.border = losses, border
+
+    def explain(self, values):
+        if values[0] > self.border:
+            raise SceneError("the slat is in the wall")
+        dip = int(np.rint(values[0]))
+        residuals = -(values[0] - dip) * MOVED[0]
+        return SimpleNamespace(
+            evidence=float(np.sum(residuals**2)) + self.losses.get(dip, 1e6),
+            residuals=residuals,
+            deviations=np.ones(3),
+        )
+
+    def end(self, value):
+        information = np.array([[np.sum(MOVED**2)]])
+        seen = self.explain([value])
+        slope = -np.array([np.sum(seen.residuals * MOVED[0])])
+        pair = np.stack([MOVED, MOVED])
+        about = Curvature(
+            Jacobian(np.stack([slope, slope]), pair, pair), slope, information,
+            np.diag(information), np.zeros(1), self.prior,
+        )  # fmt: skip
+        return SimpleNamespace(values=np.array([value]), explanation=seen, curvature=about)
+
+    def walked(self, value, patch=1.1):
+        """Walk from a value by patches that are told a tenth too long."""
+        end = self.end(value)
+        return walk(self, end, end.values, end.explanation, np.array([[patch, 0.0]]))
+
+
+def test_one_walks_to_the_deepest_dip_nearby():
+    values, seen, _ = Comb({0: 50, 1: 30, 2: -20, 3: 40}).walked(0.05)
+    assert values == pytest.approx([2.0], abs=0.01)
+    assert seen.evidence == pytest.approx(-20, abs=0.1)
+
+
+def test_one_stays_where_no_dip_beside_is_deeper():
+    values, _, _ = Comb({0: 0, 1: 30, 3: -900}).walked(0.0)
+    assert values.tolist() == [0.0]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("loss", [0.5, 2.0])
+def test_dips_are_alike_where_one_beside_loses_less_than_is_telling(side, loss):
+    _, _, alike = Comb({0: 0, side: loss * TELLING}).walked(0.0)
+    assert alike.tolist() == [[1.1 if loss < 1 else 0.0, 0.0]]
+
+
+def test_a_dip_beyond_the_border_of_the_physical_is_none():
+    values, _, alike = Comb({0: 0, 1: -50}, border=0.5).walked(0.0)
+    assert values.tolist() == [0.0] and not alike.any()
+
+
+def test_without_a_shift_that_can_be_undone_nothing_is_rendered():
+    comb = Comb({0: 0})
+    end = comb.end(0.0)
+    comb.explain = None
+    values, seen, alike = walk(comb, end, end.values, end.explanation, np.zeros((1, 2)))
+    assert (values is end.values) and (seen is end.explanation) and not alike.any()
+
+
+@pytest.mark.parametrize("off", [(1, 0), (0, 1)])
+def test_a_chair_that_a_descent_left_a_patch_off_is_walked_back(off, chair_before_a_small_image):
+    level, _ = chair_before_a_small_image
+    steps = np.array([0.004, 0.004, 1.0])
+    shift, truth = ImageShift.none(3), np.zeros(3)
+    here = level.explain(truth)
+    about = curvature(level, truth, here, steps)
+    start = shift.undone(here, about, level.hidden_shape) @ off
+    end = descend(level, start, steps, steps / 10, 1, lambda *_: None)
+    assert np.abs(end.values[:2]).max() > 0.005
+    undone = shift.undone(end.explanation, end.curvature, level.hidden_shape)
+    values, _, _ = walk(level, end, end.values, level.explain(end.values), undone)
+    assert np.abs(values[:2]).max() < 1e-3
