@@ -93,7 +93,7 @@ def doubts(
     if misfit > MISFIT:
         found.append(
             f"of what no smooth light explains, {100 * misfit:.0f} % stay unexplained, and are no "
-            "noise: a near lamp (give its light by --background), a poster (--mask), or something "
+            "noise: a near lamp whose light no --background shows, a poster (--mask), or something "
             "that the scene lacks"
         )
     return tuple(found)

@@ -95,14 +95,16 @@ def jit():
 def chair_before_a_small_image(jit):  # noqa: ARG001
     """A level of the chair, moved across and up or its monitor turned, all 0; and the scenario.
 
-    The hidden image is black at its border, which would tell by how much it is shifted.
+    The hidden image is black at its border, which would tell by how much it is shifted. Noise of
+    the photograph is more than that of the level's few rays.
     """
     prior = Prior(np.zeros(3), np.array([0.01, 0.01, 2.0]))
     hidden, given = (18, 22), {"resolution": "32"}
     scenario = load_scenario(find_scene("chair"), hidden, given)
-    image = np.zeros((*hidden, 3))
-    image[4:12, 6:16] = np.random.default_rng(0).random((8, 10, 3))
+    image, random = np.zeros((*hidden, 3)), np.random.default_rng(0)
+    image[4:12, 6:16] = random.random((8, 10, 3))
     y = (render_transport(scenario, samples=64) @ image.reshape(-1, 3)).reshape(32, 32, 3)
+    y = y + 0.005 * y.mean() * random.standard_normal(y.shape)
     level = ResolutionLevel(
         find_scene("chair"), given, ("occluder_dx", "occluder_dz", "monitor_turn"), prior, y, [],
         None, hidden, Resolution(32, 22, Rays(4, 9), Rays(4, 9)), 0, lambda _: None,
