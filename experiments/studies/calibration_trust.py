@@ -54,6 +54,9 @@ RULER = {
 SHIFTS = {"monitor_dx": (HIDDEN[1] / MONITOR[2], 0.0), "monitor_dz": (0.0, HIDDEN[0] / MONITOR[3])}
 """Parameters that only shift the image: by so many patches a metre, across and up."""
 
+DEGREE, LENS = 3, 2
+"""Of the polynomials over the wall that far lights and a lens make."""
+
 SBR, SNR = 0.34, 60.0
 WITHIN = 3.0
 
@@ -108,7 +111,8 @@ class PlateLevel(ResolutionLevel):
         self._y = self._seen = photograph.reshape(-1, 3)
         self._off = {str(k): image.reshape(-1, 3) for k, image in enumerate(off)}
         self.scale = float(np.sqrt(np.mean(self._y**2)))
-        smooth = np.stack([field.ravel() for field in smooth_fields()], axis=1)
+        # A lens makes nothing new of point lights' light; of these polynomials it would.
+        smooth = np.stack([field.ravel() for field in smooth_fields(DEGREE + LENS)], axis=1)
         self._smooth = np.linalg.qr(smooth)[0]
         self._background = np.linalg.qr(np.hstack([smooth, *self._off.values()]))[0]
 
@@ -122,10 +126,10 @@ class PlateLevel(ResolutionLevel):
         return transport(values.tolist())
 
 
-def smooth_fields() -> list[Array]:
-    """Return polynomials up to the third degree over the wall: what far lights make of it."""
+def smooth_fields(degree: int) -> list[Array]:
+    """Return polynomials up to a degree over the wall: what far lights make of it."""
     x, z = np.meshgrid(np.linspace(-1, 1, PIXELS), np.linspace(-1, 1, PIXELS))
-    return [x**i * z**j for i in range(4) for j in range(4 - i)]
+    return [x**i * z**j for i in range(degree + 1) for j in range(degree + 1 - i)]
 
 
 @dataclass(frozen=True)
@@ -138,10 +142,13 @@ class Trouble:
     seam: float = 0.0
     lamp: float = 0.0  # part of the ambient light that a near lamp adds
     monitor_off: bool = False
+    vignetting: float = 0.0  # of the corners
 
 
 TROUBLES = (
     Trouble("none"),
+    Trouble("lens", vignetting=0.27),
+    Trouble("lens, monitor off", monitor_off=True, vignetting=0.27),
     Trouble("fine paint 0.4 %", 0.004, 0.7),
     Trouble("blotches 0.4 %", 0.004, 2.0),
     Trouble("broad blotches 0.8 %", 0.008, 4.0),
@@ -159,7 +166,7 @@ def taken(trouble: Trouble, seed: int) -> tuple[Array, Array, list[Array]]:
     image = np.abs(gaussian_filter(random.standard_normal((*HIDDEN, 3)), (1, 1, 0)))
     image *= random.random((*HIDDEN, 1)) < 0.8
     signal = (transport(truth.tolist()) @ image.reshape(-1, 3)).reshape(PIXELS, PIXELS, 3)
-    fields = smooth_fields()
+    fields = smooth_fields(DEGREE)
     x, z = fields[4], fields[1]
     ambient = np.zeros((PIXELS, PIXELS, 3))
     for field in fields:
@@ -181,8 +188,11 @@ def taken(trouble: Trouble, seed: int) -> tuple[Array, Array, list[Array]]:
         uneven += trouble.seam * (x * np.cos(angle) + z * np.sin(angle) > where)
     σ = 10 ** (-SNR / 20) * np.sqrt(np.mean(light**2))
 
+    lens = 1 - trouble.vignetting * (x**2 + z**2) / 2
+
     def spoilt(of: Array) -> Array:
-        return np.asarray(of * (1 + uneven[..., None]) + σ * random.standard_normal(of.shape))
+        seen = of * (lens * (1 + uneven))[..., None]
+        return np.asarray(seen + σ * random.standard_normal(of.shape))
 
     off = [spoilt(ambient / ambient.mean())] if trouble.monitor_off else []
     return truth, spoilt(light), off

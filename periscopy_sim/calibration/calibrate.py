@@ -286,7 +286,7 @@ def calibrate_levels(
 def _require_shadows(level: ResolutionLevel, values: Values) -> None:
     """Check that something of the scene is seen at some values; else raise a PhotographError."""
     seen = level.explain(values)
-    if seen.darkness - seen.evidence < SHOWN:
+    if not seen.darkness - seen.evidence >= SHOWN:  # nor where nothing is a number
         raise PhotographError(
             "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
             "can be learned from it"

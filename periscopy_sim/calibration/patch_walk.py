@@ -24,8 +24,8 @@ wrong patch by more than 30."""
 NEGLIGIBLE = 5.0
 """Gain for which nobody walks: the rays change the evidence by more."""
 
-CHORDS = 2
-"""Steps to the bottom of a dip."""
+CHORDS = 6
+"""Steps to the bottom of a dip, at most; one that does not gain is halved."""
 
 FARTHEST = 4
 """Patches walked, at most."""
@@ -54,14 +54,15 @@ def walk(
     alike
         (P, 2) those of the patches by which the next dip loses less than is telling; else 0.
     """
-    for _ in range(FARTHEST):
+    for walked in range(FARTHEST + 1):
         beside = [
-            [_bottom(level, end, values + sign * patch) for sign in (1, -1)] if patch.any() else []
+            [_dip(level, end, values, sign * patch) for sign in (1, -1)] if patch.any() else []
             for patch in patches.T
         ]
         found = [dip for dips in beside for dip in dips if dip is not None]
         best = min(found, key=lambda dip: dip[1].evidence, default=None)
-        if best is None or best[1].evidence > seen.evidence - NEGLIGIBLE:
+        gaining = best is not None and best[1].evidence < seen.evidence - NEGLIGIBLE
+        if best is None or not gaining or walked == FARTHEST:
             break
         values, seen = best
     limit = seen.evidence + TELLING
@@ -69,27 +70,40 @@ def walk(
     return values, seen, np.where(alike, patches, 0.0)
 
 
-def _bottom(
-    level: ResolutionLevel, end: Descent, values: Values
+def _dip(
+    level: ResolutionLevel, end: Descent, values: Values, patch: Values
 ) -> tuple[Values, Explanation] | None:
-    """Return the bottom of a dip, by chords, and what is seen there; None if it is not physical."""
+    """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
+
+    None if it is not physical, or if there is no dip of its own: the chords lead back.
+    """
     about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
 
     def pull(seen: Explanation) -> Array:
-        return np.asarray(
-            np.einsum("pmc,mc->p", moved, seen.residuals / seen.deviations, optimize=True)
-        )
+        errors = seen.residuals / end.explanation.deviations
+        return np.asarray(np.einsum("pmc,mc->p", moved, errors, optimize=True))
 
     volume = about.slope - about.prior.slope(end.values) + pull(end.explanation)
-    best = None
+
+    def step(at: Values, seen: Explanation) -> Values:
+        slope = volume - pull(seen) + about.prior.slope(at)
+        return np.asarray(-np.linalg.solve(about.damped(DAMPING), slope))
+
     try:
-        for _ in range(CHORDS + 1):
-            seen = level.explain(values)
-            if best is not None and seen.evidence >= best[1].evidence:
-                break
-            best = values, seen
-            slope = volume - pull(seen) + about.prior.slope(values)
-            values = values - np.linalg.solve(about.damped(DAMPING), slope)
+        bottom, seen, part = values + patch, level.explain(values + patch), 1.0
+        along = step(bottom, seen)
+        for _ in range(CHORDS):
+            tried = level.explain(bottom + part * along)
+            gain = seen.evidence - tried.evidence
+            if gain > 0:
+                bottom, seen, part = bottom + part * along, tried, 1.0
+                along = step(bottom, seen)
+                if gain < NEGLIGIBLE:
+                    break
+            else:
+                part /= 2
     except SceneError:
-        pass
-    return best
+        return None
+    metric = about.invertible() @ patch
+    own = (bottom - values) @ metric > 0.5 * (patch @ metric)
+    return (bottom, seen) if own else None
