@@ -102,6 +102,7 @@ def test_without_a_shift_that_can_be_undone_nothing_is_rendered():
     assert (values is end.values) and (seen is end.explanation) and not alike.any()
 
 
+@pytest.mark.slow
 def test_a_chair_that_a_descent_left_a_patch_aside_is_walked_back(chair_before_a_small_image):
     level, _ = chair_before_a_small_image
     steps = np.array([0.004, 0.004, 1.0])
