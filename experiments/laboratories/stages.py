@@ -322,7 +322,9 @@ def _draw(gone: Way, place: Workplace) -> Picture:
             if stage.failure:
                 axes[row, 0].set_title(f"{stage.name}: failed")
                 continue
-            axes[row, 0].set_title(f"{stage.name}: {stage.psnr:.1f} dB")
+            axes[row, 0].set_title(
+                f"{stage.name}\n{stage.psnr:.1f} dB, shifted {stage.registered:.1f} dB", fontsize=9
+            )
             image = np.load(Path(stage.folder) / "reconstruction.npy").astype(float)
             shown = np.clip(srgb_encode(gain_matched(image, truth)), 0, 1)
             axes[row, 0].imshow(shown, interpolation="nearest")
