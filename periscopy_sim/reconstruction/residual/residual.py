@@ -37,9 +37,9 @@ MATERIAL = 1.25
 ROUNDING = 1e-6
 """Of a photograph: what is left below it is rounding, of photographs in single precision too."""
 
-SMOOTH_EXCESS = 2.0
-"""Energy of a smoothed residual over that of noise, likewise: the bounced light that a true scene
-lacks made up to 1.8 where little else was left, ruler's errors of a centimetre 2.4 and more."""
+SMOOTH_EXCESS = 1.5
+"""Energy of a smoothed residual over that of noise, likewise. Bounced light that a true scene lacks
+made 1.8, the ruler's errors of the tutorial 1.9: both are structure, and told."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,11 +213,11 @@ def test_causes_depend_on_whether_the_monitor_was_photographed_off():
     ],
 )
 def test_two_numbers_are_told_by_the_digits_in_which_they_differ(unexplained, alone, told):
-    smooth = Structure(1e-9, 4.0, 2.84, 0.5, True, 0.0)
+    smooth = Structure(1e-9, 4.0, 1.84, 0.5, True, 0.0)
     causes = (Cause("smooth light", 1.0),)
     left = Residual(np.zeros((*SHAPE, 3)), unexplained, alone, None, smooth, causes)
     assert told in left.warning.replace("unexplained, where noise alone would leave", "/")
-    assert "of 4 px it has 2.8 times the energy of noise" in left.warning
+    assert "of 4 px it has 1.8 times the energy of noise" in left.warning
 
 
 def test_causes_are_named_where_images_explain_much_of_the_noise():
