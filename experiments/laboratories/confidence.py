@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from experiments.laboratories.making.laboratories import LABORATORIES
-from experiments.laboratories.stages import Parameter, Way, Workplace, way
+from experiments.laboratories.stages import Parameter, Way, Workplace, all_ways
 from experiments.page import described
 from experiments.report import Claim, Section, Table, Verdict
 
@@ -21,11 +20,7 @@ ASKED = 0.95
 
 def run(place: Workplace) -> Section:
     """Count over all laboratories and rulers."""
-    ways = [
-        way(laboratory, number, place)
-        for laboratory in LABORATORIES.values()
-        for number in range(place.rulers)
-    ]
+    ways = all_ways(place)
     determined = told_as_determined(ways)
     return Section(
         name="confidence",

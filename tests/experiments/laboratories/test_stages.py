@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.laboratories import commands, confidence, stages
+from experiments.laboratories import commands, confidence, overall, stages
 from experiments.laboratories.making.laboratories import LABORATORIES
 from experiments.laboratories.stages import Parameter, Stage, Way, Workplace
 from experiments.report import Verdict
+from periscopy_sim.evaluation.metrics import psnr
 
 LAMP = LABORATORIES["lamp"]
 SHIFT = 0.004
@@ -118,9 +119,29 @@ def test_the_page_shows_every_ruler(place):
     assert section.tables[1].rows[0][:2] == ["occluder_x", "0.507"]
 
 
+def test_the_best_shift_is_of_three_patches_also_of_a_way_that_was_gone_before(place):
+    place, _ = place
+    truth = np.random.default_rng(0).uniform(0.2, 0.8, (18, 32, 3))
+    np.save(place.rendered / "lamp" / "truth" / "hidden.npy", truth)
+    stages.way(LAMP, 0, place)
+    for down, seen in ((3, True), (4, False)):
+        picture = np.roll(truth, down, axis=0)
+        picture[:down] = 0
+        for file in place.out.rglob("reconstruction.npy"):
+            np.save(file, picture)
+        found = stages.way(LAMP, 0, place).stage(stages.CALIBRATED).registered
+        back = psnr(np.roll(picture, -down, axis=0), truth)
+        assert (abs(found - back) < 1e-9) == seen
+
+
 def way_of(before, after, shift=0.0):
     """Stages at so many dB, before a true scene of 25; the calibrated one's is shifted."""
-    decibels = {stages.TRUE_OFF: 25.0, stages.BACKGROUND: before, stages.CALIBRATED: after}
+    decibels = {
+        stages.TRUE: 25.0,
+        stages.TRUE_OFF: 25.0,
+        stages.BACKGROUND: before,
+        stages.CALIBRATED: after,
+    }
     found = [Stage(name, "", psnr, psnr) for name, psnr in decibels.items()]
     found[-1] = replace(found[-1], psnr=after - shift)
     return Way("lamp", 0, found)
@@ -143,6 +164,27 @@ def test_a_shifted_picture_is_good_only_after_its_shift():
     as_it_stands, registered = [Verdict.DIFFERS] * 2, [Verdict.AGREES] * 2
     found = [claim.verdict for claim in stages.claims([way_of(20, 24, shift=5.0)])]
     assert found == [*as_it_stands, *registered]
+
+
+def test_overall_asks_for_the_median_and_counts_every_harm():
+    ways = [way_of(20, 24, shift=5.0), way_of(20, 21.5), way_of(20, 19.5)]
+    assert overall.loss(ways).verdict is Verdict.AGREES  # 1, 3.5 and 5.5 dB
+    assert overall.loss([*ways, ways[-1]]).verdict is Verdict.DIFFERS  # 4.5 dB
+    assert [claim.measured for claim in overall.harm(ways)] == ["2 of 3", "1 of 3"]
+    assert [claim.verdict for claim in overall.harm(ways[1:2])] == [Verdict.AGREES] * 2
+
+
+def test_a_calibration_that_failed_is_no_success_overall():
+    failed = replace(way_of(20, 24), stages=[*way_of(20, 24).stages[:-1], Stage(stages.CALIBRATED)])
+    assert overall.loss([failed]).verdict is Verdict.DIFFERS
+    assert [claim.measured for claim in overall.harm([failed])] == ["1 of 1", "1 of 1"]
+
+
+def test_overall_shows_every_way_of_every_laboratory(place, monkeypatch):
+    place, _ = place
+    monkeypatch.setattr(stages, "LABORATORIES", {"lamp": LAMP, "again": LAMP})
+    section = overall.run(replace(place, rulers=2))
+    assert [row[:2] for row in section.tables[0].rows] == [["lamp", "0"], ["lamp", "1"]] * 2
 
 
 def test_confidence_counts_what_is_told_as_determined():
