@@ -144,6 +144,8 @@ def calibrate(
     VariantError
         In scalar variants, which would take days.
     """
+    from threadpoolctl import threadpool_limits
+
     path = find_scene(scene)
     given = {name: str(value) for name, value in (parameters or {}).items()}
     uncertain = dict(uncertain or {})
@@ -156,21 +158,24 @@ def calibrate(
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
-    off = []
-    if backgrounds is not None and len(backgrounds):
-        small = load_scenario(path, fitted(hidden, COARSE), given)
-        off = _monitor_off(backgrounds, y, small, mask, seed)
     in_front = InFront(first)
     resolutions = [*LEVELS[:-1], finest(samples)]
-    levels = [
-        ResolutionLevel(
-            path, given, names, prior, y, off, mask, hidden, resolution, seed, in_front.check
-        )
-        for resolution in resolutions
-    ]
-    levels[0].background(start)  # too few pixels are told of before anything is rendered
-    shift = ImageShift.of(path, levels[-1].hidden_shape, given, names, prior)
-    return calibrate_levels(levels, start, held, progress, shift=shift)
+    # Products this small gain less from threads than these cost by waiting for each other on a busy
+    # machine; and how many cores there are does not change what is found.
+    with threadpool_limits(1):
+        off = []
+        if backgrounds is not None and len(backgrounds):
+            small = load_scenario(path, fitted(hidden, COARSE), given)
+            off = _monitor_off(backgrounds, y, small, mask, seed)
+        levels = [
+            ResolutionLevel(
+                path, given, names, prior, y, off, mask, hidden, resolution, seed, in_front.check
+            )
+            for resolution in resolutions
+        ]
+        levels[0].background(start)  # too few pixels are told of before anything is rendered
+        shift = ImageShift.of(path, levels[-1].hidden_shape, given, names, prior)
+        return calibrate_levels(levels, start, held, progress, shift=shift)
 
 
 def finest(samples: int) -> Resolution:

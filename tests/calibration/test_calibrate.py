@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from periscopy_sim.calibration import calibrate as calibration
 from periscopy_sim.calibration.calibrate import calibrate_levels
@@ -89,6 +90,18 @@ def test_the_end_is_explained_by_the_overdispersion_that_is_told(monkeypatch):
     last, end = calibration._descend(level, TRUTH, steps, steps, 5, lambda *_: None)
     assert last.overdispersion == end.explanation.overdispersion == 16
     assert last.explain(TRUTH).evidence == end.explanation.evidence
+
+
+@pytest.mark.usefixtures("jit")
+def test_linear_algebra_has_one_thread_as_long_as_the_search_lasts(monkeypatch):
+    def threads(*_, **__):
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    monkeypatch.setattr(calibration, "calibrate_levels", threads)
+    y, free = np.random.default_rng(0).random((32, 32, 3)), {"occluder_dx": 0.01}
+    with threadpool_limits(2):
+        found = calibration.calibrate(y, "chair", (6, 7), free, parameters={"resolution": 32})
+        assert (found, threads()) == ({1}, {2})
 
 
 def test_a_descent_that_takes_long_does_not_eat_the_next_ones_share():
