@@ -1,0 +1,145 @@
+"""Occluders as they are measured: boxes, frames, cylinders, rods, and what stands on another."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from tests.laboratory.built.conftest import (
+    CAMERA,
+    MONITOR,
+    POSITION,
+    WALL,
+    corners_of,
+    occluders,
+    same_points,
+    turned,
+)
+
+
+@pytest.mark.parametrize(
+    ("anchor", "low"),
+    [("base", (-0.03, -0.01, 0)), ("center", (-0.03, -0.01, -0.05)), ("corner", (0, 0, 0))],
+)
+@pytest.mark.parametrize(("kind", "deep"), [("box", "depth"), ("plate", "thickness")])
+def test_box_has_its_size_about_its_anchor(built, kind, deep, anchor, low):
+    sizes = f"width: 6 cm, {deep}: 2 cm, height: 10 cm, anchor: {anchor}"
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders(kind, sizes)).occluders
+    expected = turned(corners_of(low, np.add(low, (0.06, 0.02, 0.1))), -15, 25) + POSITION
+    same_points(thing.vertices, expected)
+
+
+def test_frame_is_four_bars_about_its_opening(built):
+    sizes = "width: 6 cm, height: 10 cm, bar: 1 cm, thickness: 2 cm"
+    bars = built(WALL, CAMERA, MONITOR, occluders("frame", sizes)).occluders
+    expected = {
+        "thing_left": [(-0.03, -0.01, 0), (-0.02, 0.01, 0.1)],
+        "thing_right": [(0.02, -0.01, 0), (0.03, 0.01, 0.1)],
+        "thing_bottom": [(-0.03, -0.01, 0), (0.03, 0.01, 0.01)],
+        "thing_top": [(-0.03, -0.01, 0.09), (0.03, 0.01, 0.1)],
+    }
+    assert [bar.name for bar in bars] == list(expected)
+    for bar in bars:
+        same_points(bar.vertices, turned(corners_of(*expected[bar.name]), -15, 25) + POSITION)
+
+
+@pytest.mark.parametrize(("anchor", "low"), [("base", 0.0), ("center", -0.05)])
+def test_cylinder_is_round_and_closed(built, anchor, low):
+    sizes = f"diameter: 6 cm, height: 10 cm, anchor: {anchor}"
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).occluders
+    upright = (thing.vertices - POSITION) @ turned(np.eye(3), -15, 25).T
+    radius = np.hypot(upright[:, 0], upright[:, 1])
+    rim = radius > 0.001
+    np.testing.assert_allclose(radius[rim], 0.03, rtol=2e-4)
+    np.testing.assert_allclose(np.unique(np.round(upright[:, 2], 5)), [low, low + 0.1], atol=1e-5)
+    edges = np.concatenate([thing.faces[:, [0, 1]], thing.faces[:, [1, 2]], thing.faces[:, [2, 0]]])
+    directed = {tuple(edge) for edge in edges.tolist()}
+    assert len(directed) == len(edges) and {(b, a) for a, b in directed} == directed  # closed
+    a, b, c = np.moveaxis(upright[thing.faces], 1, 0)
+    volume = np.sum(a * np.cross(b, c)) / 6
+    np.testing.assert_allclose(volume, np.pi * 0.03**2 * 0.1, rtol=1e-3)  # its outside is outside
+
+
+def test_round_things_may_be_told_by_their_radius(built, tmp_path):
+    by_diameter = "diameter: 6 cm +- 2 mm, height: 10 cm"
+    by_radius = "height: 10 cm, radius: 3 cm +- 1 mm"
+    one, other = (
+        built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).occluders[0].vertices
+        for sizes in (by_diameter, by_radius)
+    )
+    np.testing.assert_allclose(one, other, atol=1e-6)
+    assert read_document(tmp_path / "lab.xml").defaults["thing_radius_error"] == "0.001"
+    ends = "kind: rod, name: rod, start: [20 cm, 40 cm, 15 cm], end: [30 cm, 50 cm, 35 cm]"
+    texts = []
+    for thick in ("diameter: 4 cm +- 2 mm", "radius: 2 cm +- 1 mm"):
+        built(WALL, CAMERA, MONITOR, f"occluders: [{{{ends}, {thick}}}]\n")
+        texts.append((tmp_path / "lab.xml").read_text())
+    assert texts[0] == texts[1] and 'name="rod_radius" value="0.02"' in texts[0]
+
+
+def test_rod_lies_between_its_ends(built):
+    """Its shadow on the wall, from a small monitor, is that of the strip between its ends."""
+    monitor = "monitor: {width: 1 mm, height: 1 mm, center: [10 cm, 0 m, 30 cm]}\n"
+    rod = """occluders: [{kind: rod, name: rod, start: [20 cm, 40 cm, 15 cm],
+             end: [30 cm, 50 cm, 35 cm], diameter: 4 cm}]
+"""
+    scenario = built(WALL, CAMERA.replace("12x16", "60x96"), monitor, rod, hidden=(1, 1))
+    dark = render_transport(scenario, samples=1)[:, 0] == 0
+    light = np.array([0.1, 0, 0.3])
+    start, end = np.array([0.2, 0.4, 0.15]), np.array([0.3, 0.5, 0.35])
+    along, length = (end - start) / np.linalg.norm(end - start), np.linalg.norm(end - start)
+    rays = scenario.wall_points - light
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    # Closest approach of a ray and the rod's axis.
+    cross = np.cross(rays, along)
+    apart = np.abs((start - light) @ cross.T) / np.linalg.norm(cross, axis=1)
+    where = np.einsum("ij,ij->i", np.cross(start - light, rays), cross)
+    where /= np.sum(cross**2, axis=1)
+    shadow = (where > 0.03) & (where < length - 0.03) & (apart < 0.019)
+    assert shadow.sum() > 100 and dark[shadow].all()
+    assert not dark[apart > 0.021].any()
+
+
+BORNE = """occluders:
+- {kind: box, name: bottle, position: [20 cm, 50 cm, 5 cm], turn: 25 deg, tilt: -15 deg,
+   width: 6 cm, depth: 4 cm, height: 10 cm, anchor: center}
+- {kind: box, name: neck, with: bottle, position: [1 cm, 0 cm, 5 cm], turn: 10 deg,
+   width: 2 cm, depth: 1 cm, height: 3 cm}
+- {kind: plate, name: flag, with: neck, position: [0 cm +- 1 mm, 0 cm, 3 cm], tilt: 5 deg,
+   width: 4 cm, thickness: 2 mm, height: 2 cm}
+- {kind: rod, name: straw, with: bottle, start: [0 cm, 0 cm, 5 cm], end: [2 cm, 1 cm, 15 cm],
+   radius: 3 mm}
+- {kind: rod, name: twin, start: [%s], end: [%s], radius: 3 mm}
+"""
+
+
+def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path):
+    ends = turned([(0, 0, 0.05), (0.02, 0.01, 0.15)], -15, 25) + POSITION
+    start, end = (", ".join(f"{x:.12f} m" for x in each) for each in ends)
+    found = {
+        each.name: each for each in built(WALL, CAMERA, MONITOR, BORNE % (start, end)).occluders
+    }
+    neck = turned(corners_of((-0.01, -0.005, 0), (0.01, 0.005, 0.03)), 0, 10) + np.array(
+        [0.01, 0, 0.05]
+    )
+    same_points(found["neck"].vertices, turned(neck, -15, 25) + POSITION)
+    flag = turned(corners_of((-0.02, -0.001, 0), (0.02, 0.001, 0.02)), 5, 0) + np.array(
+        [0, 0, 0.03]
+    )
+    flag = turned(turned(flag, 0, 10) + np.array([0.01, 0, 0.05]), -15, 25) + POSITION
+    same_points(found["flag"].vertices, flag)
+    straw, twin = (found[name].bounds for name in ("straw", "twin"))
+    np.testing.assert_allclose(straw, twin, atol=1e-5)
+    declared = read_document(tmp_path / "lab.xml").defaults
+    errors = {name for name in declared if name.endswith("_error")}
+    own = {"neck_width_error", "neck_depth_error", "neck_height_error"}
+    assert {name for name in errors if name.startswith("neck")} == own
+    assert "flag_x_error" in errors and "flag_y_error" not in errors
+    assert {"bottle_x_error", "bottle_turn_error", "straw_radius_error"} <= errors
+    assert not {name for name in errors if name.startswith("straw_start")}
+    moved = built(WALL, CAMERA, MONITOR, BORNE % (start, end), parameters={"bottle_x": "0.23"})
+    for each in moved.occluders:
+        there = 0.0 if each.name == "twin" else 0.03
+        np.testing.assert_allclose(
+            each.bounds - found[each.name].bounds, [(there, 0, 0)] * 2, atol=1e-6
+        )
