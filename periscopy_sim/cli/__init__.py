@@ -11,7 +11,8 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Annotated, Any, NoReturn
 
@@ -80,7 +81,8 @@ def main() -> None:
     sys.unraisablehook = partial(_keep_interrupts, sys.unraisablehook)
     try:
         arguments = sys.argv[1:] or ["--help"]
-        code = app(arguments, prog_name="periscopy", standalone_mode=False)
+        with _interrupts_kept():
+            code = app(arguments, prog_name="periscopy", standalone_mode=False)
         sys.stdout.flush()
     except PeriscopyError as error:
         fail(str(error), 2)
@@ -112,6 +114,22 @@ def main() -> None:
 
 def _interrupt(*_: Any) -> NoReturn:
     raise KeyboardInterrupt
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Interrupt where another error was made of it, as of one while Dr.Jit is being imported."""
+    try:
+        yield
+    except Exception as error:
+        causes: list[BaseException] = []
+        cause: BaseException | None = error
+        while cause is not None and cause not in causes:
+            causes.append(cause)
+            cause = cause.__cause__ or cause.__context__
+        if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
+            raise KeyboardInterrupt from error
+        raise
 
 
 def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:

@@ -97,7 +97,6 @@ def calibrate(
     scene is written anew, and beside it a JSON file (values, uncertainties, the way there) and a
     picture. A result that is not to be trusted is written too, and says so.
     """
-    from periscopy_sim.calibration.calibrate import calibrate as search
     from periscopy_sim.figures.calibration import draw_calibration
     from periscopy_sim.photographs.checking import blackened
 
@@ -109,7 +108,11 @@ def calibrate(
     errors = _numbers(parse_definitions(uncertain, "--uncertain"), "--uncertain")
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
-        scenario = inputs.load(scene, hidden, define)
+        with timed("load the scene"), progress("loading the scene"):
+            # Takes seconds, in which a user would see nothing.
+            from periscopy_sim.calibration.calibrate import calibrate as search
+
+            scenario = inputs.load(scene, hidden, define)
         shadowless = inputs.warn_without_shadows(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         given_photograph = inputs.read_photograph(photo, scenario, used)

@@ -61,6 +61,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
         "--uncertain", "monitor_dx=0.005",
     )  # fmt: skip
     assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.stages[:2] == ["loading the scene", "calibrating"]
     assert outcome.stages[-1] == "calibrating: 100 %"
     printed = outcome.out
     assert "wrote new/found.xml, new/found.json, new/found.png\n" in printed

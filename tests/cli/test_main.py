@@ -238,6 +238,7 @@ def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy,
         TRANSPORT,
         ("photograph", "chair", "mushroom", *TINY, "--out", "new/y.exr"),
         ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "new/r"),
+        ("calibrate", "y.npy", "--scene", "chair", *TINY, "--out", "new/found.xml"),
         ("analyze", "chair", *TINY, "--out", "r"),
         ("ambient", "overcast", "--scene", "chair", "--out", "new/b"),
         ("demo", "--out", "new/r"),
@@ -248,6 +249,26 @@ def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy,
 def test_interrupt_ends_with_130_and_writes_nothing(arguments, monkeypatch, periscopy, tmp_path):
     monkeypatch.setattr(inputs, "load", failing(KeyboardInterrupt))
     outcome = periscopy(*arguments)
+    assert outcome.code == 130
+    assert outcome.err == "periscopy: error: interrupted; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [NameError, PeriscopyError])
+def test_interrupt_of_which_another_error_is_made_still_interrupts(
+    error, monkeypatch, periscopy, tmp_path
+):
+    def load(*_):
+        try:
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as interrupt:
+                raise ImportError from interrupt  # as an extension does that is being imported
+        except ImportError:
+            raise error("name '_drjit_ext' is not defined")  # noqa: B904  nobody says from what
+
+    monkeypatch.setattr(inputs, "load", load)
+    outcome = periscopy(*TRANSPORT)
     assert outcome.code == 130
     assert outcome.err == "periscopy: error: interrupted; nothing was written\n"
     assert list(tmp_path.iterdir()) == []
