@@ -31,6 +31,7 @@ from periscopy_sim.calibration.image_shift import ImageShift
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.result import Calibration
+from periscopy_sim.calibration.smooth_gain import SmoothGain
 
 Array = NDArray[np.float64]
 
@@ -115,6 +116,7 @@ class PlateLevel(ResolutionLevel):
         smooth = np.stack([field.ravel() for field in smooth_fields(DEGREE + LENS)], axis=1)
         self._smooth = np.linalg.qr(smooth)[0]
         self._background = np.linalg.qr(np.hstack([smooth, *self._off.values()]))[0]
+        self._gain = SmoothGain.none(self.used)
 
     def differing(self) -> PlateLevel:
         """Return the level itself: there are no rays of which differences need fewer."""

@@ -95,7 +95,8 @@ def calibrate(
     """Find the values of a scene's parameters that explain a photograph best.
 
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
-    ambient light but that it comes from afar; see `evidence`. Of the parameters is known what the
+    ambient light but that it comes from afar, see `evidence`, nor of a smooth gain over the wall,
+    see `SmoothGain`. Of the parameters is known what the
     ruler says, see `Prior`. Of many points that the ruler finds likely (of a box, at a low
     resolution, where it knows nothing) the best is where descents begin, coarse to fine.
 
@@ -333,12 +334,13 @@ def _descend(
     first descent begins.
     """
 
-    def tempered(explanation: Explanation) -> ResolutionLevel:
-        return level.overdispersed(overdispersion(explanation, level.used, level.seed))
+    def tempered(found: Explanation) -> ResolutionLevel:
+        gained = level.gained(found)
+        return gained.overdispersed(overdispersion(found, level.used, level.seed))
 
     found = level.explain(start)
-    level, seen = level.evened(found), level
-    here = tempered(found if level is seen else level.explain(start))
+    level = level.evened(found).gained(found)
+    here = tempered(level.explain(start))
     end = descend(here, start, steps, longest, iterations, visit)
     for _ in range(ROUNDS - 1):
         after = tempered(end.explanation)

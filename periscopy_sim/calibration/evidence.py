@@ -26,9 +26,9 @@ more often than a right one; without this the wrong one may win.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ from scipy import linalg
 from scipy.optimize import minimize_scalar
 
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.smooth_gain import SmoothGain
 
 Array = NDArray[np.float64]
 
@@ -63,7 +66,8 @@ class Explanation:
     """A photograph explained by a transport matrix.
 
     The evidence is Σ E_c: a difference of 2 is a likelihood ratio of e. `darkness` is what it would
-    be of a black hidden image: where the evidence is less, the photograph shows one.
+    be of a black hidden image: where the evidence is less, the photograph shows one. A `gain` over
+    the wall, see `SmoothGain`, multiplies A; what it can follow of errors is of `followed`.
     """
 
     evidence: float
@@ -72,11 +76,15 @@ class Explanation:
     noise: Array  # (3,) σ_c, of what is left unexplained
     overdispersion: float  # κ, by which each error counts for less
     residuals: Array  # (M, 3) y⊥ − A⊥ f̂
+    freedom: int  # F
     _projected: Array
     _background: Array
     _weights: Array
     _W: Array
     _hessians: tuple[Array, ...]
+    gain: SmoothGain | None = None
+    followed: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))  # (K, M, 3) over σ κ^½
+    inverse: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (K, K) covariance of ĉ
 
     @property
     def deviations(self) -> Array:
@@ -91,9 +99,17 @@ class Explanation:
 
     @cached_property
     def _volume(self) -> Array:
-        """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
+        """(M, N) g A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
         inverse = (self._W * self._weights.sum(axis=1)) @ self._W.T
-        return np.asarray(self._projected @ inverse)
+        return np.asarray(self._gained(self._projected @ inverse))
+
+    def _gained(self, light: Array) -> Array:
+        """Return light, (M, ...), as the gain makes it."""
+        return light if self.gain is None else self.gain.field[:, None] * light
+
+    def without_background(self, light: Array) -> Array:
+        """Return light, (..., M, 3), with range(B) projected out."""
+        return np.asarray(light - self._background @ (self._background.T @ light))
 
     @cached_property
     def _positive(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
@@ -110,37 +126,45 @@ class Explanation:
         dE = Σ_c (−2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩) / κ, the α_c held; r and A⊥
         have no part in range(B), so dA's own does not matter.
         """
-        misfit = np.einsum("mc,mc,c->", self.residuals, change @ self.images, self.deviations**-2)
+        moved = self._gained(change @ self.images)
+        misfit = np.einsum("mc,mc,c->", self.residuals, moved, self.deviations**-2)
         return float(2 * (np.vdot(self._volume, change) / self.overdispersion - misfit))
 
     def jacobian(self, change: Array) -> Array:
         """Return how the photograph moves along dA, J = dA f̂: J⊥ / (σ κ^½), (M, 3)."""
-        moved = change @ self.images
-        moved -= self._background @ (self._background.T @ moved)
-        return np.asarray(moved / self.deviations)
+        moved = self._gained(change @ self.images)
+        return np.asarray(self.without_background(moved) / self.deviations)
 
     def projected_jacobian(self, change: Array) -> Array:
         """Return how the photograph moves along dA, beyond what image and light could follow.
 
-        (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0. The
-        information on two parameters is the product of one's J̃ and the other's `jacobian`.
+        (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0, and of
+        that what no gain could follow. The information on two parameters is the product of one's J̃
+        and the other's `jacobian`.
         """
-        return self._beyond_image(self.jacobian(change))
+        return self._beyond_gain(self.jacobian(change))
 
     def left_of(self, errors: Array) -> Array:
         """Return what image and light would leave of small errors, (M, 3), as they follow them."""
-        errors = errors - self._background @ (self._background.T @ errors)
-        return self._beyond_image(errors)
+        return self._beyond_gain(self.without_background(errors))
 
     def left_of_rows(self, rows: Array) -> Array:
         """Return what any image and light would leave of rows, (J, M), each taken as green."""
-        errors = rows.T - self._background @ (self._background.T @ rows.T)
+        errors = self.without_background(rows.T)
         response = linalg.solve(
             self._hessians[1], self._projected.T @ errors, assume_a="pos", check_finite=False
         )
         return np.asarray((errors - self._projected @ response).T)
 
-    def _beyond_image(self, moved: Array) -> Array:
+    def _beyond_gain(self, moved: Array) -> Array:
+        beyond = self.beyond_image(moved)
+        if not len(self.followed):
+            return beyond
+        shares = self.inverse @ np.einsum("kmc,mc->k", self.followed, moved, optimize=True)
+        return np.asarray(beyond - np.einsum("k,kmc->mc", shares, self.followed, optimize=True))
+
+    def beyond_image(self, moved: Array) -> Array:
+        """Return what hidden images leave of light, (M, 3), that range(B) is projected out of."""
         response = np.zeros_like(self.images)
         for c, (positive, factor) in enumerate(self._positive):
             response[positive, c] = linalg.cho_solve(
@@ -224,6 +248,7 @@ def explain(
         noise=np.sqrt(misfit / freedom),
         overdispersion=overdispersion,
         residuals=rest - projected @ images,
+        freedom=freedom,
         _projected=projected,
         _background=Q,
         _weights=1 / (μ[:, None] + ratios),

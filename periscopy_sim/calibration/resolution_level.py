@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import Explanation, explain
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.smooth_gain import SmoothGain
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.photographs.checking import blackened
 from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
@@ -96,6 +97,7 @@ class ResolutionLevel:
         self.scale = float(np.sqrt(np.mean(self._y**2))) if self.used.any() else 1.0
         self._smooth: Array | None = None
         self._background: Array | None = None
+        self._gain = SmoothGain.none(self.used)
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
         """Return the same level with other parameters that vary."""
@@ -136,6 +138,12 @@ class ResolutionLevel:
         evenness = Unevenness(self._smooth, seen).evenness(self._seen.T, found.left_of_rows)
         other = copy(self)
         other._y = self._seen * evenness.T
+        return other
+
+    def gained(self, found: Explanation) -> ResolutionLevel:
+        """Return the same level with the gain over the wall that an explanation found."""
+        other = copy(self)
+        other._gain = found.gain or self._gain
         return other
 
     def scenario(self, values: Values) -> Scenario:
@@ -192,7 +200,11 @@ class ResolutionLevel:
         The evidence is with the prior's penalty.
         """
         A = self.matrix(values, seed)
-        found = explain(A, self.background(values), self._y, self.hidden_shape, self.overdispersion)
+        found = explain(
+            self._gain.field[:, None] * A,
+            self.background(values), self._y, self.hidden_shape, self.overdispersion,
+        )  # fmt: skip
+        found = self._gain.explained(found, A)
         return replace(found, evidence=found.evidence + self.prior.penalty(values))
 
     def picture(self, residuals: Array) -> Array:
