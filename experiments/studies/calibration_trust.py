@@ -212,7 +212,9 @@ def calibrated(trouble: Trouble, seed: int) -> tuple[Array, Calibration, PlateLe
 
 def image_error(level: PlateLevel, place: Array, truth: Array) -> float:
     """Return the error of the image that the evidence finds, beside that at the truth, in dB."""
-    image, known = (level.explain(values).images for values in (place, truth))
+    image, known = (
+        level.gained(level.explain(values)).explain(values).images for values in (place, truth)
+    )
     return float(20 * np.log10(np.linalg.norm(image - known) / np.linalg.norm(known) + 1e-6))
 
 

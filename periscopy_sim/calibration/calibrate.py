@@ -248,6 +248,7 @@ def calibrate_levels(
             f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
             "the one that went too far by -D"
         )
+    fine = fine.gained(end.explanation)
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])

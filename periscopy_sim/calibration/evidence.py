@@ -67,7 +67,7 @@ class Explanation:
 
     The evidence is Σ E_c: a difference of 2 is a likelihood ratio of e. `darkness` is what it would
     be of a black hidden image: where the evidence is less, the photograph shows one. A `gain` over
-    the wall, see `SmoothGain`, multiplies A; what it can follow of errors is of `followed`.
+    the wall, see `SmoothGain`, multiplies A.
     """
 
     evidence: float
@@ -83,8 +83,9 @@ class Explanation:
     _W: Array
     _hessians: tuple[Array, ...]
     gain: SmoothGain | None = None
-    followed: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))  # (K, M, 3) over σ κ^½
-    inverse: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (K, K) covariance of ĉ
+    # How the photograph moves with the gain, beyond images, over σ κ^½, and the gain's covariance.
+    gain_terms: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))  # (K, M, 3)
+    gain_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (K, K)
 
     @property
     def deviations(self) -> Array:
@@ -136,7 +137,7 @@ class Explanation:
         return np.asarray(self.without_background(moved) / self.deviations)
 
     def projected_jacobian(self, change: Array) -> Array:
-        """Return how the photograph moves along dA, beyond what image and light could follow.
+        """Return how it moves along dA, beyond what image, light and gain could follow.
 
         (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0, and of
         that what no gain could follow. The information on two parameters is the product of one's J̃
@@ -145,7 +146,7 @@ class Explanation:
         return self._beyond_gain(self.jacobian(change))
 
     def left_of(self, errors: Array) -> Array:
-        """Return what image and light would leave of small errors, (M, 3), as they follow them."""
+        """Return what image, light and gain would leave of small errors, (M, 3), over σ κ^½."""
         return self._beyond_gain(self.without_background(errors))
 
     def left_of_rows(self, rows: Array) -> Array:
@@ -158,10 +159,13 @@ class Explanation:
 
     def _beyond_gain(self, moved: Array) -> Array:
         beyond = self.beyond_image(moved)
-        if not len(self.followed):
+        if not len(self.gain_terms):
             return beyond
-        shares = self.inverse @ np.einsum("kmc,mc->k", self.followed, moved, optimize=True)
-        return np.asarray(beyond - np.einsum("k,kmc->mc", shares, self.followed, optimize=True))
+        pull = np.einsum("kmc,mc->k", self.gain_terms, moved, optimize=True)
+        by_gain = np.einsum(
+            "k,kmc->mc", self.gain_covariance @ pull, self.gain_terms, optimize=True
+        )
+        return np.asarray(beyond - by_gain)
 
     def beyond_image(self, moved: Array) -> Array:
         """Return what hidden images leave of light, (M, 3), that range(B) is projected out of."""

@@ -49,11 +49,13 @@ def descend(
 
     Slopes are taken by differences `steps`, (P,). A step goes no farther than `longest`, (P,),
     before it is doubled. Each iteration has rays of its own: a place that was chosen by some rays
-    looks better by them than it is. A SceneError is raised if the start is not physical.
+    looks better by them than it is. It begins with the gain over the wall that is found there. A
+    SceneError is raised if the start is not physical.
     """
     values, damping, gain, unphysical = start, DAMPING, np.inf, None
     for iteration in range(iterations + 1):
         drawn = level.reseeded(level.seed + SEEDS * iteration)
+        drawn = drawn.gained(drawn.explain(values))
         here = drawn.explain(values)
         if not iteration:
             visit(values, here.evidence)

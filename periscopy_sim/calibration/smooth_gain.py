@@ -1,16 +1,17 @@
 """A smooth gain over the wall that no scene tells: a lens, light that bounces, a monitor's falloff.
 
-    y_c = g (A f_c) + B b_c + n_c,   g = 1 + Σ_k c_k p_k,   c_k ~ N(0, GAIN²),
+    y_c = g (A f_c) + B b_c + n_c,   g = 1 + Σ_k a_k p_k,   a_k ~ N(0, GAIN²),
 
 p_k the polynomials of degree ≤ 2 over the wall, without the constant: those of `wall_gain`, which
 finds the gain when a photograph is reconstructed. A scene that is explained without it moves until
-its shadows are as bright as the gain makes them. Near a gain c⁰ that is known already, the light is
-linear in c; so what each photograph is explained with is
+its shadows are as bright as the gain makes them. Near a gain of a⁰ that is known already, the light
+is linear in a. What explains a photograph is followed by
 
-    ĉ = argmin_c Σ_c ‖(y_c − g⁰ (A f_c) − Σ_k (c_k − c⁰_k) p_k A f̂_c)⊥‖² / (σ_c² κ) + ‖c‖² / GAIN²,
+    â = argmin_a min_f Σ_c (‖(y_c − g⁰ (A f_c) − Σ_k (a_k − a⁰_k) p_k A f̂_c)⊥‖² + α_c f_cᵀK f_c)
+        / (σ_c² κ) + ‖a‖² / GAIN²,
 
-f̂ what explains it with g⁰ alone, f what follows: neither image nor gain counts what the other
-could have made, and parameters are told from both.
+f̂ the image with g⁰ alone. The gain is fitted, not integrated over as the image is. What it could
+follow tells of no parameter.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ from periscopy_sim.reconstruction.noise_aware.wall_gain import BOUNDS, DEGREE, p
 
 Array = NDArray[np.float64]
 
-GAIN = 0.15
-"""Standard deviation of a polynomial's coefficient: lenses and bounced light made up to 0.2."""
+GAIN = 0.07
+"""Standard deviation of a polynomial's coefficient: a lens that darkens corners by v makes two of
+v / 3. With twice as much a gain took the place of geometry where there was none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,7 @@ class SmoothGain:
     """A gain over the used pixels of a photograph."""
 
     terms: Array  # (K, M) p_k
-    coefficients: Array  # (K,) c
+    coefficients: Array  # (K,) a
 
     @classmethod
     def none(cls, used: NDArray[np.bool_]) -> Self:
@@ -64,8 +66,11 @@ class SmoothGain:
     def explained(self, found: Explanation, A: NDArray[np.floating[Any]]) -> Explanation:
         """Return what explains a photograph with the best gain near this one, see the module.
 
-        `found` is what explains it by `field` times A, (M, N).
+        `found` is what explains it by `field` times A, (M, N); its images stay f̂, as its
+        derivatives do: where the gain has moved far, explain it again by that gain.
         """
+        if not (found.noise > 0).all():
+            return found
         light = A @ found.images
         terms = found.without_background(self.terms[:, :, None] * light) / found.deviations
         beyond = np.array([found.beyond_image(term) for term in terms])
@@ -89,6 +94,8 @@ class SmoothGain:
             residuals=found.residuals
             - np.einsum("k,kmc->mc", change, beyond, optimize=True) * found.deviations,
             gain=best,
-            followed=beyond / noise,
-            inverse=np.linalg.inv(H),
+            gain_terms=beyond / noise,
+            gain_covariance=np.linalg.inv(
+                (by_channel / left[:, None, None]).sum(axis=0) + np.eye(len(terms)) / GAIN**2
+            ),
         )

@@ -64,6 +64,10 @@ class SlatLevel:
         other.seed = seed
         return other
 
+    def gained(self, found):
+        del found
+        return self
+
     def matrix(self, values, seed=None):
         if values[1] < NEAREST or values[1] > 0.9:
             raise SceneError(f"the slat is in the wall at distance = {values[1]:.3g}")

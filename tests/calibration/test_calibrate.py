@@ -23,11 +23,13 @@ class Slat(SlatLevel, ResolutionLevel):
     """The slat as a calibration asks for it, with a ruler."""
 
     explain = ResolutionLevel.explain
+    gained = ResolutionLevel.gained
     hidden_shape, _off = HIDDEN, ()
 
     def __init__(self, start, errors, seed=0):
         super().__init__(noise=0.002, seed=seed, rows=4)
         self.prior, self._y = Prior(np.asarray(start), np.array(errors)), self.y
+        self._gain = SmoothGain.none(self.used)
 
     def background(self, values):
         del values
