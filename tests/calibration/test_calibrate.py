@@ -13,6 +13,7 @@ from periscopy_sim.calibration.image_shift import ImageShift
 from periscopy_sim.calibration.levenberg_marquardt import Descent
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.resolution_level import ResolutionLevel
+from periscopy_sim.calibration.smooth_gain import SmoothGain
 from tests.calibration.conftest import HIDDEN, LIGHT, TRUTH, SlatLevel
 
 ERRING = TRUTH + np.array([0.02, -0.015])
