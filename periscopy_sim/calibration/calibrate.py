@@ -284,6 +284,7 @@ def calibrate_levels(
         noise=after.noise / fine.scale,
         residual_before=fine.picture(before.residuals),
         residual=fine.picture(after.residuals),
+        gain=fine.gain_of(after),
         overdispersion=fine.overdispersion,
         moved=gained,
         doubts=why,

@@ -213,6 +213,12 @@ class ResolutionLevel:
         laid[self.used] = residuals / self.scale
         return laid
 
+    def gain_of(self, found: Explanation) -> Array:
+        """Return the gain over the wall that an explanation found, (rows, columns), 1 elsewhere."""
+        laid = np.ones(self.photograph_shape)
+        laid[self.used] = (found.gain or self._gain).field
+        return laid
+
     def evidence(self, values: Values) -> float:
         """Return the evidence at some values; infinite where they are not physical."""
         try:

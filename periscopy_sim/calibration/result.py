@@ -94,6 +94,9 @@ class Calibration:
         photograph's root mean square, at the start and at the end.
     residual_before, residual
         (rows, columns, 3) what is left, in the same unit; zero where masked.
+    gain
+        (rows, columns) what the monitor's light was multiplied by, see `SmoothGain`; 1 where
+        masked.
     overdispersion
         How much stronger that is than white noise where it is strongest; about 1 if it is noise.
         Errors count it, see the module `overdispersion`.
@@ -113,6 +116,7 @@ class Calibration:
     noise: Array
     residual_before: Array
     residual: Array
+    gain: Array
     overdispersion: float = 1.0
     moved: bool = True
     doubts: tuple[str, ...] = ()

@@ -51,6 +51,9 @@ TIED = 0.9
 PAIRS = 3
 """Of those that are tied the most, named."""
 
+EVEN = 0.02
+"""Part by which a gain over the wall differs from 1 where it is told."""
+
 FAR = 2.0
 """Ruler's errors from where the ruler has it, from which a value is marked: of 20 that are right,
 one is as far. Beyond `trust.FARTHEST` it is not believed."""
@@ -245,6 +248,7 @@ def _told(found: Calibration) -> dict[str, Any]:
         "unexplained_before": found.noise_before,
         "unexplained": found.noise,
         "overdispersion": found.overdispersion,
+        "gain": {"least": found.gain.min(), "largest": found.gain.max()},
         "path": [
             {
                 "photograph_shape": visited.photograph_shape,
@@ -293,6 +297,12 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
     )
     size = "{}x{}".format(*found.residual.shape[:2])
     say(f"unexplained: {before:.2f} % of the photograph ({size}) at the start, {after:.2f} % now")
+    if np.abs(found.gain - 1).max() > EVEN:
+        say(
+            f"a smooth gain over the wall was found beside these: {found.gain.min():.2f} to "
+            f"{found.gain.max():.2f} times the monitor's light, as a lens, bounced light or the "
+            "monitor's falloff with angle makes it"
+        )
     if found.overdispersion > STRUCTURED:
         likely = "" if has_backgrounds else f"likely {ADVICE['paint']}; "
         say(

@@ -46,6 +46,7 @@ class SlatLevel:
     def __init__(self, noise, seed, rendering=0.0, rows=1, grain=(1, 1)):
         random = np.random.default_rng(seed)
         image = np.exp(0.3 * np.cumsum(random.standard_normal((PATCHES, 3)), axis=0))  # smooth
+        self.signal = np.tile(transport(TRUTH) @ image, (rows, 1))
         clean = transport(TRUTH) @ image + LIGHT @ random.standard_normal((2, 3))
         self.seed, self.rendering, self.rows = seed, rendering, rows
         self.photograph_shape = (rows, PIXELS)

@@ -1,5 +1,6 @@
 """The whole way in the world of the slat: what is told of each parameter, and by whom."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -49,6 +50,29 @@ def test_a_ruler_that_errs_is_corrected_by_the_photograph():
     for parameter, truth in zip(found.parameters, TRUTH, strict=True):
         assert parameter.determined
         assert abs(parameter.value - truth) < 4 * parameter.standard_error
+
+
+@pytest.fixture
+def behind_a_lens():
+    """A slat whose light a gain spoils that is brighter to the right and darker at the sides."""
+    level = Slat(ERRING, [0.02, 0.02])
+    lens = replace(level._gain, coefficients=np.array([0.1, 0.0, -0.15, 0.0, 0.0]))
+    level._y = level.y + (lens.field - 1)[:, None] * level.signal
+    return level, lens.field.reshape(level.photograph_shape)
+
+
+def test_a_lens_is_found_beside_the_values(behind_a_lens):
+    level, lens = behind_a_lens
+    found = calibrate_levels([level] * 3, ERRING, NOTHING)
+    assert found.trusted and found.gain.shape == level.photograph_shape
+    np.testing.assert_allclose(found.gain, lens, atol=0.01)
+    for parameter, value in zip(found.parameters, TRUTH, strict=True):
+        assert abs(parameter.value - value) < 4 * parameter.standard_error
+
+
+def test_where_no_lens_is_looked_for_what_it_does_is_not_trusted(behind_a_lens, monkeypatch):
+    monkeypatch.setattr(SmoothGain, "explained", lambda _, found, __: found)
+    assert not calibrate_levels([behind_a_lens[0]] * 3, ERRING, NOTHING).trusted
 
 
 def test_a_ruler_that_is_right_is_left_alone_and_told_as_it_is():
