@@ -92,6 +92,7 @@ def test_calibration_tells_values_and_whether_they_are_trusted(photograph):
         "noise": np.full(3, 0.01),
         "residual_before": photograph,
         "residual": photograph,
+        "gain": np.ones((6, 8)),
     }
     line = "Calibration(dx=0.0123±0.0002, unexplained 2.00 -> 1.00 %, trusted)"
     assert told_briefly(ps.Calibration(**found)) == line

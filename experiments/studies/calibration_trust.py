@@ -27,11 +27,11 @@ from scipy.ndimage import gaussian_filter
 
 from periscopy_sim.calibration.calibrate import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
-from periscopy_sim.calibration.image_shift import ImageShift
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.result import Calibration
-from periscopy_sim.calibration.smooth_gain import SmoothGain
+from periscopy_sim.calibration.search.image_shift import ImageShift
 
 Array = NDArray[np.float64]
 

@@ -18,16 +18,9 @@ from periscopy_sim.calibration.consider_analysis import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.fisher_information import block_scores
-from periscopy_sim.calibration.global_search import explore, points_visited
-from periscopy_sim.calibration.image_shift import ImageShift
-from periscopy_sim.calibration.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.overdispersion import STRUCTURED, overdispersion
-from periscopy_sim.calibration.parameters import scales_and_spreads
-from periscopy_sim.calibration.patch_walk import walk
-from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
-from periscopy_sim.calibration.resolution_level import (
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.overdispersion import STRUCTURED, overdispersion
+from periscopy_sim.calibration.explanation.resolution_level import (
     Rays,
     Resolution,
     ResolutionLevel,
@@ -35,8 +28,15 @@ from periscopy_sim.calibration.resolution_level import (
     Visit,
     fitted,
 )
+from periscopy_sim.calibration.parameters import scales_and_spreads
+from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
+from periscopy_sim.calibration.search.fisher_information import block_scores, is_significant
+from periscopy_sim.calibration.search.global_search import explore, points_visited
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
+from periscopy_sim.calibration.search.patch_walk import walk
+from periscopy_sim.calibration.trust import bounded, doubts, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import (

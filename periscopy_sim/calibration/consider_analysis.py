@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.calibration.fisher_information import differentiate, information
-from periscopy_sim.calibration.levenberg_marquardt import Descent
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import start_values
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.search.fisher_information import differentiate, information
+from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 

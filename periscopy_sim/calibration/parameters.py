@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 

@@ -7,15 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.fisher_information import Curvature
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search.fisher_information import Curvature
 from periscopy_sim.scenario import Array
 
 FARTHEST = 3.0
 """Ruler's errors within which a ruler errs: all but 3 of 1000 times."""
-
-CHANCE = 0.01
-"""Of gaining as much where the ruler is right."""
 
 MISFIT = 0.4
 """Part of what no smooth light makes, above which a structured residual is no small thing: in
@@ -32,16 +29,6 @@ def learned(about: Curvature) -> float:
     """
     of_ruler = np.linalg.solve(about.invertible(), np.diag(about.prior.precision))
     return float(len(of_ruler) - np.trace(of_ruler))
-
-
-def is_significant(gain: float, parameters: float) -> bool:
-    """Tell whether a gain in evidence, over the start, is more than errors of the residual give.
-
-    Where the start is right the gain of so many parameters has the χ² distribution (Wilks).
-    """
-    from scipy.stats import chi2
-
-    return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))
 
 
 def bounded(covariance: Array, ruler: Array, as_ruler: NDArray[np.bool_] | None = None) -> Array:

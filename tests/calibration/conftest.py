@@ -5,9 +5,9 @@ from copy import copy
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.evidence import explain
+from periscopy_sim.calibration.explanation.evidence import explain
+from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport

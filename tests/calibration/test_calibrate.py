@@ -10,11 +10,12 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from periscopy_sim.calibration import calibrate as calibration
 from periscopy_sim.calibration.calibrate import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
-from periscopy_sim.calibration.image_shift import ImageShift
-from periscopy_sim.calibration.levenberg_marquardt import Descent
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.smooth_gain import SmoothGain
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from tests.calibration.conftest import HIDDEN, LIGHT, TRUTH, SlatLevel
 
 ERRING = TRUTH + np.array([0.02, -0.015])
@@ -71,7 +72,7 @@ def test_a_lens_is_found_beside_the_values(behind_a_lens):
 
 
 def test_where_no_lens_is_looked_for_what_it_does_is_not_trusted(behind_a_lens, monkeypatch):
-    monkeypatch.setattr(SmoothGain, "explained", lambda _, found, __: found)
+    monkeypatch.setattr(Explanation, "with_gain", lambda found, *_: found)
     assert not calibrate_levels([behind_a_lens[0]] * 3, ERRING, NOTHING).trusted
 
 

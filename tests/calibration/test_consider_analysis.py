@@ -9,8 +9,8 @@ from periscopy_sim.calibration.consider_analysis import (
     sensitivity,
     uncertain_parameters,
 )
-from periscopy_sim.calibration.levenberg_marquardt import descend
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search.levenberg_marquardt import descend
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import NEAREST, TRUTH, SlatLevel

@@ -8,10 +8,11 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.calibration import global_search, parameters
+from periscopy_sim.calibration import parameters
 from periscopy_sim.calibration.calibrate import _Log
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.search import global_search
 from periscopy_sim.cli import output
 from periscopy_sim.cli.calibrate import DISTRUSTED, UNTOLD, _open, _say
 

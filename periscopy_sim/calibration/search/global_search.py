@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
 from periscopy_sim.scenario import Array
 
 ELITE = 10

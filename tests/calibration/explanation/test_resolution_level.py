@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.shipped import find_scene
 
 NAMES = ("occluder_dx", "occluder_dz")

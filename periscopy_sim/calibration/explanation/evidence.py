@@ -26,19 +26,17 @@ more often than a right one; without this the wrong one may win.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 from scipy.optimize import minimize_scalar
 
+from periscopy_sim.calibration.explanation.smooth_gain import GAIN, SmoothGain
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
-
-if TYPE_CHECKING:
-    from periscopy_sim.calibration.smooth_gain import SmoothGain
 
 Array = NDArray[np.float64]
 
@@ -56,6 +54,9 @@ LEAST = 1e-14
 
 LEAST_LEFT = 0.01
 """Part of an error that must be left in the residuals to be raised to the whole of it."""
+
+LEAST_VARIANCE = 1e-6
+"""Part of the residuals' energy that a gain leaves at least."""
 
 PATIENCE = 3
 """Exchanges of all patches on the wrong side that may fail to lessen their number."""
@@ -175,6 +176,42 @@ class Explanation:
                 factor, (self._projected.T @ moved[:, c])[positive], check_finite=False
             )
         return np.asarray(moved - self._projected @ response)
+
+    def with_gain(self, near: SmoothGain, A: NDArray[np.floating[Any]]) -> Explanation:
+        """Return what explains the photograph with the best gain near one, see `SmoothGain`.
+
+        This one must explain it by `near.field` times A, (M, N). The images stay f̂, as derivatives
+        do: where the gain has moved far, explain it again by that gain.
+        """
+        if not (self.noise > 0).all():
+            return self
+        light = A @ self.images
+        terms = self.without_background(near.terms[:, :, None] * light) / self.deviations
+        beyond = np.array([self.beyond_image(term) for term in terms])
+        residuals = self.residuals / self.deviations
+        by_channel = np.einsum("jmc,kmc->cjk", beyond, terms, optimize=True)
+        pull = np.einsum("kmc,mc->ck", terms, residuals)
+        precision = np.eye(len(terms)) / GAIN**2
+        H = by_channel.sum(axis=0) + precision
+        best = near.moved(np.linalg.solve(H, pull.sum(axis=0) - precision @ near.coefficients))
+        change = best.coefficients - near.coefficients
+        # Both over σ_c² κ: what a channel's least squares are less by.
+        gained = 2 * pull @ change - np.einsum("cjk,j,k->c", by_channel, change, change)
+        left = np.maximum(1 - gained * self.overdispersion / self.freedom, LEAST_VARIANCE)
+        followed = np.einsum("k,kmc->mc", change, beyond, optimize=True) * self.deviations
+        return replace(
+            self,
+            evidence=self.evidence
+            + float(self.freedom * np.log(left).sum()) / self.overdispersion
+            + best.penalty,
+            noise=self.noise * np.sqrt(left),
+            residuals=self.residuals - followed,
+            gain=best,
+            gain_terms=beyond / np.sqrt(left),
+            gain_covariance=np.linalg.inv(
+                (by_channel / left[:, None, None]).sum(axis=0) + precision
+            ),
+        )
 
     def shift(self, hidden_shape: tuple[int, int], axis: int) -> Array:
         """Return how the photograph moves as the hidden image does, by a patch down (0) or right.

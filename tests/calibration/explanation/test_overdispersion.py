@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from periscopy_sim.calibration.evidence import explain
-from periscopy_sim.calibration.overdispersion import overdispersion
+from periscopy_sim.calibration.explanation.evidence import explain
+from periscopy_sim.calibration.explanation.overdispersion import overdispersion
 
 SHAPE, HIDDEN = (32, 40), (3, 4)
 USED = np.ones(SHAPE, bool)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from periscopy_sim.calibration.evidence import explain
-from periscopy_sim.calibration.smooth_gain import GAIN, SmoothGain
+from periscopy_sim.calibration.explanation.evidence import explain
+from periscopy_sim.calibration.explanation.smooth_gain import GAIN, SmoothGain
 
 SHAPE, PICTURE, LIGHTS = (3, 4), (9, 14), 3
 USED = np.ones(PICTURE, bool)
@@ -36,7 +36,7 @@ def explained(A, Q, y, rounds=3, overdispersion=1.0):
     gain = SmoothGain.none(USED)
     for _ in range(rounds):
         found = explain(gain.field[:, None] * A, Q, y, SHAPE, overdispersion)
-        found = gain.explained(found, A)
+        found = found.with_gain(gain, A)
         gain = found.gain or gain
     return found
 
@@ -96,11 +96,11 @@ def test_slope_is_the_derivative_of_the_evidence(problem):
 
     def evidence(moved):
         found = explain(here.gain.field[:, None] * moved, Q, y, SHAPE)
-        return here.gain.explained(found, moved).evidence
+        return found.with_gain(here.gain, moved).evidence
 
     numeric = (evidence(A + h * change) - evidence(A - h * change)) / (2 * h)
     found = explain(here.gain.field[:, None] * A, Q, y, SHAPE)
-    assert here.gain.explained(found, A).slope(change) == pytest.approx(numeric, rel=0.02)
+    assert found.with_gain(here.gain, A).slope(change) == pytest.approx(numeric, rel=0.02)
 
 
 @pytest.mark.parametrize("rounds", [1, 3])

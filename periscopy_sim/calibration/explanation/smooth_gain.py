@@ -17,12 +17,11 @@ follow tells of no parameter.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.reconstruction.noise_aware.wall_gain import BOUNDS, DEGREE, polynomials
 
 Array = NDArray[np.float64]
@@ -62,40 +61,3 @@ class SmoothGain:
             if BOUNDS[0] < other.field.min() and other.field.max() < BOUNDS[1]:
                 return other
         return self
-
-    def explained(self, found: Explanation, A: NDArray[np.floating[Any]]) -> Explanation:
-        """Return what explains a photograph with the best gain near this one, see the module.
-
-        `found` is what explains it by `field` times A, (M, N); its images stay f̂, as its
-        derivatives do: where the gain has moved far, explain it again by that gain.
-        """
-        if not (found.noise > 0).all():
-            return found
-        light = A @ found.images
-        terms = found.without_background(self.terms[:, :, None] * light) / found.deviations
-        beyond = np.array([found.beyond_image(term) for term in terms])
-        residuals = found.residuals / found.deviations
-        by_channel = np.einsum("jmc,kmc->cjk", beyond, terms, optimize=True)
-        pull = np.einsum("kmc,mc->ck", terms, residuals)
-        H = by_channel.sum(axis=0) + np.eye(len(terms)) / GAIN**2
-        q = pull.sum(axis=0) - self.coefficients / GAIN**2
-        best = self.moved(np.linalg.solve(H, q))
-        change = best.coefficients - self.coefficients
-        # Both over σ_c² κ: what a channel's least squares are less by.
-        gained = 2 * pull @ change - np.einsum("cjk,j,k->c", by_channel, change, change)
-        left = np.maximum(1 - gained * found.overdispersion / found.freedom, 1e-6)
-        noise = np.sqrt(left)
-        return replace(
-            found,
-            evidence=found.evidence
-            + float(found.freedom * np.log(left).sum()) / found.overdispersion
-            + best.penalty,
-            noise=found.noise * noise,
-            residuals=found.residuals
-            - np.einsum("k,kmc->mc", change, beyond, optimize=True) * found.deviations,
-            gain=best,
-            gain_terms=beyond / noise,
-            gain_covariance=np.linalg.inv(
-                (by_channel / left[:, None, None]).sum(axis=0) + np.eye(len(terms)) / GAIN**2
-            ),
-        )

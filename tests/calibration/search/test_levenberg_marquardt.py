@@ -4,8 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.fisher_information import curvature
-from periscopy_sim.calibration.levenberg_marquardt import SEEDS, TRIALS, Descent, descend, settle
+from periscopy_sim.calibration.search.fisher_information import curvature
+from periscopy_sim.calibration.search.levenberg_marquardt import (
+    SEEDS,
+    TRIALS,
+    Descent,
+    descend,
+    settle,
+)
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import TRUTH
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.fisher_information import UNSEEN, Curvature, curvature
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.search.fisher_information import UNSEEN, Curvature, curvature
 from periscopy_sim.errors import SceneError
 
 DAMPING = 1e-3

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.evidence import Explanation, explain
+from periscopy_sim.calibration.explanation.evidence import Explanation, explain
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.smooth_gain import SmoothGain
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.photographs.checking import blackened
 from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
@@ -204,7 +204,7 @@ class ResolutionLevel:
             self._gain.field[:, None] * A,
             self.background(values), self._y, self.hidden_shape, self.overdispersion,
         )  # fmt: skip
-        found = self._gain.explained(found, A)
+        found = found.with_gain(self._gain, A)
         return replace(found, evidence=found.evidence + self.prior.penalty(values))
 
     def picture(self, residuals: Array) -> Array:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.global_search import explore, points_visited, population
+from periscopy_sim.calibration.search.global_search import explore, points_visited, population
 
 
 class Valley:

@@ -19,11 +19,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.fisher_information import UNSEEN, Curvature
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
-from periscopy_sim.calibration.trust import is_significant
+from periscopy_sim.calibration.search.fisher_information import UNSEEN, Curvature, is_significant
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Occluder, Scenario

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize
 
-from periscopy_sim.calibration.evidence import ROUGHNESS, explain, nonnegative
+from periscopy_sim.calibration.explanation.evidence import ROUGHNESS, explain, nonnegative
 
 SHAPE = (3, 4)
 PIXELS, LIGHTS = 60, 4

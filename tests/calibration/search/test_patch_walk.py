@@ -3,11 +3,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.fisher_information import Curvature, Jacobian, curvature
-from periscopy_sim.calibration.image_shift import ImageShift
-from periscopy_sim.calibration.levenberg_marquardt import descend
-from periscopy_sim.calibration.patch_walk import TELLING, walk
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search.fisher_information import Curvature, Jacobian, curvature
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.levenberg_marquardt import descend
+from periscopy_sim.calibration.search.patch_walk import TELLING, walk
 from periscopy_sim.errors import SceneError
 
 MOVED = np.full((1, 4, 3), 30.0)

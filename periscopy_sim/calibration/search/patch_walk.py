@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.levenberg_marquardt import DAMPING, Descent
-from periscopy_sim.calibration.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 

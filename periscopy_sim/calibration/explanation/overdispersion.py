@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.evidence import Explanation
+from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.scenario import Array
 
 STRUCTURED = 3.0

@@ -1,0 +1,1 @@
+"""How well a scene at some values explains a photograph, whatever image and light."""

@@ -1,0 +1,1 @@
+"""From the values of a ruler to those that explain a photograph best."""
