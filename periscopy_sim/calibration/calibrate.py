@@ -30,9 +30,10 @@ from periscopy_sim.calibration.explanation.resolution_level import (
 )
 from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
-from periscopy_sim.calibration.result import Calibration, Parameter, Visited
+from periscopy_sim.calibration.progress import Progress
+from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search.fisher_information import block_scores, is_significant
-from periscopy_sim.calibration.search.global_search import explore, points_visited
+from periscopy_sim.calibration.search.global_search import explore
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import walk
@@ -231,7 +232,7 @@ def calibrate_levels(
     scales, spreads = scales_and_spreads(coarse, start)
     steps = np.minimum(scales, prior.errors)
     ruled = bool(np.isfinite(prior.errors).all())
-    log = _Log(len(start), ruled, progress)
+    log = Progress(len(start), ruled, ITERATIONS, progress)
     # What a ruler leaves open is too little for a coarse level to tell.
     rough, widths = (middle.differing(), prior.errors) if ruled else (coarse, spreads)
     visit = log.at(rough)
@@ -253,7 +254,7 @@ def calibrate_levels(
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
     undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
-    values, after, patches = walk(fine, end, *settle(fine, end, steps), undone)
+    values, after, patches = walk(fine, end, *settle(fine, end, steps), undone, log.looked)
     values, after = shift.settled(fine, values, after)
     before = fine.explain(start)
     known = learned(end.curvature)
@@ -350,46 +351,3 @@ def _descend(
             break
         here, end = after, descend(after, end.values, steps, longest, iterations, visit)
     return here, end
-
-
-class _Log:
-    """Keep what is visited, and report how much is done."""
-
-    def __init__(
-        self, parameters: int, ruled: bool, progress: Callable[[float], None] | None
-    ) -> None:
-        # In units of a rendering of the middle level for a difference; a descent's visits each
-        # stand for an iteration, and what follows the descents for one more.
-        iteration = 4 * parameters + 6
-        self._costs = (1.0 if ruled else 0.2, 1.0 * iteration, 1.6 * iteration)
-        explored = points_visited(parameters, likely=ruled)
-        points = (explored, *(count + 2 for count in ITERATIONS))
-        self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]
-        self._done = 0.0
-        self.report = progress or (lambda _: None)
-        self._visited: list[tuple[ResolutionLevel, list[tuple[Values, float]]]] = []
-
-    def at(self, level: ResolutionLevel) -> Visit:
-        points: list[tuple[Values, float]] = []
-        cost = self._costs[len(self._visited)]
-        # A level before may have ended early; one that takes longer waits at its end.
-        self._done, end = self._starts[len(self._visited) :][:2]
-        self._visited.append((level, points))
-
-        def visit(values: Values, evidence: float) -> None:
-            points.append((values, evidence))
-            self._done = min(self._done + cost, end)
-            self.report(self._done / self._starts[-1])
-
-        return visit
-
-    def path(self) -> tuple[Visited, ...]:
-        return tuple(
-            Visited(
-                level.photograph_shape,
-                level.hidden_shape,
-                np.array([values for values, _ in points]),
-                np.array([evidence for _, evidence in points]),
-            )
-            for level, points in self._visited
-        )

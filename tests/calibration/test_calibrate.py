@@ -1,7 +1,6 @@
 """The whole way in the world of the slat: what is told of each parameter, and by whom."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -130,14 +129,3 @@ def test_linear_algebra_has_one_thread_as_long_as_the_search_lasts(monkeypatch):
     with threadpool_limits(2):
         found = calibration.calibrate(y, "chair", (6, 7), free, parameters={"resolution": 32})
         assert (found, threads()) == ({1}, {2})
-
-
-def test_a_descent_that_takes_long_does_not_eat_the_next_ones_share():
-    told = []
-    log = calibration._Log(2, True, told.append)
-    for _ in range(3):
-        visit = log.at(SimpleNamespace())
-        for _ in range(40):
-            visit(np.zeros(2), 0.0)
-    assert told == sorted(told)
-    assert told[39] < told[40] < told[79] < told[80] and told[79] < 0.7 and told[-1] == 1

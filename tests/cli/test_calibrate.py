@@ -9,7 +9,6 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.calibration import parameters
-from periscopy_sim.calibration.calibrate import _Log
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import global_search
@@ -303,18 +302,6 @@ def test_a_gain_over_the_wall_is_told_where_there_is_one(capsys, corner, told):
     gain = np.array([[1.0, 1.0], [1.01, corner]])
     _say(calibrated(Parameter("dx", 0, 0, 0.1, 0.1, 1, 1), gain=gain), has_backgrounds=False)
     assert ("0.80 to 1.01 times the monitor's light" in capsys.readouterr().out) == told
-
-
-def test_progress_leaps_over_what_ended_early_and_never_goes_back():
-    told = []
-    log = _Log(2, False, told.append)
-    for visits in (3, 2, 2):
-        visit = log.at(None)
-        for _ in range(visits):
-            visit(np.zeros(2), 0.0)
-    assert told == sorted(told) and 0 < told[0] < told[-1] < 1
-    # A visit of a later level costs more; the levels before count as done.
-    assert told[3] - told[2] > 2 * (told[2] - told[1]) and told[5] - told[4] > told[4] - told[3]
 
 
 HELD = [

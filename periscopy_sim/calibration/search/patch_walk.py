@@ -9,6 +9,8 @@ find the bottom of a dip.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
@@ -32,7 +34,12 @@ FARTHEST = 4
 
 
 def walk(
-    level: ResolutionLevel, end: Descent, values: Values, seen: Explanation, patches: Array
+    level: ResolutionLevel,
+    end: Descent,
+    values: Values,
+    seen: Explanation,
+    patches: Array,
+    looked: Callable[[], None] = lambda: None,
 ) -> tuple[Values, Explanation, Array]:
     """Walk from dip to dip while that gains; return where, what is seen there, and what is alike.
 
@@ -46,6 +53,8 @@ def walk(
         (P,) where it settled, and what is seen there.
     patches
         (P, 2) how far parameters move to undo a shift of the image, see `ImageShift.undone`.
+    looked
+        Called whenever a place was looked at.
 
     Returns
     -------
@@ -54,9 +63,15 @@ def walk(
     alike
         (P, 2) those of the patches by which the next dip loses less than is telling; else 0.
     """
+
+    def explain(at: Values) -> Explanation:
+        found = level.explain(at)
+        looked()
+        return found
+
     for walked in range(FARTHEST + 1):
         beside = [
-            [_dip(level, end, values, sign * patch) for sign in (1, -1)] if patch.any() else []
+            [_dip(explain, end, values, sign * patch) for sign in (1, -1)] if patch.any() else []
             for patch in patches.T
         ]
         found = [dip for dips in beside for dip in dips if dip is not None]
@@ -71,7 +86,7 @@ def walk(
 
 
 def _dip(
-    level: ResolutionLevel, end: Descent, values: Values, patch: Values
+    explain: Callable[[Values], Explanation], end: Descent, values: Values, patch: Values
 ) -> tuple[Values, Explanation] | None:
     """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
 
@@ -90,10 +105,10 @@ def _dip(
         return np.asarray(-np.linalg.solve(about.damped(DAMPING), slope))
 
     try:
-        bottom, seen, part = values + patch, level.explain(values + patch), 1.0
+        bottom, seen, part = values + patch, explain(values + patch), 1.0
         along = step(bottom, seen)
         for _ in range(CHORDS):
-            tried = level.explain(bottom + part * along)
+            tried = explain(bottom + part * along)
             gain = seen.evidence - tried.evidence
             if gain > 0:
                 bottom, seen, part = bottom + part * along, tried, 1.0

@@ -1,0 +1,74 @@
+"""How far a calibration has come, and where it has been."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.result import Visited
+from periscopy_sim.calibration.search.global_search import points_visited
+
+LOOK, LOOKS = 3.0, 16
+"""What a look of the walk costs, in renderings of the middle level for a difference; how many it
+takes as a rule."""
+
+
+class Progress:
+    """Keep what a calibration visits, level by level, and report how much is done.
+
+    So many parameters are free, all of them known by a ruler (`ruled`) or not; the two descents
+    have so many iterations at most. The fraction done is passed to `report`.
+    """
+
+    def __init__(
+        self,
+        parameters: int,
+        ruled: bool,
+        iterations: Sequence[int],
+        report: Callable[[float], None] | None,
+    ) -> None:
+        # In units of a rendering of the middle level for a difference; a descent's visits each
+        # stand for an iteration, and what follows the descents for one more.
+        iteration = 4 * parameters + 6
+        self._costs = (1.0 if ruled else 0.2, 1.0 * iteration, 1.6 * iteration)
+        explored = points_visited(parameters, likely=ruled)
+        points = (explored, *(count + 2 for count in iterations))
+        self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]
+        self._all = self._starts[-1] + LOOK * LOOKS
+        self._done = 0.0
+        self.report = report or (lambda _: None)
+        self._visited: list[tuple[ResolutionLevel, list[tuple[Values, float]]]] = []
+
+    def at(self, level: ResolutionLevel) -> Visit:
+        """Return what keeps the points that the next level visits."""
+        points: list[tuple[Values, float]] = []
+        cost = self._costs[len(self._visited)]
+        # A level before may have ended early; one that takes longer waits at its end.
+        self._done, end = self._starts[len(self._visited) :][:2]
+        self._visited.append((level, points))
+
+        def visit(values: Values, evidence: float) -> None:
+            points.append((values, evidence))
+            self._done = min(self._done + cost, end)
+            self.report(self._done / self._all)
+
+        return visit
+
+    def looked(self) -> None:
+        """Count a place that the walk looked at."""
+        self._done = min(max(self._done, self._starts[-1]) + LOOK, self._all)
+        self.report(self._done / self._all)
+
+    def path(self) -> tuple[Visited, ...]:
+        """Return all that was visited."""
+        return tuple(
+            Visited(
+                level.photograph_shape,
+                level.hidden_shape,
+                np.array([values for values, _ in points]),
+                np.array([evidence for _, evidence in points]),
+            )
+            for level, points in self._visited
+        )
