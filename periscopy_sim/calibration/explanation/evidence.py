@@ -193,7 +193,10 @@ class Explanation:
         pull = np.einsum("kmc,mc->ck", terms, residuals)
         precision = np.eye(len(terms)) / GAIN**2
         H = by_channel.sum(axis=0) + precision
-        best = near.moved(np.linalg.solve(H, pull.sum(axis=0) - precision @ near.coefficients))
+        # A gain that dims what is known well would else pass for a simpler scene.
+        volume = near.terms @ np.einsum("mn,mn->m", self._volume, A) / self.overdispersion
+        q = pull.sum(axis=0) - volume - precision @ near.coefficients
+        best = near.moved(np.linalg.solve(H, q))
         change = best.coefficients - near.coefficients
         # Both over σ_c² κ: what a channel's least squares are less by.
         gained = 2 * pull @ change - np.einsum("cjk,j,k->c", by_channel, change, change)
@@ -203,6 +206,7 @@ class Explanation:
             self,
             evidence=self.evidence
             + float(self.freedom * np.log(left).sum()) / self.overdispersion
+            + 2 * float(volume @ change)
             + best.penalty,
             noise=self.noise * np.sqrt(left),
             residuals=self.residuals - followed,
