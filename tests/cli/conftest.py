@@ -6,9 +6,11 @@ import re
 import shutil
 import sys
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
+import typer
 
 import periscopy_sim as ps
 from periscopy_sim import cli
@@ -19,6 +21,9 @@ from periscopy_sim.storage.formats.exr import write_exr
 
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 
+
+parser_of = cache(typer.main.get_command)
+"""Typer makes the parser of all commands anew at every call, which takes as long as many a test."""
 
 STAGE = re.compile(r"^periscopy: (?!error: |warning: )(.*)\n", re.MULTILINE)
 
@@ -55,12 +60,37 @@ def jit():
 
 
 @pytest.fixture
+def drawings():
+    """Ask for figures as they are, where a test is about them; see `blank_figures`."""
+
+
+@pytest.fixture(autouse=True)
+def blank_figures(request, monkeypatch):
+    """Save matplotlib's figures empty and tiny, with their metadata.
+
+    To draw them takes most of the time of most commands here. Each is drawn by tests that ask for
+    `drawings`, and by those of `figures`.
+    """
+    if "drawings" in request.fixturenames:
+        return
+    from matplotlib.figure import Figure
+
+    save = Figure.savefig
+
+    def save_blank(_, path, *, dpi="figure", metadata=None):  # noqa: ARG001
+        save(Figure(figsize=(0.1, 0.1)), path, metadata=metadata)
+
+    monkeypatch.setattr(Figure, "savefig", save_blank)
+
+
+@pytest.fixture
 def periscopy(monkeypatch, capfd, caplog, tmp_path):
     """Run `periscopy` with arguments; the current folder is `tmp_path`.
 
     No library may log anything, which Python would print.
     """
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("typer.main.get_command", parser_of)
     for name in ("PERISCOPY_VARIANT", *TERMINAL):
         monkeypatch.delenv(name, raising=False)
 

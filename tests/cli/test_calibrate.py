@@ -52,6 +52,7 @@ def test_a_chair_that_is_far_off_is_found(photograph, succeeds, tmp_path):
         assert told["standard_error"] < 1e-3
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.usefixtures("near_search")
 def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp_path, monkeypatch):
     monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)

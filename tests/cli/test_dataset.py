@@ -100,6 +100,7 @@ def test_whole_data_set_is_verified_and_a_damaged_one_refused(succeeds, refused,
     succeeds("dataset", "verify", "d.zarr")
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.usefixtures("made")
 def test_samples_are_exported_as_pictures_with_a_sheet(succeeds, tmp_path):
     told = succeeds("dataset", "export", "d.zarr", "--samples", "0,7-8", "--out", "look")

@@ -28,6 +28,7 @@ def matched_psnr(estimate, truth):
     return -10 * np.log10(np.mean(errors))
 
 
+@pytest.mark.usefixtures("drawings")
 @jit
 def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     (tmp_path / "out").mkdir()

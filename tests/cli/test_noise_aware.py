@@ -13,6 +13,7 @@ pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 TINY = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 
 
+@pytest.mark.usefixtures("drawings")
 def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
     hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))
@@ -44,6 +45,7 @@ DOT[9, 14] = 1
 RAMP = np.linspace(1, 2, 24)[:, None] * np.ones((24, 24, 3))
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize("y", [np.ones((24, 24, 3)), RAMP, RAMP.swapaxes(0, 1), DOT])
 def test_photograph_that_shows_nothing_is_told(periscopy, tmp_path, y):
     np.save(tmp_path / "y.npy", y)

@@ -31,6 +31,7 @@ FILES = {
 # -- what is written -----------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.usefixtures("jit")
 def test_sweep_writes_store_table_picture_and_prints_the_means(
     succeeds, sweep_input, sweep_command

@@ -144,6 +144,7 @@ def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
     assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
 
 
+@pytest.mark.usefixtures("drawings")
 def test_folder_holds_frames_pictures_table_and_summary(
     photographs, transport, scenario, succeeds, tiny, results, without_doubts, tmp_path
 ):
@@ -215,6 +216,7 @@ def test_table_tells_the_noise_and_the_weights_of_each_frame(
     assert column(table, "kappa")[0] == pytest.approx(stills[0].threshold, rel=1e-3)
 
 
+@pytest.mark.usefixtures("drawings")
 def test_same_command_gives_the_same_frames_and_pictures(few_photographs, video, tmp_path):
     np.save(tmp_path / "y.npy", few_photographs)
     contents = []
@@ -225,6 +227,7 @@ def test_same_command_gives_the_same_frames_and_pictures(few_photographs, video,
     assert contents[0] == contents[1]
 
 
+@pytest.mark.usefixtures("drawings")
 def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     np.save(tmp_path / "y.npy", photographs[:1])
     frames, summary, table = video("y.npy", "--truth", "bars")

@@ -6,6 +6,7 @@ from periscopy_sim.figures.laboratory import overview
 pytestmark = pytest.mark.usefixtures("jit")
 
 
+@pytest.mark.usefixtures("drawings")
 def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path, monkeypatch):
     monkeypatch.setattr(overview, "COLUMNS", {True: 160})
     out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
@@ -23,6 +24,7 @@ def test_what_cannot_be_drawn_is_refused(refused):
     assert "'height'" in refused("draw", "plate", "-D", "height=1", "--out", "lab.png")
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize(("half", "told"), [(1.5e-4, "0.3 mm"), (15.0, "30 m"), (0.02, None)])
 def test_occluder_of_a_wrong_unit_is_told(half, told, periscopy, edited_scene, monkeypatch):
     """It stands behind the monitor, before which a chair casts a shadow."""

@@ -219,6 +219,7 @@ def test_type_and_order_of_an_array_do_not_matter(reconstruct, tmp_path, change)
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize(
     "change",
     [

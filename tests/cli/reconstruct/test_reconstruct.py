@@ -33,6 +33,7 @@ def test_hidden_image_is_recovered_beside_ambient_light(light, reconstruct, hidd
     assert max(summary["noise"]) < 1e-5 * signal.mean()  # P is of single precision
 
 
+@pytest.mark.usefixtures("drawings")
 def test_folder_holds_image_picture_stages_and_summary(
     light, succeeds, without_doubts, setting, tmp_path
 ):
@@ -157,6 +158,7 @@ def test_weights_follow_their_options_and_the_noise(light, reconstruct, tmp_path
     assert without["kappa"] == pytest.approx(1e9 * np.percentile(magnitude, 99), rel=1e-5)
 
 
+@pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize("given", ["hidden.npy", "bars"])
 def test_truth_adds_metrics_and_a_comparison(given, light, succeeds, setting, hidden, tmp_path):
     np.save(tmp_path / "y.npy", light[0] + np.random.default_rng(6).normal(0, 1e-4, (24, 24, 3)))
