@@ -10,6 +10,7 @@ import pytest
 
 from periscopy_sim.cli import inputs
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.figures.laboratory import overview
 from periscopy_sim.numerics import memory
 from periscopy_sim.photographs.film.size import FilmAdvice
 from periscopy_sim.rendering.variant import examine_variants
@@ -316,7 +317,10 @@ BEHIND = ("--scene", "chair", "-D", "resolution=24", "-D", "occluder_dy=-0.8")
     ],
     ids=lambda command: command[0],
 )
-def test_every_command_says_that_no_shadow_falls_into_view(command, periscopy, tmp_path):
+def test_every_command_says_that_no_shadow_falls_into_view(
+    command, periscopy, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(overview, "COLUMNS", {True: 160})
     light = np.random.default_rng(3).uniform(1, 2, (24, 24, 3))
     np.save(tmp_path / "y.npy", light)
     np.save(tmp_path / "stack.npy", np.stack([light, light + 0.1]))
