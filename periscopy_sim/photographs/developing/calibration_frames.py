@@ -39,10 +39,13 @@ def check_another_frame(frame: SensorImage, photograph: SensorImage, name: str) 
 def black_level_doubt(light: SensorImage, mask: Mask | None, by: str) -> str:
     """Return that a black level, which was taken off light, is too high; empty where it is not.
 
-    `by` is what told it, as in messages; the mask is True where the photograph is used.
+    `by` is what told it, as in messages; the mask is True where the photograph is used. A
+    PhotographError says that nothing of the photograph is above it.
     """
     least = light.values.min(axis=2)
     part = float(np.mean((least if mask is None else least[mask]) < 0))
+    if part == 1:
+        raise PhotographError(f"all pixels are below the black level; check {by}")
     if part < BELOW:
         return ""
     return f"{100 * part:.0f} % of the pixels are below the black level; check {by}"

@@ -115,14 +115,20 @@ def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
     if light.cell > 1 and mask.shape == on_sensor:
         cells = mask.reshape(rows, light.cell, columns, light.cell)
         return np.asarray(cells.all(axis=(1, 3)))
-    check_same_size(mask.shape, light.size, "the mask")
+    remedy = "draw it on the photograph, or on the prepared one of the film's size"
+    check_same_size(mask.shape, light.size, "the mask", remedy)
     return mask
 
 
-def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:
+def check_same_size(
+    size: tuple[int, ...],
+    wanted: tuple[int, ...],
+    name: str,
+    remedy: str = "take it with the same camera and settings",
+) -> None:
     """Refuse a picture that is not as large as the photograph it belongs to."""
     if tuple(size) != tuple(wanted):
         raise PhotographError(
             f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the photograph has "
-            f"{wanted[0]} x {wanted[1]}; take it with the same camera and settings"
+            f"{wanted[0]} x {wanted[1]}; {remedy}"
         )

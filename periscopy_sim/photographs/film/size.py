@@ -30,6 +30,9 @@ dB at 55 dB. Where paint or bounced light limits the picture, less is lost, or n
 PLACED = 0.5
 """Standard error, in pixels of the film, to which marks should place a photograph."""
 
+LOST = 10.0
+"""The same, above which nobody knows where a pixel is."""
+
 SHARPEST = 10.0
 """Percentile of the occluders' edges whose step counts: a corner that touches the wall does not."""
 
@@ -186,8 +189,14 @@ def films_of_marks(
 def film_doubts(placement: float, coverage: float, outside: float) -> list[str]:
     """Return lines of doubt about a rectified photograph.
 
-    `outside` is the part of the film that lies outside of the photograph; see `films_of_marks`.
+    `outside` is the part of the film that lies outside of the photograph; see `films_of_marks`. A
+    PhotographError says that the marks do not place it at all.
     """
+    if placement > LOST:
+        raise PhotographError(
+            f"the marks place the photograph to {placement:.0f} of the scene's pixels only, where "
+            "it is worst: nearly on one line, or close together; spread them over what is used"
+        )
     doubts = []
     if outside > MOST_OUTSIDE:
         doubts.append(

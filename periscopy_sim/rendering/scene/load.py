@@ -230,8 +230,8 @@ def _check_facing(
         faces |= bool(ahead.any())
     if not faces:
         raise SceneError(
-            f"scene '{path}': the monitor faces away from the wall; turn it round or flip its "
-            "normals (flip_normals)"
+            f"scene '{path}': the monitor faces away from the wall, or stands beyond it; turn "
+            "it round, flip its normals (flip_normals), or move it"
         )
     raise SceneError(
         f"scene '{path}': the monitor is behind the wall; move it to the camera's side"

@@ -44,6 +44,12 @@ def test_black_level_above_the_light_is_told_with_its_share():
     assert black_level_doubt(develop([PHOTO], black=512), None, "--black 512") == ""
 
 
+def test_black_level_above_all_light_is_refused():
+    dark = develop([PHOTO], black=float(PHOTO.values.max()) + 1)
+    with pytest.raises(PhotographError, match="all pixels are below the black level"):
+        black_level_doubt(dark, None, "--black 99999")
+
+
 def test_dark_frame_of_a_lens_that_was_not_covered_is_told():
     for share in (1.0, 0.3, 0.05):
         assert "lens covered" in dark_frame_doubt(frame(BLACK + share * VIEW, seed=4), PHOTO)

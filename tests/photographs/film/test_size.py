@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.film.size import (
     PIXELS_IN_STEP,
     advise,
+    film_doubts,
     films_of_blocks,
     films_of_marks,
     films_of_shape,
@@ -78,3 +80,9 @@ def test_films_of_a_shape_keep_its_proportions():
     assert films_of_shape((100, 150), 0.06) == [(2, 3), (4, 6), (6, 9)]
     assert films_of_shape((7, 5), 2) == [(7, 5), (14, 10)]
     assert all(np.isclose(r / c, 2 / 3) for r, c in films_of_shape((100, 150), 3))
+
+
+def test_marks_that_do_not_place_the_photograph_are_refused():
+    assert "place the photograph to 9.0 of" in " ".join(film_doubts(9.0, 2.0, 0.0))
+    with pytest.raises(PhotographError, match=r"place the photograph to 94 of .* on one line"):
+        film_doubts(93.6, 2.0, 0.0)
