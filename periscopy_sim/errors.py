@@ -1,5 +1,12 @@
 """What a user can fix: each error says what is wrong, where, and what would fix it."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+_ALIKE = 0.6
+"""Likeness of two names, 0 to 1, from which one may be a slip of the pen for the other."""
+
 _LONGEST = 900
 """Characters of a message; it may quote what a damaged or hostile file holds."""
 
@@ -39,3 +46,15 @@ class ConfigurationError(PeriscopyError):
 
 class DatasetError(PeriscopyError):
     """An archive that is not a data set, or not a whole one."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return the question for what is most like an unknown name; empty where nothing is."""
+    from difflib import SequenceMatcher
+
+    alike = {each: SequenceMatcher(None, each.lower(), name.lower()).ratio() for each in known}
+    best = max(alike.values(), default=0.0)
+    if best < _ALIKE:
+        return ""
+    near = " or ".join(f"'{each}'" for each in alike if alike[each] == best)
+    return f"did you mean {near}?"

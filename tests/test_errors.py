@@ -1,6 +1,6 @@
 import pytest
 
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
 
 
 @pytest.mark.parametrize("held", ["a\nb", "a\r\x1b[2Jb", "a\0b", "a\u2028b", "a\ud800b"])
@@ -24,3 +24,18 @@ def test_long_message_keeps_its_start_and_its_end():
     line = str(PeriscopyError(f"y.npz: holds {'x' * 100_000}; rename it"))
     assert len(line) < 1000
     assert line.startswith("y.npz: holds xxx") and line.endswith("xxx; rename it")
+
+
+@pytest.mark.parametrize(
+    ("name", "question"),
+    [
+        ("lamp_turm", "did you mean 'lamp_turn'?"),
+        ("LAMP_TURN", "did you mean 'lamp_turn'?"),
+        ("lamp_y", "did you mean 'lamp_x' or 'lamp_z'?"),
+        ("sofa", ""),
+        ("", ""),
+    ],
+)
+def test_unknown_name_is_answered_by_what_is_most_like_it(name, question):
+    assert did_you_mean(name, ["lamp_x", "lamp_z", "lamp_turn", "view_width"]) == question
+    assert did_you_mean(name, []) == ""

@@ -97,7 +97,10 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--free", "sofa"), "'sofa' is not declared in scene"),
+        (("--free", "sofa"), "declares no parameter 'sofa'; it declares occluder_dx (default 0), "),
+        (("--free", "occluder_x"), "no parameter 'occluder_x'; did you mean 'occluder_dx'?"),
+        (("--free", "occluder_dx_error"), "did you mean 'occluder_dx'?"),
+        (("--uncertain", "monitor_z=1"), "no parameter 'monitor_z'; did you mean 'monitor_dz'?"),
         (("--free", ","), "no parameter is free"),
         (("--free", "resolution"), "'resolution' cannot be moved"),
         (("--free", "occluder_dy", "-D", "occluder_dy=0.37"), "through the wall"),

@@ -96,9 +96,16 @@ def test_unknown_scene_is_answered_by_the_shipped_ones(refused):
     assert "is a folder" in refused("transport", ".", *TINY, *OUT)
 
 
-def test_undeclared_parameter_is_answered_by_the_declared_ones(refused):
+def test_undeclared_parameter_is_answered_by_what_is_likely_meant(refused):
     line = refused("transport", "chair", "-D", "resolutio=24", *HIDDEN, *OUT)
-    assert "declares no parameter 'resolutio'" in line
+    assert line.endswith("declares no parameter 'resolutio'; did you mean 'resolution'?")
+    line = refused("transport", "chair", "-D", "occluder_d=0.1", *HIDDEN, *OUT)
+    assert line.endswith("did you mean 'occluder_dx' or 'occluder_dy' or 'occluder_dz'?")
+
+
+def test_undeclared_parameter_like_no_other_is_answered_by_the_declared_ones(refused):
+    line = refused("transport", "chair", "-D", "pixels=24", *HIDDEN, *OUT)
+    assert "declares no parameter 'pixels'" in line
     for name in ("occluder_dx (default 0)", "monitor_dz (default 0)", "resolution (default 126)"):
         assert name in line
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import SceneError, did_you_mean
 
 MOST_FILES = 100
 """Files that a scene may include, each counted as often as it is included."""
@@ -73,6 +73,13 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
     return SceneDocument(
         reader.defaults, tuple(files.values()), tuple(folders), tuple(reader.missing)
     )
+
+
+def undeclared(scene: Path, name: str, declared: Mapping[str, str]) -> SceneError:
+    """Return the error of a parameter that a scene does not declare, with what may be meant."""
+    listed = ", ".join(f"{each} (default {text})" for each, text in declared.items())
+    meant = did_you_mean(name, declared) or f"it declares {listed or 'none'}"
+    return SceneError(f"scene '{scene}' declares no parameter '{name}'; {meant}")
 
 
 class _Reader:

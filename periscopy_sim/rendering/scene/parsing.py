@@ -9,7 +9,7 @@ from threading import RLock
 from typing import Any
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import SceneDocument, read_document
+from periscopy_sim.rendering.scene.document import SceneDocument, read_document, undeclared
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply
 from periscopy_sim.rendering.scene.meshes import check_mesh
 
@@ -32,12 +32,9 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     import mitsuba as mi
 
     document = read_document(path, parameters)
-    known = ", ".join(f"{name} (default {text})" for name, text in document.defaults.items())
     for name in parameters:
         if name not in document.defaults:
-            raise SceneError(
-                f"scene '{path}' declares no parameter '{name}'; it declares {known or 'none'}"
-            )
+            raise undeclared(path, name, document.defaults)
         if name in RESERVED:
             raise SceneError(
                 f"scene '{path}': Mitsuba takes no value for a parameter named '{name}'; rename "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -19,7 +18,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.errors import ConfigurationError, did_you_mean
 
 LARGEST_FILE = 1 << 17
 """Bytes of a document; a larger file is something else."""
@@ -60,8 +59,8 @@ class Strict(BaseModel):
         owners = [_kind(other) for other in _siblings(cls) if name in other.entries()]
         if own and owners:
             return f" of kind {own}; it belongs to kind {' and '.join(map(str, owners))}"
-        if near := get_close_matches(name, cls.entries(), 1):
-            return f"; did you mean '{near[0]}'?"
+        if meant := did_you_mean(name, cls.entries()):
+            return f"; {meant}"
         known = ", ".join(each for each in cls.entries() if each not in ("kind", "folder"))
         return f"; {f'kind {own} has' if own else 'there are'} {known}; see {example}"
 
