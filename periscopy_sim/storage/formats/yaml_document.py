@@ -177,7 +177,7 @@ def _first_mistake(error: ValidationError, document: yaml.Node | None, example: 
         )
     # What holds the first mistake is wrong by that alone.
     more = sum(entry[: len(place)] != place for place in others)
-    place = f"line {line}, {'.'.join(map(str, entry))}: " if entry else ""
+    place = f"line {line}, {_as_counted(document, entry)}: " if entry else ""
     return place + message + (f" (and {more} more)" if more else "")
 
 
@@ -193,6 +193,25 @@ _IN_WORDS = {
 }
 """Where pydantic's words are a programmer's."""
 
+_ORDINALS = (
+    "first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth",
+)  # fmt: skip
+
+
+def _as_counted(node: Any, entry: tuple[int | str, ...]) -> str:
+    """Return an entry in words; those of lists are counted from 1 and called by name or kind."""
+    found = [""]
+    for part in entry:
+        node = _within(node, part)[1]
+        if isinstance(part, str):
+            found[-1] += f".{part}" if found[-1] else part
+        else:
+            count = f"the {_ORDINALS[part]}" if part < len(_ORDINALS) else f"number {part + 1}"
+            called = _scalar(node, "name") or _scalar(node, "kind")
+            found[-1] = f"{count} of {found[-1] or 'these'}" + (f" ('{called}')" if called else "")
+            found.append("")
+    return ", ".join(filter(None, found))
+
 
 def _located(node: Any, mistake: Any) -> tuple[tuple[int | str, ...], int]:
     """Return what pydantic complains of, as the document names it, and its line."""
@@ -203,17 +222,27 @@ def _located(node: Any, mistake: Any) -> tuple[tuple[int | str, ...], int]:
         if part == kind:  # which pydantic names, too: no entry, though there may be one named so
             kind = None
             continue
-        inside: list[tuple[yaml.Node, yaml.Node]] = []
-        if isinstance(node, yaml.MappingNode):
-            inside = [pair for pair in node.value if pair[0].value == part]
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
-            inside = [(each, each) for each in node.value[part : part + 1]]
-        if inside:
-            key, node = inside[0]
-            line = key.start_mark.line + 1
+        key, inside = _within(node, part)
+        if key is not None:
+            node, line = inside, key.start_mark.line + 1
             found.append(part)
-            entries = node.value if isinstance(node, yaml.MappingNode) else []
-            kind = next((value.value for name, value in entries if name.value == "kind"), None)
+            kind = _scalar(node, "kind")
     if mistake["type"] in ("missing", "unknown") and location[-1] not in found[-1:]:
         found.append(location[-1])
     return tuple(found), line
+
+
+def _within(node: Any, part: int | str) -> tuple[Any, Any]:
+    """Return the key and the node of an entry of a mapping or a list; None where there is none."""
+    inside: list[tuple[yaml.Node, yaml.Node]] = []
+    if isinstance(node, yaml.MappingNode):
+        inside = [pair for pair in node.value if pair[0].value == part]
+    elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+        inside = [(each, each) for each in node.value[part : part + 1]]
+    return inside[0] if inside else (None, None)
+
+
+def _scalar(node: Any, name: str) -> str | None:
+    """Return the text of an entry of a mapping; None where it has none."""
+    value = _within(node, name)[1]
+    return value.value if isinstance(value, yaml.ScalarNode) else None

@@ -118,7 +118,11 @@ def test_missing_entry_is_named(tmp_path, missing):
     ("old", "new", "message"),
     [
         ("count", "cuont", r"line 2, cuont: is not known; did you mean 'count'\?$"),
-        ("scene:", "scne:", r"line 4, scenes.0.scne: is not known; did you mean 'scene'\?$"),
+        (
+            "scene:",
+            "scne:",
+            r"line 4, the first of scenes, scne: is not known; did you mean 'scene'\?$",
+        ),
         (
             "count: 10",
             "light: {kind: path-traced, bounce: 2}",
@@ -134,21 +138,24 @@ def test_misspelt_entries_are_told_before_missing_ones(tmp_path, old, new, messa
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("scenes: [chair]", r"line 7, scenes.0: give entries, NAME: VALUE$"),
+        ("scenes: [chair]", r"line 7, the first of scenes: give entries, NAME: VALUE$"),
         (
             "scenes: [{scene: chair, parameters: {a: [1]}}]",
-            r"scenes.0.parameters.a: .*\[numbers\]$",
+            r"the first of scenes, parameters.a: .*\[numbers\]$",
         ),
         (
             "hidden_images: [{kind: folder, folder: a, flip: 5}]",
-            r"line 7, hidden_images.0.flip: Input should be a valid boolean",
+            r"line 7, the first of hidden_images \('folder'\), flip: Input should be a valid",
         ),
         (
             "hidden_images: [{kind: folder, folder: 5}]",
-            r"line 7, hidden_images.0.folder: Input should be a valid string",
+            r"line 7, the first of hidden_images \('folder'\), folder: Input should be a",
         ),
-        ("hidden_images: [{kind: folder}]", r"line 7, hidden_images.0.folder: is missing$"),
-        ("hidden_images: [{kind: shape}]", r"0: kind 'shape' is not known; there are 'shapes',"),
+        (
+            "hidden_images: [{kind: folder}]",
+            r"line 7, the first of hidden_images \('folder'\), folder: is missing$",
+        ),
+        ("hidden_images: [{kind: shape}]", r": kind 'shape' is not known; there are 'shapes',"),
     ],
 )
 def test_one_mistake_is_counted_once(tmp_path, entry, message):
