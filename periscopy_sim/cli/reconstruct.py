@@ -91,7 +91,7 @@ def reconstruct(
         text = as_text(provenance)
         with (
             timed("reconstruct"),
-            fixable(f"{photo} by {method}"),
+            fixable(f"{photo} by {method}", dark),
             own_errors(method, f"failed on {photo}"),
         ):
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
@@ -132,9 +132,11 @@ def reconstruct(
     for remark in told.remarks:
         say(remark)
     if known is not None:
+        farther = ": none farther is tried, so the image may be farther off"
         say(
             f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
-            f"{summary['psnr_registered']:.2f} dB (shift {summary['shift']} patches down, right)"
+            f"{summary['psnr_registered']:.2f} dB (shift {summary['shift']} patches down, right"
+            f"{farther if summary['shift_at_limit'] else ''})"
         )
 
 
@@ -248,4 +250,5 @@ def _compare(
         "mean_squared_error": metrics.mean_squared_error(image, truth),
         "psnr_registered": best.psnr,
         "shift": best.shift,
+        "shift_at_limit": best.at_limit,
     }

@@ -29,11 +29,14 @@ class Registration:
         (down, right) in patches that the estimate was moved by.
     image
         (rows, columns, channels) shifted and gain-matched estimate.
+    at_limit
+        Whether the shift is as far as any that was tried, down or right: the best may lie beyond.
     """
 
     psnr: float
     shift: tuple[float, float]
     image: Array
+    at_limit: bool
 
 
 def gain_matched(estimate: Image, truth: Image) -> Array:
@@ -103,7 +106,8 @@ def registered(
         ((psnr(moved := shifted(estimate, d, r), truth), (d, r), moved) for d, r in candidates),
         key=lambda candidate: candidate[0],
     )
-    return Registration(best[0], best[1], gain_matched(best[2], truth))
+    at_limit = max(map(abs, best[1])) >= shifts[-1]
+    return Registration(best[0], best[1], gain_matched(best[2], truth), at_limit)
 
 
 def shifted(image: Image, down: float, right: float) -> Array:

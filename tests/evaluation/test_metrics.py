@@ -167,6 +167,7 @@ def test_registration_undoes_a_shift_by_whole_patches(down, right):
     truth = framed()
     result = registered(5 * moved_by_patches(truth, down, right), truth)
     assert result.shift == (-down, -right)
+    assert result.at_limit == (max(abs(down), abs(right)) == 2)
     assert result.psnr > 250
     np.testing.assert_allclose(result.image, truth, atol=1e-13)
 
@@ -201,14 +202,14 @@ def test_registration_stays_within_its_reach():
     assert registered(moved_by_patches(truth, 2, 0), truth, reach=1.0).shift[0] >= -1
     # Steps of 0.4 end at 1.2, not at 1.6.
     result = registered(loop_shift(truth, 1.6, 0), truth, reach=1.5, step=0.4)
-    assert result.shift == pytest.approx((-1.2, 0))
+    assert result.shift == pytest.approx((-1.2, 0)) and result.at_limit
     # Though 0.3 / 0.1 is less than 3 in floating point, the last step counts.
     estimate = framed(1)
     result = registered(estimate, loop_shift(estimate, 0.3, 0), reach=0.3, step=0.1)
-    assert result.shift == pytest.approx((0.3, 0))
+    assert result.shift == pytest.approx((0.3, 0)) and result.at_limit
 
 
 def test_registration_of_a_black_image_stays_in_place():
     result = registered(np.zeros(SHAPE), images()[1])
-    assert result.shift == (0, 0)
+    assert result.shift == (0, 0) and not result.at_limit
     np.testing.assert_array_equal(result.image, 0)

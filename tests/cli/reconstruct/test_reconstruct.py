@@ -191,5 +191,14 @@ def test_shift_against_the_truth_is_found(light, succeeds, setting, hidden, tmp_
     arguments = ("reconstruct", "y.npy", *setting, *PLAIN, "--truth", "lower.npy", "--out", "out")
     assert "(shift (1.0, 0.0) patches down, right)" in succeeds(*arguments)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["shift"] == [1, 0]
+    assert summary["shift"] == [1, 0] and summary["shift_at_limit"] is False
     assert summary["psnr_registered"] > 40 > summary["psnr"]
+
+
+def test_shift_as_far_as_any_that_is_tried_is_told(light, succeeds, setting, hidden, tmp_path):
+    np.save(tmp_path / "y.npy", light[0])
+    np.save(tmp_path / "right.npy", np.pad(hidden, ((0, 0), (3, 0), (0, 0)))[:, :5])
+    arguments = ("reconstruct", "y.npy", *setting, *PLAIN, "--truth", "right.npy", "--out", "out")
+    assert "2.0) patches down, right: none farther is tried, so the image" in succeeds(*arguments)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["shift"][1] == 2 and summary["shift_at_limit"] is True
