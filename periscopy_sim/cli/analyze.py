@@ -60,7 +60,7 @@ def analyze(
         inputs.check_memory(scenario)
         A = inputs.render_transport(scenario, samples, seed, model)
         shapes = scenario.photograph_shape, scenario.hidden_shape
-        with fixable(f"scene '{scenario.path}'"), progress("analyzing") as report:
+        with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
             lights = point_light_backgrounds(scenario)
             if dark:

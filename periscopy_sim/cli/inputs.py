@@ -170,7 +170,7 @@ def fit(
             A = read_transport(matrix, scenario)
             origin = {"model": "file", "transport": matrix, "samples": None}
     place = str(matrix or f"scene '{scenario.path}'")
-    with timed("fit the method"), progress(f"fitting {method}"), fixable(place):
+    with timed("fit the method"), progress(f"fitting {method}"), fixable(place, dark):
         B = point_light_backgrounds(scenario)
         fitted = fit_method(method, scenario, A, B, used, dark, **settings)
     if matrix is not None and not matrix.with_suffix(".json").is_file():

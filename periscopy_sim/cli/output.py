@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
@@ -23,14 +23,18 @@ FORETELLS = 0.02
 
 
 @contextmanager
-def fixable(what: str) -> Iterator[None]:
-    """Report a ValueError about the user's data as the user's mistake."""
+def fixable(what: str, files: Iterable[str] = ()) -> Iterator[None]:
+    """Report a ValueError about the user's data as the user's mistake.
+
+    A message that begins with one of the files' names is about that file, before what it is for.
+    """
     try:
         yield
     except PeriscopyError:
         raise
     except ValueError as error:
-        raise PeriscopyError(f"{what}: {error}") from error
+        of_file = any(str(error).startswith(f"{file}: ") for file in files)
+        raise PeriscopyError(f"{error} ({what})" if of_file else f"{what}: {error}") from error
 
 
 def say(message: str) -> None:

@@ -129,7 +129,7 @@ def sweep(
             )
         A = inputs.read_transport(out / "A.npy", scenario)
         B = point_light_backgrounds(scenario)
-        with fixable(f"scene '{scenario.path}'"):
+        with fixable(f"scene '{scenario.path}'", dark):
             fitted = fit_methods(names, scenario, A, B, used, dark)
         if signal is None:
             file = out / "photograph.exr"

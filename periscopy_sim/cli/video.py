@@ -142,7 +142,7 @@ def video(
         records = []
         doubts: dict[str, str] = {}
         # Products this small gain little from threads, which wait for each other on a busy machine.
-        with threadpool_limits(1), fixable(str(frames)):
+        with threadpool_limits(1), fixable(str(frames), dark):
             with timed("rehearse"):
                 live = video_metrics.live_rate(recovery, photographs)
             with (

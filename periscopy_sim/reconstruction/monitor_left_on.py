@@ -64,8 +64,8 @@ def check_monitor_off(A: Matrix, smooth: Array, observation: Observation) -> Non
     for name, planes in observation.backgrounds.items():
         if shares(planes) > MOST:
             raise ValueError(
-                f"{name}: still shows the monitor, or is the photograph itself; switch the monitor "
-                "off, or cover it"
+                f"{name}: still shows the monitor, which was on, or is the photograph itself; "
+                "switch the monitor off, or cover it, and take it again"
             )
 
 

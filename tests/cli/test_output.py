@@ -17,6 +17,12 @@ def test_fixable_names_what_a_value_error_is_about():
         raise ValueError("too small")
 
 
+def test_fixable_names_first_a_file_that_the_error_is_about():
+    about = r"^off.npy: is black \(scene\)$"
+    with pytest.raises(PeriscopyError, match=about), fixable("scene", ["on.npy", "off.npy"]):
+        raise ValueError("off.npy: is black")
+
+
 def test_fixable_lets_other_errors_pass():
     given = SceneError("says all by itself")
     with pytest.raises(SceneError) as raised, fixable("scene"):
