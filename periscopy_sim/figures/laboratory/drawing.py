@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import drawn_box, facts, world_axes
+from periscopy_sim.figures.laboratory.geometry import CHARACTERS, drawn_box, facts, world_axes
 from periscopy_sim.figures.laboratory.overview import draw_overview
-from periscopy_sim.figures.laboratory.projections import draw_projection, draw_wall
+from periscopy_sim.figures.laboratory.projections import LINES, draw_projection, draw_wall
 from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.scenario import Scenario
 
@@ -57,7 +58,7 @@ def laboratory_figure(scenario: Scenario) -> Figure:
     ends = (low + high)[list(frame.axes)] / 2 + sizes / scale * np.array([[-0.5], [0.5]])
     ends[:, np.array(frame.signs) < 0] = ends[::-1, np.array(frame.signs) < 0]
     across, towards, up = map(float, sizes)
-    lines = facts(scenario, survey)
+    lines = [*wrap(LINES, CHARACTERS), *facts(scenario, survey)]
     bottom = BOTTOM + LINE * len(lines)
     tall = TOP + up + BETWEEN + towards + bottom
     figure = Figure(figsize=(WIDTH, tall), dpi=DOTS)

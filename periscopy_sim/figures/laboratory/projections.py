@@ -29,6 +29,12 @@ VIEWED, MONITOR, OCCLUDER, GROUND = OKABE_ITO[0], OKABE_ITO[1], "0.25", "0.93"
 GRID = {True: 150, False: 40}
 """Points of the wall along its panel's width; fewer where one ray is traced after the other."""
 
+LINES = (
+    "Dotted: where shadows begin on the wall; solid: where all of the monitor is hidden; dashed: "
+    "rays from its ends past occluders."
+)
+"""What the lines mean that have no label."""
+
 DARKEST = -0.5
 """Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
 
@@ -79,7 +85,7 @@ def draw_projection(
     cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
     ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
     seen = survey.view_points[:4][:, [h, v]]
-    _draw_wall_line(ax, scenario, survey, frame, shown)
+    _draw_wall_line(ax, labels, scenario, survey, frame, shown)
     ax.plot(
         *seen[list(extremes(seen))].T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4
     )
@@ -121,7 +127,12 @@ def draw_projection(
 
 
 def _draw_wall_line(
-    ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes, shown: tuple[int, int]
+    ax: Any,
+    labels: Labels,
+    scenario: Scenario,
+    survey: Survey,
+    frame: WorldAxes,
+    shown: tuple[int, int],
 ) -> None:
     """Draw the wall as a strip, as dark as it is at the height (or place) of the view's middle."""
     k = 0 if shown == (0, 1) else 2  # the axis along the wall
@@ -144,7 +155,12 @@ def _draw_wall_line(
     grey = ((share[:-1] - DARKEST) / (1 - DARKEST)).astype(str)
     look: dict[str, Any] = {"facecolors": grey, "edgecolors": grey, "linewidths": 0.5}
     ax.add_collection(PolyCollection(list(pieces), zorder=2, **look))
-    ax.plot(*near.T[order], color="black", linewidth=0.8, zorder=3)
+    line = near[:, order]
+    ax.plot(*line.T, color="black", linewidth=0.8, zorder=3)
+    tenths = np.array_split(line, 10)  # the label stands by one where the camera does not look
+    left = k == 0 and middle[axis] > along.mean()
+    labels.add("wall", tenths[0 if left else -1], "black")
+    labels.avoid_line(line[[0, -1]])
 
 
 def _share(

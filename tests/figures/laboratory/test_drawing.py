@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 from PIL import Image
+from scipy.interpolate import RegularGridInterpolator
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.figures.laboratory import drawing, overview
@@ -21,7 +22,7 @@ from periscopy_sim.figures.laboratory.geometry import (
     world_axes,
 )
 from periscopy_sim.figures.laboratory.overview import letter_places
-from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
+from periscopy_sim.figures.laboratory.projections import LINES, MONITOR, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.rendering.variant import examine_variants
@@ -115,17 +116,35 @@ def test_shadow_of_the_wall_is_no_lighter_than_full_light_and_dark_somewhere(pan
     assert share[row, column] < 0.6
 
 
+def test_lines_on_the_wall_lie_where_the_words_below_say(panels):
+    """What is dotted runs where the share is all but 1, what is solid where it is all but 0."""
+    assert "Dotted: where shadows begin" in LINES and "solid: where all of the monitor" in LINES
+    ax = panels[TITLES[0]]
+    share, (left, right, bottom, top) = ax.images[0].get_array(), ax.images[0].get_extent()
+    grid = (
+        np.linspace(bottom, top, share.shape[0]),
+        np.linspace(left, right, share.shape[1]),
+    )
+    drawn = {}
+    for contour in ax.collections:
+        points = np.concatenate([path.vertices for path in contour.get_paths()])
+        dotted = contour.get_linestyle()[0][1] is not None
+        drawn[dotted] = RegularGridInterpolator(grid, share)(points[:, ::-1])
+    np.testing.assert_allclose(drawn[True], 0.98, atol=1e-6)
+    np.testing.assert_allclose(drawn[False], 0.02, atol=1e-6)
+
+
 def test_labels_name_everything_and_do_not_overlap(figure, panels):
     for title in TITLES:
         texts = [t for t in panels[title].texts if t.get_transform() is not None and t.get_text()]
         names = {text.get_text() for text in texts}
         assert "monitor" in names
         if title in TITLES[1:3]:
-            assert {"camera", "plant", "pedestal", "normal"} <= names
+            assert {"camera", "plant", "pedestal", "normal", "wall"} <= names
     canvas = figure.canvas
     canvas.draw()
     for title in TITLES[:3]:
-        named = {"monitor", "camera", "plant", "pedestal", "normal", "seen by the camera"}
+        named = {"monitor", "camera", "plant", "pedestal", "normal", "seen by the camera", "wall"}
         boxes = [
             text.get_window_extent() for text in panels[title].texts if text.get_text() in named
         ]
@@ -145,7 +164,7 @@ def test_distances_are_those_of_the_scene(figure, scenario, panels):
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     told = {text.get_text() for text in panels["from the side"].texts}
     assert {"58 cm", "45 cm"} <= told
-    lines = " ".join(facts(scenario, Survey(scenario)))
+    lines = " ".join([LINES, *facts(scenario, Survey(scenario))])
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
 
 
