@@ -32,7 +32,7 @@ from periscopy_sim.cli import (
     video,
 )
 from periscopy_sim.cli.arguments import EXTRA_OF, missing
-from periscopy_sim.cli.laboratory import draw, lab, prepare
+from periscopy_sim.cli.laboratory import draw, lab, prepare, tutorial
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
@@ -58,6 +58,7 @@ def _periscopy(
 
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
+app.command("tutorial")(tutorial.tutorial)
 app.command("transport")(transport.transport)
 app.command("draw")(draw.draw)
 app.command("lab")(lab.lab)

@@ -16,6 +16,7 @@ TRANSPORT = ("transport", "chair", *TINY, "--out", "A.npy")
 OPTIONS = {
     "demo": {"--out", "--hidden", "--resolution", "--image", "--seed"},
     "doctor": set(),
+    "tutorial": {"--out"},
     "draw": {"SCENE", "--out", "-D"},
     "lab": {"[MEASUREMENTS.yaml]", "--out", "--example"},
     "transport": {"SCENE", "--hidden", "--out", "--samples", "--model", "--seed", "-D"},
