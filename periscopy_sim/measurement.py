@@ -68,11 +68,16 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     ValueError
         If the SNR is not finite.
     """
-    if not np.isfinite(snr):
-        raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
-    σ = 10 ** (-snr / 20) * np.sqrt(np.mean(np.square(photograph, dtype=np.float64)))
+    σ = noise_level(photograph, snr)
     noisy: Array = photograph + np.random.default_rng(seed).normal(0, σ, photograph.shape)
     return noisy
+
+
+def noise_level(photograph: Image, snr: float) -> float:
+    """Return the standard deviation of what `add_noise` adds, at a finite SNR in dB."""
+    if not np.isfinite(snr):
+        raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
+    return float(10 ** (-snr / 20) * np.sqrt(np.mean(np.square(photograph, dtype=np.float64))))
 
 
 @dataclass(frozen=True, eq=False)

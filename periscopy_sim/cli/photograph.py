@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.output import fixable, say
+from periscopy_sim.cli.output import fixable, say, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.measurement import Sensor
+    from periscopy_sim.scenario import Array, Scenario
+
+MOST_SAMPLES = 2**20
+"""Camera samples a pixel, which may take hours."""
 
 
 def photograph(
@@ -30,7 +36,9 @@ def photograph(
     hidden: Annotated[
         str, option("ROWSxCOLUMNS", "Patches to average the image down to.")
     ] = "29x36",
-    samples: Annotated[int, option("NUMBER", "Camera samples a pixel.", min=1, max=2**20)] = 4096,
+    samples: Annotated[
+        int, option("NUMBER", "Camera samples a pixel.", min=1, max=MOST_SAMPLES)
+    ] = 4096,
     ambient: Annotated[
         Path | None, option("FILE", "Photograph of ambient light to add, at --sbr.")
     ] = None,
@@ -94,12 +102,17 @@ def photograph(
         if ambient is not None:
             background = inputs.read_photograph(ambient, scenario).values
         y = inputs.photograph(scenario, shown, samples, seed)
+        grain = _grain(scenario, y)
+        grainy = ""
         with fixable("photograph"):
             if background is not None and sbr is not None:
-                y = measurement.composite(y, background, sbr)
+                signal, y = y, measurement.composite(y, background, sbr)
+                grain *= float(y.mean() / signal.mean()) * sbr / (1 + sbr)
             if snr is not None:
+                grainy = _grainy(grain, measurement.noise_level(y, snr), y, samples)
                 y = measurement.add_noise(y, snr, seed)
             if sensor is not None:
+                grainy = _grainy(grain, 10 ** (-sensor.snr / 20) * float(y.mean()), y, samples)
                 exposure = sensor.expose(y, seed)
                 y, saturated = exposure.values, int(exposure.saturated.sum())
         settings: dict[str, Any] = {
@@ -114,8 +127,36 @@ def photograph(
             settings |= {**asdict(sensor), "saturated": saturated}
         write_exr(file, y, as_text({**settings, **inputs.provenance_of(scenario, seed)}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
+    if grainy:
+        warn(f"{out}: {grainy}")
     if sensor is not None:
         say(f"saturated {saturated} of {y.size} values; SNR {sensor.snr:.1f} dB at mean light")
+
+
+def _grain(scenario: Scenario, photograph: Array) -> float:
+    """Return the path tracing's standard error, the root mean square of those of the channels.
+
+    It is told from neighbouring pixels, and 0 where it cannot be: those of a textured wall differ.
+    """
+    from periscopy_sim.reconstruction.residual.camera_noise import camera_noise
+
+    noise = camera_noise(np.moveaxis(photograph, 2, 0))
+    if noise is None or scenario.wall_texture is not None:
+        return 0.0
+    return float(np.sqrt(np.mean(noise.σ**2)))
+
+
+def _grainy(grain: float, added: float, photograph: Array, samples: int) -> str:
+    """Return that the path tracing's standard error exceeds the noise that is added; or nothing."""
+    if grain <= added:
+        return ""
+    own, asked = 100 * np.array([grain, added]) / np.sqrt(np.mean(photograph**2))
+    enough = samples * (grain / added) ** 2
+    most = min(2 ** math.ceil(math.log2(enough)), MOST_SAMPLES)
+    return (
+        f"the path tracing's own noise is {own:.2g} % of the photograph, more than the "
+        f"{asked:.2g} % that was asked for; more samples lessen it: --samples {most}"
+    )
 
 
 def _sensor(electrons: float | None, chosen: Mapping[str, Any]) -> Sensor | None:

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,15 @@ TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "16")
 RNG = np.random.default_rng(11)
 HIDDEN = RNG.random((4, 5, 3))
 AMBIENT = np.linspace(1, 3, 24)[:, None, None] * RNG.uniform(0.9, 1.1, (24, 24, 3))
+
+
+GRAINY = "the path tracing's own noise"
+
+
+@pytest.fixture
+def without_doubts(without_doubts):
+    """Leave out, too, that photographs of so few samples are grainy."""
+    return lambda warnings: [each for each in without_doubts(warnings) if GRAINY not in each]
 
 
 @pytest.fixture
@@ -86,6 +96,38 @@ def test_noise_has_the_level_asked_for(shoot):
     assert abs(noise.mean()) < 5 * expected / np.sqrt(noise.size)
     other = (shoot("--snr", "20", "--seed", "1") - shoot("--seed", "1")).ravel()
     assert abs(np.corrcoef(noise, other)[0, 1]) < 5 / np.sqrt(noise.size)
+
+
+@pytest.mark.parametrize("ambient", [(), ("--ambient", "ambient.npy", "--sbr", "0.25")])
+@pytest.mark.parametrize("noise", [("--snr", "40"), ("--electrons", "8000")])
+def test_path_tracing_noisier_than_what_is_added_is_told(ambient, noise, shoot, periscopy):
+    """Its size is that of the difference of two seeds; more samples than it names end it."""
+    first, second = (shoot(*ambient, "--seed", seed) for seed in (1, 2))
+    grain = np.std(first - second) / np.sqrt(2) / np.sqrt(np.mean(first**2))
+    command = "photograph", "chair", "hidden.npy", *TINY, *ambient, *noise, "--out", "y.exr"
+    outcome = periscopy(*command, "--seed", "1")
+    (line,) = outcome.err.splitlines()
+    told, samples = re.fullmatch(
+        f"periscopy: warning: y.exr: {GRAINY} is ([0-9.]+) % of the photograph, more than the "
+        r"1\.?[0-9]* % that was asked for; more samples lessen it: --samples ([0-9]+)",
+        line,
+    ).groups()
+    # From 1452 differences, of tails heavier than a normal variable's, which it leaves out.
+    assert float(told) / 100 == pytest.approx(grain, rel=0.15)
+    assert 0.7 < int(samples) / (16 * (grain / 0.01) ** 2) < 4
+    assert not periscopy(*command, "--samples", 4 * int(samples)).err
+
+
+def test_nothing_is_told_of_path_tracing_that_is_less_noisy_or_of_a_textured_wall(
+    shoot, periscopy, edited_scene
+):
+    shoot()
+    command = "photograph", "chair", "hidden.npy", *TINY, "--out", "y.exr"
+    assert not periscopy(*command).err
+    assert not periscopy(*command, "--snr", "5").err
+    paint = '<texture type="checkerboard" name="reflectance"/>'
+    scene = edited_scene(('<rgb name="reflectance" value="0.8"/>', paint))
+    assert not periscopy("photograph", scene, *command[2:], "--snr", "40").err
 
 
 EXPOSE = ("--electrons", "2000", "--frames", "4")
