@@ -17,7 +17,10 @@ from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv,
 from periscopy_sim.rendering.scene.pointwise import surface_at
 from periscopy_sim.scenario import Scenario
 
-Strata = Literal["midpoint", "jittered"]
+Strata = Literal["midpoint", "gauss", "jittered"]
+
+GAUSS = 0.5 / np.sqrt(3)
+"""Of a pair of strata: how far Gauss and Legendre's two points lie from its middle."""
 
 SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
@@ -51,14 +54,18 @@ def make_kernel(
 
     def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
         """Position in the unit square of sample number `index` of down x across strata."""
+        row, column = index // across, index % across
         if jittered and (down > 1 or across > 1 or salt == 0):
             jitter = _two_units(mi, _scrambled(mi, key, 2 * index + salt))
         else:
-            jitter = (mi.Float(0.5), mi.Float(0.5))
-        return (
-            (mi.Float(index // across) + jitter[0]) / down,
-            (mi.Float(index % across) + jitter[1]) / across,
-        )
+            jitter = placed(row, down), placed(column, across)
+        return (mi.Float(row) + jitter[0]) / down, (mi.Float(column) + jitter[1]) / across
+
+    def placed(index: Any, count: int) -> Any:
+        """Position in stratum number `index` of `count` along an axis, where nothing jitters it."""
+        if strata == "gauss" and count % 2 == 0:  # a pair of strata is two of their width
+            return dr.select(index % 2 == 0, mi.Float(1 - 2 * GAUSS), mi.Float(2 * GAUSS))
+        return mi.Float(0.5)
 
     def seen_at(pixel: Any, y: Any, x: Any, aperture: tuple[Any, Any] = (0.5, 0.5)) -> Any:
         film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)

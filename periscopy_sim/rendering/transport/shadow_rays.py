@@ -46,8 +46,9 @@ def render_transport(
     samples
         Samples of a patch for each wall point.
     strata
-        Where in its stratum a sample lies: ``"jittered"`` (unbiased; noise of independent entries)
-        or ``"midpoint"`` (no noise; penumbrae in steps).
+        Where in its stratum a sample lies: ``"jittered"`` (unbiased; noise of independent entries),
+        ``"midpoint"`` or ``"gauss"`` (no noise; penumbrae in steps). Gauss and Legendre's two points
+        of each pair of strata are exact for cubic integrands; of an odd number the midpoints serve.
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
         averaged. A textured wall has at least `TEXTURE_SAMPLES`.
@@ -69,7 +70,7 @@ def render_transport(
     SceneError
         If no light of the monitor reaches the wall.
     ValueError
-        If a number of samples is below 1, `strata` is neither, or `out` has another shape.
+        If a number of samples is below 1, `strata` is none of these, or `out` has another shape.
     """
     use_variant()
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed, LANES)

@@ -62,6 +62,24 @@ def test_entry_is_the_closed_form_integral_in_absolute_scale(room, exponents):
         assert A[6 * row + column, 3 * patch_row + patch_column] == pytest.approx(expected, 1e-4)
 
 
+@pytest.mark.parametrize(("samples", "relative"), [(4, 1e-3), (64, 1e-5)])
+def test_gauss_and_legendres_points_are_worth_many_midpoints(room, samples, relative):
+    seen = room.load(hidden=(2, 3))
+    truth = render_transport(seen, strata="midpoint", samples=4096)
+    errors = {
+        strata: np.abs(render_transport(seen, strata=strata, samples=samples) / truth - 1).max()
+        for strata in ("gauss", "midpoint")
+    }
+    assert errors["gauss"] < relative
+    assert errors["gauss"] < 0.1 * errors["midpoint"]
+
+
+def test_an_odd_number_of_gauss_strata_is_of_midpoints(room):
+    seen = room.load(hidden=(2, 3))
+    one, other = (render_transport(seen, strata=each, samples=9) for each in ("gauss", "midpoint"))
+    np.testing.assert_array_equal(one, other)
+
+
 def test_falloff_is_about_the_axes_of_a_tilted_and_stretched_monitor(room):
     monitor = room.monitor(scale=(0.3, 0.05), turn=165, tilt=-25)
     A = render_transport(room.load(monitor=monitor, hidden=(1, 2)), strata="midpoint", samples=1024)
