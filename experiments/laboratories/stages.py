@@ -23,7 +23,7 @@ from experiments.laboratories.making.laboratory import Laboratory
 from experiments.page import described
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import package_sha256
-from periscopy_sim.evaluation.metrics import gain_matched, registered
+from periscopy_sim.evaluation.metrics import registered
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -32,6 +32,10 @@ AS_IT_COMES, PREPARED = "as it comes", "prepare"
 BACKGROUND, CALIBRATED = "--background", "calibrate"
 ROW = 1.6
 """Inches that a step's pictures are high."""
+
+WORDS = 1.4
+"""Inches for what a step is, and its numbers."""
+
 REACH = 3.0
 """Patches, the largest shift after which a picture is compared: what a centimetre of an occluder's
 place can be. The commands tell that of at most 2."""
@@ -341,27 +345,36 @@ def _draw(gone: Way, place: Workplace) -> Picture:
 
     name = f"{gone.laboratory}_{gone.ruler}"
     truth = np.load(place.rendered / gone.laboratory / "truth" / "hidden.npy")
-    rows = len(gone.stages) + 1
-    with drawn(place.out, name, PAGE, ROW * rows) as figure:
-        axes = figure.subplots(rows, 2, width_ratios=[truth.shape[1] / truth.shape[0], 3])
+    with drawn(place.out, name, PAGE, ROW * (len(gone.stages) + 1)) as figure:
+        width = ROW * truth.shape[1] / truth.shape[0]
+        widths = [WORDS, width, PAGE - WORDS - width]
+        axes = figure.subplots(len(gone.stages) + 1, 3, width_ratios=widths)
         for ax in axes.flat:
             ax.set_axis_off()
-        axes[0, 0].imshow(np.clip(srgb_encode(truth), 0, 1), interpolation="nearest")
-        axes[0, 0].set_title("hidden image")
-        for row, stage in enumerate(gone.stages, start=1):
+        _write(axes[0, 0], "hidden image")
+        axes[0, 1].imshow(np.clip(srgb_encode(truth), 0, 1), interpolation="nearest")
+        for (words, seen, left), stage in zip(axes[1:], gone.stages, strict=True):
             if stage.failure:
-                axes[row, 0].set_title(f"{stage.name}: failed")
+                _write(words, f"{stage.name}\n\nfailed")
                 continue
-            axes[row, 0].set_title(
-                f"{stage.name}\n{stage.psnr:.1f} dB, shifted {stage.registered:.1f} dB", fontsize=9
-            )
-            shown = np.clip(srgb_encode(gain_matched(_picture(stage), truth)), 0, 1)
-            axes[row, 0].imshow(shown, interpolation="nearest")
+            shifted = f"{stage.registered:.1f} dB after a shift"
+            _write(words, f"{stage.name}\n\n{stage.psnr:.1f} dB\n{shifted}")
+            picture = np.maximum(_picture(stage), 0)
+            # Not `gain_matched`: one beside its place would be dim.
+            energies = (np.sum(image**2, axis=(0, 1)) for image in (truth, picture))
+            gain = np.sqrt(np.divide(*energies))
+            seen.imshow(np.clip(srgb_encode(gain * picture), 0, 1), interpolation="nearest")
             residual = Path(stage.folder) / "residual.png"
             if residual.is_file():
-                axes[row, 1].imshow(mpl_image.imread(residual))
+                left.imshow(mpl_image.imread(residual))
+                left.set_anchor("W")
     return Picture(
         place.out / f"{name}.png",
-        f"Ruler {gone.ruler}: the picture after each step, gain-matched, and beside it what the "
-        f"scene leaves of the photograph; “shifted” is after {BEST_SHIFT}.",
+        f"Ruler {gone.ruler}: the picture after each step, each channel as strong as the hidden "
+        f"image's, and what the scene leaves of the photograph; “a shift” is {BEST_SHIFT}.",
     )
+
+
+def _write(ax: Any, words: str) -> None:
+    """Write words, a step and its numbers, in the middle of an empty axes."""
+    ax.text(1, 0.5, words, ha="right", va="center", transform=ax.transAxes)
