@@ -32,12 +32,12 @@ from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.progress import Progress
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.search.fisher_information import block_scores, is_significant
+from periscopy_sim.calibration.search.fisher_information import block_scores
 from periscopy_sim.calibration.search.global_search import explore
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import walk
-from periscopy_sim.calibration.trust import bounded, doubts, learned
+from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import (
@@ -254,8 +254,8 @@ def calibrate_levels(
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
     undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
-    values, after, patches = walk(fine, end, *settle(fine, end, steps), undone, log.looked)
-    values, after = shift.settled(fine, values, after)
+    patches = np.hstack([undone, shift.by_patch])
+    values, after, alike = walk(fine, end, *settle(fine, end, steps), patches, log.looked)
     before = fine.explain(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
@@ -268,7 +268,7 @@ def calibrate_levels(
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
     ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
-    alone, covariance = _covariances(fine, end, patches, moves, ruler, shift.alone | set_back)
+    alone, covariance = _covariances(fine, end, alike, moves, ruler, shift.alone | set_back)
     deviations = np.sqrt(np.diag(covariance))
     log.report(1.0)
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
@@ -305,18 +305,18 @@ def _require_shadows(level: ResolutionLevel, values: Values) -> None:
 def _covariances(
     level: ResolutionLevel,
     end: Descent,
-    patches: Array,
+    alike: Array,
     moves: Array,
     ruler: Values,
     as_ruler: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
 
-    Both are `bounded`; `patches`, (P, 2), are those that are alike, see `walk`, `moves`, (P, U),
-    those of `sensitivity`.
+    Both are `bounded`; `alike`, (P, K), are patches that are, see `walk`, `moves`, (P, U), those of
+    `sensitivity`.
     """
     scores = block_scores(level, end.explanation, end.curvature.jacobian)
-    alone = MARGIN**2 * end.curvature.covariance(scores) + patches @ patches.T
+    alone = MARGIN**2 * end.curvature.covariance(scores) + alike @ alike.T
     both = alone + moves @ moves.T
     return bounded(alone, ruler, as_ruler), bounded(both, ruler, as_ruler)
 

@@ -10,7 +10,7 @@ from periscopy_sim.calibration.explanation.resolution_level import ResolutionLev
 from periscopy_sim.calibration.result import Visited
 from periscopy_sim.calibration.search.global_search import points_visited
 
-LOOK, LOOKS = 3.0, 16
+LOOK, LOOKS = 3.0, 28
 """What a look of the walk costs, in renderings of the middle level for a difference; how many it
 takes as a rule."""
 

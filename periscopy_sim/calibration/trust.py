@@ -18,6 +18,9 @@ MISFIT = 0.4
 """Part of what no smooth light makes, above which a structured residual is no small thing: in
 simulations more than that was left beside near lamps, and the images were worse by 10 dB."""
 
+CHANCE = 0.01
+"""Of gaining as much where the ruler is right."""
+
 LEARNED = 0.5
 """Of one parameter, in variance: a photograph that tells less than this of all tells nothing."""
 
@@ -29,6 +32,16 @@ def learned(about: Curvature) -> float:
     """
     of_ruler = np.linalg.solve(about.invertible(), np.diag(about.prior.precision))
     return float(len(of_ruler) - np.trace(of_ruler))
+
+
+def is_significant(gain: float, parameters: float) -> bool:
+    """Tell whether a gain in evidence, over the start, is more than errors of the residual give.
+
+    Where the start is right the gain of so many parameters has the χ² distribution (Wilks).
+    """
+    from scipy.stats import chi2
+
+    return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))
 
 
 def bounded(covariance: Array, ruler: Array, as_ruler: NDArray[np.bool_] | None = None) -> Array:

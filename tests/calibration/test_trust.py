@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.fisher_information import Curvature
-from periscopy_sim.calibration.trust import bounded, doubts, learned
+from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 
 NAMES = ("dx", "dy")
 RULER = Prior(np.array([0.0, 1.0]), np.array([0.01, 0.1]))
@@ -59,3 +60,10 @@ def test_what_no_photograph_finds_is_known_as_the_ruler_knows_it():
     found = np.array([[1.0, 0.5, 0.9], [0.5, 1.0, 0.8], [0.9, 0.8, 1.0]])
     told = bounded(found, np.array([5.0, 0.5, np.inf]), np.array([True, False, False]))
     np.testing.assert_allclose(told, [[25, 0, 0], [0, 0.25, 0.4], [0, 0.4, 1]])
+
+
+@pytest.mark.parametrize("parameters", [1, 6])
+def test_gains_by_chance_pass_once_in_a_hundred(parameters):
+    gains = chi2.rvs(parameters, size=4000, random_state=0)
+    passed = np.mean([is_significant(gain, parameters) for gain in gains])
+    assert 0.005 < passed < 0.016  # four standard errors to either side of 0.01, and more

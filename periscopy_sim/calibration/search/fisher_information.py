@@ -28,9 +28,6 @@ BLOCKS = 10
 LARGER = (2, 3)
 """Blocks along each side of a larger one."""
 
-CHANCE = 0.01
-"""Of gaining as much where the ruler is right."""
-
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
@@ -207,13 +204,3 @@ def block_scores(
 def _summed(scores: Array, group: NDArray[np.intp]) -> Array:
     """Return the sums of the scores, (blocks, P), of each group."""
     return np.array([scores[group == number].sum(axis=0) for number in np.unique(group)])
-
-
-def is_significant(gain: float, parameters: float) -> bool:
-    """Tell whether a gain in evidence, over the start, is more than errors of the residual give.
-
-    Where the start is right the gain of so many parameters has the χ² distribution (Wilks).
-    """
-    from scipy.stats import chi2
-
-    return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.fisher_information import UNSEEN, Curvature, is_significant
+from periscopy_sim.calibration.search.fisher_information import UNSEEN, Curvature
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Occluder, Scenario
@@ -35,6 +35,10 @@ ALIKE = 0.5
 
 SAME = 1e-6
 """Of the largest coordinate: within it points are the same, known to single precision."""
+
+BETWEEN_PATCHES = 0.1
+"""Part of a likelihood by which it counts between whole patches. Bounced light and near lamps lent
+wrong patches up to 40 of evidence, as much as was right elsewhere (`experiments.laboratories`)."""
 
 UNRULED = 0.01
 """Of a unit: how far a parameter is moved that no ruler knows, to see what it does."""
@@ -85,6 +89,11 @@ class ImageShift:
         return cls(patches)
 
     @property
+    def by_patch(self) -> Array:
+        """(P, 2) how far parameters move to shift the image by a patch, across and up."""
+        return np.linalg.pinv(self.patches)
+
+    @property
     def alone(self) -> NDArray[np.bool_]:
         """(P,) whether a parameter does nothing else."""
         return np.asarray(self.patches.any(axis=0))
@@ -92,7 +101,7 @@ class ImageShift:
     def nearest(self, values: Values, start: Values) -> Values:
         """Return values, (P,), shifted by whole patches to where they are nearest a start's."""
         whole = np.rint(self.patches @ (values - start))
-        return np.asarray(values - np.linalg.pinv(self.patches) @ whole)
+        return np.asarray(values - self.by_patch @ whole)
 
     def settled(
         self, level: ResolutionLevel, values: Values, seen: Explanation
@@ -108,7 +117,7 @@ class ImageShift:
             there = level.explain(near)
         except SceneError:
             return values, seen
-        worse = is_significant(there.evidence - seen.evidence, self.alone.sum())
+        worse = between_patches(level, near, there) > between_patches(level, values, seen)
         return (values, seen) if worse else (near, there)
 
     def undone(
@@ -135,6 +144,16 @@ class ImageShift:
             if left @ left < (1 - ALIKE) * (shift @ shift):
                 found[others, axis] = undone
         return found
+
+
+def between_patches(level: ResolutionLevel, values: Values, seen: Explanation) -> float:
+    """Return by what places whole patches apart compare, the less the better.
+
+    It is the ruler's penalty and the part of the likelihood that counts there. Within a patch the
+    photograph tells places by its shadows, and the evidence counts as it is.
+    """
+    penalty = level.prior.penalty(values)
+    return penalty + BETWEEN_PATCHES * (seen.evidence - penalty)
 
 
 def shifts_image(here: Scenario, moved: Scenario) -> bool:

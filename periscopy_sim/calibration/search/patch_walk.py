@@ -15,6 +15,7 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, between_patches
 from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -43,6 +44,8 @@ def walk(
 ) -> tuple[Values, Explanation, Array]:
     """Walk from dip to dip while that gains; return where, what is seen there, and what is alike.
 
+    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`.
+
     Parameters
     ----------
     level
@@ -52,7 +55,8 @@ def walk(
     values, seen
         (P,) where it settled, and what is seen there.
     patches
-        (P, 2) how far parameters move to undo a shift of the image, see `ImageShift.undone`.
+        (P, K) how far parameters move to the same photograph a patch on, see `ImageShift.undone`
+        and `ImageShift.by_patch`.
     looked
         Called whenever a place was looked at.
 
@@ -61,7 +65,7 @@ def walk(
     values, seen
         Of the best dip.
     alike
-        (P, 2) those of the patches by which the next dip loses less than is telling; else 0.
+        (P, K) those of the patches by which the next dip loses less than is telling; else 0.
     """
 
     def explain(at: Values) -> Explanation:
@@ -75,9 +79,9 @@ def walk(
             for patch in patches.T
         ]
         found = [dip for dips in beside for dip in dips if dip is not None]
-        best = min(found, key=lambda dip: dip[1].evidence, default=None)
-        gaining = best is not None and best[1].evidence < seen.evidence - NEGLIGIBLE
-        if best is None or not gaining or walked == FARTHEST:
+        best = min(found, key=lambda dip: between_patches(level, *dip), default=(values, seen))
+        gain = between_patches(level, values, seen) - between_patches(level, *best)
+        if gain < BETWEEN_PATCHES * NEGLIGIBLE or walked == FARTHEST:
             break
         values, seen = best
     limit = seen.evidence + TELLING
