@@ -91,7 +91,7 @@ class ImageShift:
     @property
     def by_patch(self) -> Array:
         """(P, 2) how far parameters move to shift the image by a patch, across and up."""
-        return np.linalg.pinv(self.patches)
+        return np.asarray(np.linalg.pinv(self.patches))
 
     @property
     def alone(self) -> NDArray[np.bool_]:

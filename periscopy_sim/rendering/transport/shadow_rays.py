@@ -47,8 +47,9 @@ def render_transport(
         Samples of a patch for each wall point.
     strata
         Where in its stratum a sample lies: ``"jittered"`` (unbiased; noise of independent entries),
-        ``"midpoint"`` or ``"gauss"`` (no noise; penumbrae in steps). Gauss and Legendre's two points
-        of each pair of strata are exact for cubic integrands; of an odd number the midpoints serve.
+        or, without noise but with penumbrae in steps, ``"midpoint"`` or ``"gauss"``: Gauss and
+        Legendre's two points of each pair of strata along an axis, exact for cubic integrands; of
+        an odd number the middles.
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
         averaged. A textured wall has at least `TEXTURE_SAMPLES`.

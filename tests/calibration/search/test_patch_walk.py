@@ -21,8 +21,9 @@ class Comb:
 
     freedom = 4000
 
-    def __init__(self, losses, border=9.0, bowl=False, prior=Prior.none(1)):
-        self.losses, self.border, self.bowl, self.prior = losses, border, bowl, prior
+    def __init__(self, losses, border=9.0, bowl=False, prior=None):
+        self.losses, self.border, self.bowl = losses, border, bowl
+        self.prior = prior or Prior.none(1)
 
     def explain(self, values):
         if values[0] > self.border:
