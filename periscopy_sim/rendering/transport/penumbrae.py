@@ -41,19 +41,11 @@ def render_penumbrae(
     """
     use_variant()
     everywhere = np.arange(np.prod(scenario.transport_shape), dtype=np.uint32)
-    A, visible = (
-        _evaluated(
-            make_kernel(scenario, PROBES, "gauss", 1, visibility=visibility),
-            everywhere,
-            scenario,
-            PROBES,
-            seed,
-        )
-        for visibility in (False, True)
-    )
+    probe = make_kernel(scenario, PROBES, "gauss", 1, visibility=True)
+    A, visible = _evaluated(probe, 2, everywhere, scenario, PROBES, seed)
     lanes = everywhere[edges(visible.reshape(*scenario.photograph_shape, *scenario.hidden_shape))]
     kernel = make_kernel(scenario, samples, "jittered", pixel_samples)
-    A[lanes] = _evaluated(kernel, lanes, scenario, samples * pixel_samples, seed)
+    (A[lanes],) = _evaluated(kernel, 1, lanes, scenario, samples * pixel_samples, seed)
     require_light(A, scenario)
     return A.reshape(scenario.transport_shape)
 
@@ -81,20 +73,22 @@ def _spread(where: Mask, axes: tuple[int, int]) -> Mask:
 
 def _evaluated(
     entries: Callable[[Any, Any, Any], Any],
+    count: int,
     lanes: NDArray[np.uint32],
     scenario: Scenario,
     rays: int,
     seed: int,
-) -> NDArray[np.float32]:
-    """Return what a kernel makes of some entries, by their row-major numbers."""
+) -> list[NDArray[np.float32]]:
+    """Return what a kernel makes of some entries, by their row-major numbers: so many of each."""
     import drjit as dr
     import mitsuba as mi
 
     patches = scenario.transport_shape[1]
-    found = np.empty(len(lanes), np.float32)
+    found = [np.empty(len(lanes), np.float32) for _ in range(count)]
     at_once = max(1, min(LANES, RAYS // rays))
     for start in range(0, len(lanes), at_once):
         lane = mi.UInt32(lanes[start : start + at_once])
         values = entries(lane // patches, lane % patches, dr.opaque(mi.UInt32, seed))
-        found[start : start + at_once] = np.array(values)
+        for each, value in zip(found, np.atleast_2d(np.array(values)), strict=True):
+            each[start : start + at_once] = value
     return found
