@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import RULER_ERROR, read_document
+from periscopy_sim.rendering.scene.document import RULER_ERROR, read_document, undeclared
 
 Array = NDArray[np.float64]
 Free = Sequence[str] | Mapping[str, float | None]
@@ -67,9 +67,12 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> A
             f"{known}"
         )
     for name in free:
+        if name not in declared:
+            raise undeclared(path, name, declared)
         if name not in numbers:
-            what = "is no number" if name in declared else "is not declared"
-            raise SceneError(f"parameter '{name}' {what} in scene '{path}'; it declares {known}")
+            raise SceneError(
+                f"parameter '{name}' is no number in scene '{path}'; it declares {known}"
+            )
         if free.count(name) > 1:
             raise SceneError(f"parameter '{name}' is free twice")
         if _number(given.get(name, "0")) is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -116,7 +116,6 @@ def calibrate(
             from periscopy_sim.calibration.calibrate import calibrate as search
 
             scenario = inputs.load(scene, hidden, define)
-        _require_declared(path, (*(freed or ()), *errors))
         shadowless = inputs.warn_without_shadows(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         given_photograph = inputs.read_photograph(photo, scenario, used)
@@ -174,17 +173,6 @@ def _freed(text: str) -> dict[str, float | None]:
     errors = parse_definitions([entry for entry in entries if "=" in entry], "--free")
     numbers = _numbers({name.strip(): error for name, error in errors.items()}, "--free")
     return {name: (alone | numbers)[name] for name in names}
-
-
-def _require_declared(scene: Path, names: Iterable[str]) -> None:
-    """Refuse parameters that a scene does not declare; a ruler's errors are no parameters."""
-    from periscopy_sim.rendering.scene.document import read_document, undeclared
-
-    document = read_document(scene)
-    declared = {n: text for n, text in document.defaults.items() if n not in document.errors}
-    for name in names:
-        if name not in declared:
-            raise undeclared(scene, name, declared)
 
 
 def _numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]:

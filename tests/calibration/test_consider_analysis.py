@@ -109,7 +109,7 @@ def test_uncertain_parameters_stay_at_their_defaults_or_as_given():
     ("errors", "message"),
     [
         ({"occluder_dx": 1}, "'occluder_dx' is both free"),
-        ({"sofa_dx": 1}, "'sofa_dx' is not declared"),
+        ({"sofa_dx": 1}, "no parameter 'sofa_dx'"),
         ({"occluder_dy": 0}, "give a positive number"),
         ({"occluder_dy": np.inf}, "give a positive number"),
     ],

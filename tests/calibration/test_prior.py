@@ -32,7 +32,7 @@ def test_parameters_start_at_their_defaults_or_as_given():
     ("free", "given", "message"),
     [
         ([], {}, "no parameter is free"),
-        (["occluder_dx", "sofa_dx"], {}, r"'sofa_dx' is not declared .*occluder_dx \(0\)"),
+        (["occluder_dx", "sofa_dx"], {}, r"no parameter 'sofa_dx'; .*occluder_dx \(default 0\)"),
         (["occluder_dx", "occluder_dx"], {}, "free twice"),
         (["occluder_dx"], {"occluder_dx": "left"}, "-D occluder_dx=left"),
         (["occluder_dx"], {"occluder_dx": "nan"}, "-D occluder_dx=nan"),
