@@ -72,38 +72,39 @@ def lit_points(
     lit = np.ones(len(points), np.bool_)
     for part in range(len(starts) - 1):
         corners = vertices[starts[part] : starts[part + 1]]
-        stretch = height / (height - corners[:, 2:])  # along the rays from the source
-        shadow = _convex_hull(foot + stretch * (corners[:, :2] - foot))
-        if len(shadow) > 2:
-            _darken(points, shadow, lit)
+        shadow = np.empty((len(corners), 2))
+        for v in range(len(corners)):
+            stretch = height / (height - corners[v, 2])  # along the ray from the source
+            for axis in range(2):
+                shadow[v, axis] = foot[axis] + stretch * (corners[v, axis] - foot[axis])
+        hull = _convex_hull(shadow)
+        if len(hull) > 2:
+            _darken(points, hull, lit)
     return lit
 
 
 @compiled
 def _convex_hull(points: Array) -> Array:
     """Corners of the convex hull of (n, 2) points, counterclockwise (Andrew's monotone chain)."""
-    order = np.argsort(points[:, 1], kind="mergesort")
-    order = order[np.argsort(points[order, 0], kind="mergesort")]
-    hull = np.empty((2 * len(points), 2))
-    size = 0
-    for i in order:
-        size = _push(hull, size, 0, points[i])
-    lower = size - 1
-    for i in order[-2::-1]:
-        size = _push(hull, size, lower, points[i])
+    count = len(points)
+    order = np.argsort(points[:, 1].copy(), kind="mergesort")
+    order = order[np.argsort(points[:, 0].copy()[order], kind="mergesort")]
+    hull = np.empty((2 * count, 2))
+    size = first = 0
+    # To the right along the lower border, then back along the upper one.
+    for k in range(2 * count - 1):
+        if k == count:
+            first = size - 1
+        i = order[k if k < count else 2 * count - 2 - k]
+        # Drop corners where the border would not turn left.
+        while size - first >= 2:
+            a, b, c = hull[size - 2], hull[size - 1], points[i]
+            if (b[0] - a[0]) * (c[1] - b[1]) > (b[1] - a[1]) * (c[0] - b[0]):
+                break
+            size -= 1
+        hull[size, 0], hull[size, 1] = points[i, 0], points[i, 1]
+        size += 1
     return hull[: size - 1]
-
-
-@compiled
-def _push(chain: Array, size: int, first: int, point: Array) -> int:
-    """Append a point to the chain from `first` on; drop those where it would not turn left."""
-    while size - first >= 2:
-        a, b = chain[size - 2], chain[size - 1]
-        if (b[0] - a[0]) * (point[1] - b[1]) > (b[1] - a[1]) * (point[0] - b[0]):
-            break
-        size -= 1
-    chain[size] = point
-    return size + 1
 
 
 @compiled
@@ -112,14 +113,16 @@ def _darken(points: Array, shadow: Array, lit: NDArray[np.bool]) -> None:
     corners = len(shadow)
     normal = np.empty((corners, 2))
     offset = np.empty(corners)
+    left = right = shadow[0, 0]
     for e in range(corners):
+        left, right = min(left, shadow[e, 0]), max(right, shadow[e, 0])
         a, b = shadow[e], shadow[(e + 1) % corners]
         length = np.hypot(b[0] - a[0], b[1] - a[1])
         normal[e, 0] = (b[1] - a[1]) / length
         normal[e, 1] = (a[0] - b[0]) / length
         offset[e] = normal[e, 0] * a[0] + normal[e, 1] * a[1] + _SEAM
-    first = np.searchsorted(points[:, 0], shadow[:, 0].min() - _SEAM)
-    last = np.searchsorted(points[:, 0], shadow[:, 0].max() + _SEAM)
+    first = np.searchsorted(points[:, 0], left - _SEAM)
+    last = np.searchsorted(points[:, 0], right + _SEAM)
     for i in range(first, last):
         inside = True
         for e in range(corners):
