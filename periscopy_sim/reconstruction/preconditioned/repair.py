@@ -103,7 +103,7 @@ def _replace_outliers(
                     for c in range(channels):
                         count = _gather(frames[k], i, j, c, not is_video, window)
                         if is_video:
-                            count += _gather(before[k], i, j, c, True, window[count:])
+                            count += _gather(before[k], i, j, c, is_video, window[count:])
                         repaired[k, i, j, c] = _median(window[:count])
 
 
