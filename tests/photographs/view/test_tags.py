@@ -1,5 +1,7 @@
 """Tags drawn into photographs by area, where a camera that is written out here sees them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -32,25 +34,29 @@ def corners(k):
     return project(VIEW, CENTERS[k] + SIDES[k] * OFFSETS @ np.array([[cos, sin], [-sin, cos]]))
 
 
+@cache
 def picture(family, ids=IDS, samples=6):
     """The wall with tags, each pixel the mean of samples x samples points."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family}"))
     count = dictionary.markerSize + 2
     part = (np.arange(samples) + 0.5) / samples
-    row = (np.arange(SIZE[0])[:, None] + part).ravel()
-    column = (np.arange(SIZE[1])[:, None] + part).ravel()
-    places = np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2)
-    wall = project(np.linalg.inv(VIEW), places)
-    light = np.full(len(wall), 0.6)
+    means = np.full(SIZE, 0.6)
     for number, center, side, angle in zip(ids, CENTERS, SIDES, ANGLES, strict=False):
         cos, sin = np.cos(angle), np.sin(angle)
-        own = (wall - center) @ np.array([[cos, -sin], [sin, cos]]) / side
-        light[(np.abs(own) < 0.65).all(axis=1)] = 0.9  # paper
+        turn = np.array([[cos, sin], [-sin, cos]])
+        paper = project(VIEW, center + 1.3 * side * OFFSETS @ turn)
+        (left, top), (right, bottom) = paper.min(axis=0).astype(int), paper.max(axis=0).astype(int)
+        row = (np.arange(top, bottom + 1)[:, None] + part).ravel()
+        column = (np.arange(left, right + 1)[:, None] + part).ravel()
+        places = np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2)
+        own = (project(np.linalg.inv(VIEW), places) - center) @ turn.T / side
+        light = np.where((np.abs(own) < 0.65).all(axis=1), 0.9, 0.6)
         inside = (np.abs(own) < 0.5).all(axis=1)
         bits = cv2.aruco.generateImageMarker(dictionary, number, count) / 255
         cell = np.clip(((own[inside] * [1, -1] + 0.5) * count).astype(int), 0, count - 1)
         light[inside] = 0.05 + 0.85 * bits[cell[:, 1], cell[:, 0]]
-    means = light.reshape(SIZE[0], samples, SIZE[1], samples).mean(axis=(1, 3))
+        light = light.reshape(bottom + 1 - top, samples, right + 1 - left, samples)
+        means[top : bottom + 1, left : right + 1] += light.mean(axis=(1, 3)) - 0.6
     return np.repeat(means[..., None], 3, axis=2)
 
 
