@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli import app
+from periscopy_sim.rendering.ambient import background
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 
 ROOT = Path(__file__).parents[1]
@@ -86,14 +88,19 @@ def run_page(page, folder, monkeypatch):
 
 
 def test_readme_runs(tmp_path, monkeypatch):
+    """As it stands, but with fewer paths traced; `test_page_runs` traces them all."""
     use_variant()
     if not is_vectorized():
         pytest.skip("path tracing takes too long without LLVM or CUDA")
+    monkeypatch.setitem(ps.render_photograph.__kwdefaults__, "samples", 1024)
+    monkeypatch.setitem(ps.render_background.__kwdefaults__, "target", 1e-3)
+    monkeypatch.setattr(background, "PATHS", background.PATHS // 4)
+    monkeypatch.setattr(background, "DIRECT_SAMPLES", background.DIRECT_SAMPLES // 4)
     run_page(ROOT / "README.md", tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES[1:], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_page_runs(page, tmp_path, monkeypatch):
     run_page(page, tmp_path, monkeypatch)
 
