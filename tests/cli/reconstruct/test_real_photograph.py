@@ -1,9 +1,6 @@
 """The published photograph, where it is at hand."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -34,18 +31,11 @@ def best_psnr(estimate, truth):
 
 
 @pytest.mark.skipif(not SHARED.is_file(), reason="the real photograph is not at hand")
-def test_real_photograph_shows_the_mushroom_by_the_defaults(tmp_path):
-    arguments = ("reconstruct", SHARED, "--scene", "chair", "--hidden", "29x36", "--truth", SHARED)
-    ended = subprocess.run(
-        [sys.executable, "-m", "periscopy_sim", *map(str, arguments), "--out", "out"],
-        cwd=tmp_path,
-        # Several threads of linear algebra wait for each other while other tests run.
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-    )
-    warnings = [line for line in ended.stderr.splitlines() if "warning" in line]
-    assert ended.returncode == 0 and len(warnings) == 1
+def test_real_photograph_shows_the_mushroom_by_the_defaults(periscopy, tmp_path):
+    given = ("--scene", "chair", "--hidden", "29x36", "--truth", SHARED)
+    outcome = periscopy("reconstruct", SHARED, *given, "--out", "out")
+    warnings = [line for line in outcome.err.splitlines() if "warning" in line]
+    assert outcome.code == 0 and len(warnings) == 1
     assert "the scene leaves 0.69 % of the photograph unexplained" in warnings[0]  # ruler's scene
     image = np.load(tmp_path / "out" / "reconstruction.npy").astype(np.float64)
     sent = np.load(SHARED)["hidden"] / 255
