@@ -52,13 +52,29 @@ def test_a_chair_that_is_far_off_is_found(photograph, succeeds, tmp_path):
         assert told["standard_error"] < 1e-3
 
 
+HELD = [
+    f"{name}_error=0"
+    for name in (
+        "occluder_dy", "monitor_dx", "monitor_dy", "monitor_dz", "camera_dx", "camera_dz",
+        "occluder_stretch_x", "occluder_stretch_y", "occluder_stretch_z", "occluder_turn",
+        "monitor_turn", "monitor_stretch", "camera_stretch",
+    )
+]  # fmt: skip
+"""Of what the chair's scene declares, all but two."""
+
+
 @pytest.mark.usefixtures("drawings")
 @pytest.mark.usefixtures("near_search")
 def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp_path, monkeypatch):
+    """By default what the ruler does not know is free."""
     monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
     np.save(tmp_path / "y.npy", photograph)
+    off = ps.point_light_backgrounds(ps.load_scenario("chair", (6, 7), {"resolution": 32}))[:, 40]
+    off = np.tile(off.reshape(32, 32, 1) / off.mean(), 3)
+    np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
+    rulers = [word for error in HELD for word in ("-D", error)]
     outcome = periscopy(
-        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx,occluder_dz", "--out", "new/found.xml",
+        "calibrate", "y.npy", *SCENE, *rulers, "--background", "off.npy", "--out", "new/found.xml",
         "--uncertain", "monitor_dx=0.005",
     )  # fmt: skip
     assert (outcome.code, outcome.err) == (0, "")
@@ -67,10 +83,14 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
     printed = outcome.out
     assert "wrote new/found.xml, new/found.json, new/found.png\n" in printed
     record = json.loads((tmp_path / "new/found.json").read_text())
+    assert record["backgrounds"] == ["off.npy"]
+    assert record["trusted"] and record["doubts"] == [] and record["better_than_start"]
+    assert set(record["parameters"]) == set(MOVED)
+    assert "± 0.005 by the ruler: by the photograph" in printed
     for name, truth in MOVED.items():
         told = record["parameters"][name]
         assert told["value"] == pytest.approx(truth, abs=1.5e-3)
-        assert told["determined"]
+        assert told["ruler_error"] == 0.005 and told["determined"]
         assert 0 < told["statistical_error"] < 1.5e-3
         assert f"{name}  " in printed
     # Were the monitor further to the right, the chair would be, too, by less.
@@ -306,39 +326,6 @@ def test_a_gain_over_the_wall_is_told_where_there_is_one(capsys, corner, told):
     gain = np.array([[1.0, 1.0], [1.01, corner]])
     _say(calibrated(Parameter("dx", 0, 0, 0.1, 0.1, 1, 1), gain=gain), has_backgrounds=False)
     assert ("0.80 to 1.01 times the monitor's light" in capsys.readouterr().out) == told
-
-
-HELD = [
-    f"{name}_error=0"
-    for name in (
-        "occluder_dy", "monitor_dx", "monitor_dy", "monitor_dz", "camera_dx", "camera_dz",
-        "occluder_stretch_x", "occluder_stretch_y", "occluder_stretch_z", "occluder_turn",
-        "monitor_turn", "monitor_stretch", "camera_stretch",
-    )
-]  # fmt: skip
-"""Of what the chair's scene declares, all but two."""
-
-
-@pytest.mark.usefixtures("near_search")
-def test_what_a_ruler_does_not_know_is_free_by_default(photograph, periscopy, tmp_path):
-    np.save(tmp_path / "y.npy", photograph)
-    off = ps.point_light_backgrounds(ps.load_scenario("chair", (6, 7), {"resolution": 32}))[:, 40]
-    off = np.tile(off.reshape(32, 32, 1) / off.mean(), 3)
-    np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
-    rulers = [word for error in HELD for word in ("-D", error)]
-    outcome = periscopy(
-        "calibrate", "y.npy", *SCENE, *rulers, "--background", "off.npy", "--out", "found.xml"
-    )
-    assert (outcome.code, outcome.err) == (0, "")
-    record = json.loads((tmp_path / "found.json").read_text())
-    assert record["backgrounds"] == ["off.npy"]
-    assert record["trusted"] and record["doubts"] == [] and record["better_than_start"]
-    assert set(record["parameters"]) == set(MOVED)
-    for name, truth in MOVED.items():
-        told = record["parameters"][name]
-        assert told["ruler_error"] == 0.005 and told["determined"]
-        assert told["value"] == pytest.approx(truth, abs=1.5e-3)
-    assert "± 0.005 by the ruler: by the photograph" in outcome.out
 
 
 @pytest.mark.usefixtures("near_search")
