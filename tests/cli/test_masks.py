@@ -221,7 +221,8 @@ def test_sweep_leaves_out_what_the_mask_does(succeeds, refused, sweep_input, swe
     np.save(sweep_input / "other.npy", mask[::-1])
     y = np.load(sweep_input / "y.npy")
     np.save(sweep_input / "spoilt.npy", np.where(mask[..., None], y, np.nan))
-    command = sweep_command(mask="mask.npy", methods="preconditioned,differencing,iterative")
+    options = {"methods": "preconditioned,differencing,iterative", "sbr": "0.5"}
+    command = sweep_command(mask="mask.npy", **options)
     succeeds(*command)
     clean = (sweep_input / "out" / "sweep.csv").read_bytes()
     assert b"nan" not in clean and b"failed" not in clean
@@ -231,11 +232,11 @@ def test_sweep_leaves_out_what_the_mask_does(succeeds, refused, sweep_input, swe
     )
     succeeds(*command, "--photograph", "spoilt.npy", "--out", "spoilt")
     assert (sweep_input / "spoilt" / "sweep.csv").read_bytes() == clean
-    succeeds(*sweep_command(methods="preconditioned,differencing,iterative", out="whole"))
+    succeeds(*sweep_command(**options, out="whole"))
     assert (sweep_input / "whole" / "sweep.csv").read_bytes() != clean
     # Another mask, or none, is another sweep.
     assert "out holds another sweep (mask " in refused(*command, "--mask", "other.npy")
-    assert "here unset)" in refused(*sweep_command(methods="preconditioned,differencing,iterative"))
+    assert "here unset)" in refused(*sweep_command(**options))
 
 
 def test_background_is_flipped_whole(succeeds, refused, sweep_input, sweep_command):

@@ -135,8 +135,26 @@ def data(tmp_path_factory):
     return SimpleNamespace(root=root, rendered=rendered, left_out=left_out)
 
 
+@pytest.fixture(scope="session")
+def fitted_scenes(data):
+    """Scenes already rendered and fitted, by what they are of: no test changes one."""
+    return {
+        (scene.scene, *sorted(scene.parameters.items())): scene
+        for scene in data.rendered.scenes.values()
+    }
+
+
 @pytest.fixture
-def every_placement(data, tmp_path):
+def every_placement(data, tmp_path, monkeypatch, fitted_scenes):
+    fit = PublishedSetting.scene
+
+    def scene(setting, placement, parameters=None):
+        key = placement.scene, *sorted({**placement.parameters, **(parameters or {})}.items())
+        if key not in fitted_scenes:
+            fitted_scenes[key] = fit(setting, placement, parameters)
+        return fitted_scenes[key]
+
+    monkeypatch.setattr(PublishedSetting, "scene", scene)
     return PublishedSetting(
         tmp_path / "out", data.root.parent, hidden=HIDDEN, photograph=PHOTOGRAPH
     )
