@@ -53,7 +53,7 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
 def refuse_measurements(name: str) -> None:
     """Refuse measurements in the place of the scene that is made of them."""
     path = Path(name)
-    if path.suffix.lower() in (".yaml", ".yml"):
+    if path.suffix.lower() in (".yaml", ".yml") and path.is_file():
         raise PeriscopyError(
             f"{path}: measurements are no scene yet; make one of them: periscopy lab {path} --out "
             f"{path.with_suffix('.xml').name}"

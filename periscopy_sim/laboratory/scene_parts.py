@@ -50,6 +50,7 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     """
     scene, camera = SceneText(laboratory), laboratory.camera
     aim = aim_of(laboratory)
+    _require_before_wall(laboratory)
     _add_wall(scene, laboratory, _seen(laboratory, aim))
     if isinstance(camera, RectifiedCamera):
         _add_rectified(scene, camera)
@@ -60,6 +61,27 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     for body in laboratory.occluders:
         to_world[body.name] = _add_occluder(scene, body, meshes, to_world[body.bearer])
     return scene.text(title)
+
+
+def _require_before_wall(laboratory: Laboratory) -> None:
+    """Refuse a monitor or an occluder behind the wall, or a screen that faces away from it."""
+    monitor = laboratory.monitor
+    places = {f"monitor.{name}": place for name, place in monitor.places.items() if place}
+    for body in laboratory.occluders:
+        if isinstance(body, Rod):
+            own = {"start": body.start, "end": body.end}
+        else:
+            own = {"position": body.position}
+        # Those of others are in their bearer's coordinates, or in a mesh file's.
+        if not body.bearer and getattr(body, "anchor", "") != "origin":
+            places |= {f"occluder '{body.name}': {name}": place for name, place in own.items()}
+    for entry, place in places.items():
+        if place[1].value >= laboratory.wall.distance.value:
+            raise ConfigurationError(f"{entry}: it lies behind the wall; its y is too large")
+    if np.cos(np.radians([monitor.turn.value, monitor.tilt.value])).prod() <= 0:
+        raise ConfigurationError(
+            "monitor.turn and tilt: the screen faces away from the wall; at 0 it faces it squarely"
+        )
 
 
 def aim_of(laboratory: Laboratory) -> Aim | None:

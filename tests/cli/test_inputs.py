@@ -354,6 +354,7 @@ def test_measurements_in_the_place_of_a_scene_are_answered_by_lab(command, refus
         "mine.yaml: measurements are no scene yet; make one of them: periscopy lab mine.yaml --out "
         "mine.xml"
     )
+    assert "scene 'other.yaml' does not exist" in refused(command, "other.yaml", *options)
 
 
 def test_missing_mask_is_answered_by_the_one_beside_it(refused, tmp_path):
