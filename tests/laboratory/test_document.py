@@ -61,7 +61,7 @@ def test_example_shows_every_kind_of_occluder_and_camera():
         (
             "center: [0 m",
             "center: [0,5 cm",
-            "monitor.center: holds 4, but at most 3 belong there; decimals take a point",
+            "monitor.center: holds 4, at most 3 belong there; decimals take a point",
         ),
         ("center: [0 m", "corner: [0 m", r"line 12, monitor.corner: is not known"),
         ("  center", "  top_left: [0 m, 0 m, 1 m]\n  center", r"monitor: give one of center, top"),

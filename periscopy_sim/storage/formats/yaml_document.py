@@ -189,7 +189,7 @@ _IN_WORDS = {
     "dict_type": "give entries, NAME: VALUE",
     "model_type": "give entries, NAME: VALUE",
     "model_attributes_type": "give entries, NAME: VALUE",
-    "too_long": "holds {actual_length}, but at most {max_length} belong there; decimals take a point",
+    "too_long": "holds {actual_length}, at most {max_length} belong there; decimals take a point",
 }
 """Where pydantic's words are a programmer's."""
 
