@@ -66,10 +66,11 @@ def seen_wall(
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
-        first = divmod(int(np.flatnonzero(~hit[:, 0].astype(bool))[0]), columns)
+        first = int(np.flatnonzero(~hit[:, 0].astype(bool))[0])
         raise SceneError(
             f"{where}: {int((hit == 0).sum())} of {hit.size} camera pixels miss the wall, the first"
-            f" at row {first[0]}, column {first[1]}; move the camera, its film or what stands "
+            f" at row {first // columns}, column {first % columns}"
+            f"{_instead(scene, camera, film[first])}; move the camera, its film or what stands "
             "between it and the wall"
         )
     _check_reflection(colors, where, material)
@@ -85,6 +86,20 @@ def seen_wall(
         texture, gain = _textured(albedo, where, material)
     reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
     return SeenWall(points, normals, reflectance, gain, texture, float(blur.max()))
+
+
+def _instead(scene: Any, camera: Any, position: Array) -> str:
+    """Return in words what the camera sees there, where not all of its aperture sees the wall."""
+    import mitsuba as mi
+
+    film = mi.Point2f(*map(float, position))
+    ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
+    met = scene.ray_intersect(ray)
+    for shape in scene.shapes():
+        if np.all(np.array(met.shape == (mi.ShapePtr(shape) if is_vectorized() else shape))):
+            # The wall itself: only the lens's rim sees past it.
+            return "" if shape.id() == "wall" else f", where '{shape.id()}' hides it"
+    return ", past its edge"
 
 
 def _averaged(meet: Callable[[Any], tuple[Any, ...]], film: Array, size: tuple[int, int]) -> Array:

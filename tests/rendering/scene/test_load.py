@@ -47,13 +47,19 @@ def on_grid(points, shape):
 def test_pixels_past_the_walls_edge_are_counted_and_the_first_is_named(room):
     # The wall ends at x = 0.75: of six columns from 0.5 to 0.9 the last two lie beyond, 5 rows.
     message = refusal(room, wall=room.wall(x=-0.25))
-    assert "10 of 30 camera pixels miss the wall, the first at row 0, column 4;" in message
+    assert (
+        "10 of 30 camera pixels miss the wall, the first at row 0, column 4, past its edge;"
+        in message
+    )
 
 
 def test_pixels_that_an_object_hides_are_counted_and_the_first_is_named(room):
     # Pixels are 67 mm wide; the ball of 20 mm covers the centre of row 3, column 1.
     message = refusal(room, room.blocker("0.6, 0.95, 0.22", 0.02))
-    assert "1 of 30 camera pixels miss the wall, the first at row 3, column 1;" in message
+    assert (
+        "1 of 30 camera pixels miss the wall, the first at row 3, column 1, where 'ball' hides"
+        in message
+    )
 
 
 @pytest.mark.parametrize("hidden", [(0, 3), (2, 0), (-1, -1)])
