@@ -254,7 +254,9 @@ def calibrate_levels(
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
     undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
-    patches = np.hstack([undone, shift.by_patch])
+    # A row or a column of patches has no place beside it.
+    several = np.array(fine.hidden_shape[::-1]) > 1
+    patches = np.hstack([undone, shift.by_patch * several])
     values, after, alike = walk(fine, end, *settle(fine, end, steps), patches, log.looked)
     before = fine.explain(start)
     known = learned(end.curvature)

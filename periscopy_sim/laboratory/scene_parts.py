@@ -64,9 +64,9 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
 
 
 def _require_before_wall(laboratory: Laboratory) -> None:
-    """Refuse a monitor or an occluder behind the wall, or a screen that faces away from it."""
-    monitor = laboratory.monitor
-    places = {f"monitor.{name}": place for name, place in monitor.places.items() if place}
+    """Refuse a monitor or an occluder behind the wall."""
+    given = laboratory.monitor.places
+    places = {f"monitor.{name}": place for name, place in given.items() if place}
     for body in laboratory.occluders:
         if isinstance(body, Rod):
             own = {"start": body.start, "end": body.end}
@@ -78,10 +78,6 @@ def _require_before_wall(laboratory: Laboratory) -> None:
     for entry, place in places.items():
         if place[1].value >= laboratory.wall.distance.value:
             raise ConfigurationError(f"{entry}: it lies behind the wall; its y is too large")
-    if np.cos(np.radians([monitor.turn.value, monitor.tilt.value])).prod() <= 0:
-        raise ConfigurationError(
-            "monitor.turn and tilt: the screen faces away from the wall; at 0 it faces it squarely"
-        )
 
 
 def aim_of(laboratory: Laboratory) -> Aim | None:

@@ -40,6 +40,12 @@ BETWEEN_PATCHES = 0.1
 """Part of a likelihood by which it counts between whole patches. Bounced light and near lamps lent
 wrong patches up to 40 of evidence, as much as was right elsewhere (`experiments.laboratories`)."""
 
+NEGLIGIBLE = 5.0
+"""Difference of evidence for which nobody moves: the rays change it by more."""
+
+WHOLE = 0.1
+"""Of a patch: how far from a whole one a shift may be."""
+
 UNRULED = 0.01
 """Of a unit: how far a parameter is moved that no ruler knows, to see what it does."""
 
@@ -90,8 +96,12 @@ class ImageShift:
 
     @property
     def by_patch(self) -> Array:
-        """(P, 2) how far parameters move to shift the image by a patch, across and up."""
-        return np.asarray(np.linalg.pinv(self.patches))
+        """(P, 2) how far parameters move to shift the image by a patch, across and up.
+
+        0 where they cannot but shift it otherwise.
+        """
+        moves = np.linalg.pinv(self.patches)
+        return np.where(np.abs(np.diag(self.patches @ moves) - 1) < WHOLE, moves, 0.0)
 
     @property
     def alone(self) -> NDArray[np.bool_]:
@@ -101,7 +111,7 @@ class ImageShift:
     def nearest(self, values: Values, start: Values) -> Values:
         """Return values, (P,), shifted by whole patches to where they are nearest a start's."""
         whole = np.rint(self.patches @ (values - start))
-        return np.asarray(values - self.by_patch @ whole)
+        return np.asarray(values - np.linalg.pinv(self.patches) @ whole)
 
     def settled(
         self, level: ResolutionLevel, values: Values, seen: Explanation
@@ -117,7 +127,8 @@ class ImageShift:
             there = level.explain(near)
         except SceneError:
             return values, seen
-        worse = between_patches(level, near, there) > between_patches(level, values, seen)
+        loss = between_patches(level, near, there) - between_patches(level, values, seen)
+        worse = loss > BETWEEN_PATCHES * NEGLIGIBLE
         return (values, seen) if worse else (near, there)
 
     def undone(

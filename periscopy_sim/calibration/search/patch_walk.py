@@ -15,7 +15,11 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
-from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, between_patches
+from periscopy_sim.calibration.search.image_shift import (
+    BETWEEN_PATCHES,
+    NEGLIGIBLE,
+    between_patches,
+)
 from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -23,9 +27,6 @@ from periscopy_sim.scenario import Array
 TELLING = 100.0
 """Loss of evidence by which one patch is told from the next: what stays unexplained has favoured a
 wrong patch by more than 30."""
-
-NEGLIGIBLE = 5.0
-"""Gain for which nobody walks: the rays change the evidence by more."""
 
 CHORDS = 6
 """Steps to the bottom of a dip, at most; one that does not gain is halved."""

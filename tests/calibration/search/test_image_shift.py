@@ -126,6 +126,13 @@ def test_values_move_by_whole_patches_to_where_the_ruler_has_them(askew):
     assert ImageShift.none(3).nearest(far, start).tolist() == far.tolist()
 
 
+@pytest.mark.parametrize("up", [0.0, 1e-9, 1e-4])
+def test_one_parameter_shifts_by_whole_patches_one_way_alone(up):
+    by_patch = ImageShift(np.array([[100.0, 0.0], [up, 0.0]])).by_patch
+    np.testing.assert_allclose(by_patch, [[0.01, 0.0], [0.0, 0.0]], atol=1e-8)
+    assert not by_patch[:, 1].any()
+
+
 @pytest.mark.parametrize(("worse", "moved"), [(-5.0, True), (30.0, True), (60.0, False)])
 def test_a_photograph_that_tells_patches_apart_keeps_its_place(worse, moved):
     shift, values = ImageShift(np.array([[100.0], [0.0]])), np.array([0.021])

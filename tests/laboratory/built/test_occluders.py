@@ -151,7 +151,6 @@ def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path)
     [
         ("[20 cm, 50 cm, 5 cm]", "[20 m, 50 m, 5 m]", "occluder 'thing': position: it lies behind"),
         ("center: [5 cm, 1 cm", "center: [5 cm, 1.2 m", "monitor.center: it lies behind the wall"),
-        ("width: 40 cm,", "width: 40 cm, turn: 172 deg,", "monitor.turn and tilt: the screen"),
         ("kind: box, name: thing, position", "kind: rod, name: thing, end: [0 m, 2 m, 0 m], start",
          "occluder 'thing': end: it lies behind"),
     ],

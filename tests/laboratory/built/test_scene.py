@@ -8,7 +8,7 @@ from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import find_scene
-from tests.laboratory.built.conftest import MONITOR, PERSPECTIVE, WALL, occluders
+from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders
 
 
 def test_example_builds_a_scene(built):
@@ -23,6 +23,7 @@ def test_example_builds_a_scene(built):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
+        ((WALL, CAMERA, MONITOR.replace("}", ", turn: 180 deg}")), "the monitor faces away"),
         (
             (
                 WALL,
