@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import wrap
@@ -93,13 +95,14 @@ def standing(survey: Survey, axes: WorldAxes, shown: Sequence[tuple[int, int]]) 
 
 
 def groups_of(solids: Sequence[Solid]) -> dict[str, Array]:
-    """Return points of the solids by name; those whose names share a stem are one."""
+    """Return points of the solids by name; those whose names share their first words are one."""
     names = [solid.name for solid in solids]
-    stems = [name.rpartition("_")[0] or name for name in names]
+    stems = [[name[: end.start()] for end in re.finditer("_", name)] for name in names]
+    count = Counter(stem for each in stems for stem in each)
     groups: dict[str, list[Array]] = {}
-    for solid, stem in zip(solids, stems, strict=True):
-        together = stems.count(stem) > 1 and stem not in names
-        groups.setdefault(stem if together else solid.name, []).append(solid.points)
+    for solid, each in zip(solids, stems, strict=True):
+        shared = (stem for stem in each if count[stem] > 1 and stem not in names)
+        groups.setdefault(next(shared, solid.name), []).append(solid.points)
     return {name: np.concatenate(points) for name, points in groups.items()}
 
 
