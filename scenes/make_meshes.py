@@ -1,4 +1,4 @@
-"""Generate the occluders in ``scenes/meshes`` (metres, z up, x right as the camera faces the wall).
+"""Generate the meshes in ``scenes/meshes`` (metres, z up, x right as the camera faces the wall).
 
 Run ``python scenes/make_meshes.py`` to write them again. Every mesh is a set of closed parts whose
 triangles face outwards; parts overlap or touch, but no two share a vertex, so that welding equal
@@ -32,56 +32,6 @@ def union_of_parts(parts: list[Mesh]) -> Mesh:
     import trimesh
 
     return trimesh.util.concatenate(parts)
-
-
-def chair() -> Mesh:
-    """Chair of the published experiment: seat, back, four legs and crossbar, seven boxes.
-
-    Returns
-    -------
-    Mesh
-        56 vertices, 84 triangles. The origin is the corner at seat level nearest the monitor and
-        lowest in x; y runs towards the wall; the seat's top lies at z = 0, the floor at
-        z = -0.242.
-
-    References
-    ----------
-    Saunders, Murray-Bruce, Goyal, "Computational periscopy with an ordinary digital camera",
-    Nature 565 (2019). Thicknesses of the back and the crossbar (5 mm) are assumed.
-    """
-    width, seat_thickness, plank = 0.075, 0.004, 0.005
-    leg_width, floor = 0.015, -0.242
-    # Back and legs begin inside the seat: the union is the same, and no two corners coincide.
-    back_foot, leg_top = -seat_thickness / 4, -seat_thickness * 3 / 4
-    left, right = (0.0, leg_width), (width - leg_width, width)
-    near, far = (0.0, plank), (width - plank, width)
-    return union_of_parts(
-        [
-            box((0.0, width), (0.0, width), (-seat_thickness, 0.0)),
-            box((0.0, width), far, (back_foot, width)),
-            *(box(x, y, (floor, leg_top)) for y in (near, far) for x in (left, right)),
-            box((leg_width, width - leg_width), near, (-0.075, -0.060)),
-        ]
-    )
-
-
-def plate() -> Mesh:
-    """Square plate on a stick, the flat occluder ("D11") of the published experiment.
-
-    Returns
-    -------
-    Mesh
-        Two boxes, 16 vertices. The origin is the plate's lower-left corner in the plane half-way
-        through its thickness; the floor lies at z = -0.214.
-
-    Notes
-    -----
-    No thickness is published; both parts are 1 mm thick in y, from -0.5 mm to 0.5 mm.
-    """
-    width, stick_width, thickness, floor = 0.075, 0.0055, 0.001, -0.214
-    depth = (-thickness / 2, thickness / 2)
-    stick = ((width - stick_width) / 2, (width + stick_width) / 2)
-    return union_of_parts([box((0.0, width), depth, (0.0, width)), box(stick, depth, (floor, 0.0))])
 
 
 def skin(rings: Points, first_pole: Points, last_pole: Points) -> Mesh:
@@ -272,7 +222,7 @@ def plant() -> Mesh:
     return union_of_parts([vase(), *(part for form in SHOOTS for part in shoot(form))])
 
 
-MESHES: dict[str, Callable[[], Mesh]] = {"chair": chair, "plate": plate, "plant": plant}
+MESHES: dict[str, Callable[[], Mesh]] = {"plant": plant}
 
 
 def build(name: str) -> Mesh:

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 SCENES = Path(__file__).parents[1] / "scenes"
-MESH_PARTS = {"chair": 7, "plant": 15, "plate": 2}
+MESH_PARTS = {"plant": 15}
 IMAGE_NAMES = [
     "bars",
     "checker",
@@ -89,16 +89,6 @@ def is_convex(corners: Array) -> bool:
     return bool(heights.max() < 1e-6)
 
 
-def extent(corners: Array) -> Array:
-    return np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
-
-
-def interval(start: float, stop: float, size: int) -> NDArray[np.bool_]:
-    """Which of ``size`` millimetre cells have their centre between two positions, in mm."""
-    centres = np.arange(size) + 0.5
-    return (centres > start) & (centres < stop)
-
-
 def srgb_to_linear(image: NDArray[np.uint8]) -> Array:
     v = image / 255
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
@@ -152,43 +142,6 @@ def test_parts_stay_apart_when_equal_vertices_are_welded(name: str, count: int) 
     assert len(parts(name)) == count
     vertices, _ = read_ply(name)
     assert len(np.unique(vertices, axis=0)) == len(vertices)
-
-
-@pytest.mark.parametrize("name", ["chair", "plate"])
-def test_chair_and_plate_are_made_of_convex_boxes_of_eight_vertices(name: str) -> None:
-    for part in parts(name):
-        assert is_convex(part)
-        assert len(np.unique(part.reshape(-1, 3), axis=0)) == 8
-        assert volume(part) == pytest.approx(np.prod(np.ptp(extent(part), axis=0)), rel=1e-4)
-
-
-def test_chair_fills_the_published_millimetres_and_no_others() -> None:
-    """Voxels of 1 mm over x 0..75, y 0..75, z -242..75, drawn part by part from the table."""
-    shape, floor = (75, 75, 317), -242
-    expected = np.zeros(shape, dtype=bool)
-    seat_top = -floor
-    expected[:, :, seat_top - 4 : seat_top] = True
-    expected[:, 70:75, seat_top : seat_top + 75] = True
-    for x in (slice(0, 15), slice(60, 75)):
-        for y in (slice(0, 5), slice(70, 75)):
-            expected[x, y, :seat_top] = True
-    expected[15:60, :5, seat_top - 75 : seat_top - 60] = True
-
-    filled = np.zeros(shape, dtype=bool)
-    for part in parts("chair"):
-        low, high = 1000 * extent(part) - [0, 0, floor]
-        in_x, in_y, in_z = map(interval, low, high, shape)
-        filled |= in_x[:, None, None] & in_y[:, None] & in_z
-    np.testing.assert_array_equal(filled, expected)
-    vertices, _ = read_ply("chair")
-    np.testing.assert_allclose(vertices.min(axis=0), [0, 0, -0.242], atol=1e-7)
-    np.testing.assert_allclose(vertices.max(axis=0), [0.075, 0.075, 0.075], atol=1e-7)
-
-
-def test_plate_is_a_75_mm_square_on_a_centred_stick_that_reaches_the_floor() -> None:
-    square, stick = sorted((extent(part) for part in parts("plate")), key=lambda e: -e[1, 2])
-    np.testing.assert_allclose(square, [[0, -0.0005, 0], [0.075, 0.0005, 0.075]], atol=1e-7)
-    np.testing.assert_allclose(stick, [[0.03475, -0.0005, -0.214], [0.04025, 0.0005, 0]], atol=1e-7)
 
 
 def test_plant_stands_on_its_origin_and_has_the_stated_size() -> None:

@@ -20,13 +20,14 @@ def test_a_chair_before_the_wall_passes_wherever_it_stands():
 
 
 def test_a_chair_that_comes_to_stand_in_the_wall_is_refused():
-    # The back ends at y = 0.594 + 0.075 of the wall's 1.03.
-    with pytest.raises(SceneError, match=r"'chair' reaches 9 mm through the wall at .*dy = 0.37"):
+    # The seat ends at y = 0.594 + 0.075 of the wall's 1.03.
+    message = r"'chair_seat' reaches 9 mm through the wall at .*dy = 0.37"
+    with pytest.raises(SceneError, match=message):
         InFront(chair()).check(chair(occluder_dy=0.37))
 
 
 def test_a_start_in_the_wall_is_refused():
-    with pytest.raises(SceneError, match=r"'chair' reaches 9 mm through the wall"):
+    with pytest.raises(SceneError, match=r"'chair_seat' reaches 9 mm through the wall"):
         InFront(chair(occluder_dy=0.37))
 
 

@@ -113,11 +113,25 @@ def test_shipped_scenes_tell_how_well_a_ruler_knows_them(name):
     errors = declared_errors(path, {})
     kinds = {error.split("_")[0] for error in errors}
     assert {"occluder", "monitor", "camera"} <= kinds
+    likely = {
+        **dict.fromkeys(("dx", "dy", "dz"), (0.005, 0.005)),  # metres
+        **dict.fromkeys(("width", "depth", "height", "drop"), (0.0005, 0.001)),
+        "thickness": (0.0005, 0.002),
+        **dict.fromkeys(("turn", "pan", "tilt", "fov"), (0.3, 2)),  # degrees
+        "stretch": (0.01, 0.01),
+        "exponent": (0.5, 2),
+    }
     for parameter, error in errors.items():
-        unit = parameter.split("_")[1]
-        least, most = (0.005, 0.005) if unit in ("dx", "dy", "dz") else (0.3, 2)
-        least, most = (0.01, 0.02) if unit == "stretch" else (least, most)
+        least, most = likely[parameter.split("_")[1]]
         assert least <= error <= most, parameter
+
+
+def test_the_chair_is_known_by_its_sizes():
+    """A factor of its size, too, would be the same number again."""
+    errors = declared_errors(CHAIR, {})
+    assert len(errors) == 24
+    assert not any(name.startswith("occluder_stretch") for name in errors)
+    assert {errors[f"{name}_thickness"] for name in ("back", "crossbar")} == {0.002}  # assumed
 
 
 def test_an_error_may_be_given_and_changes_nothing_that_is_seen():

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim.cli import inputs
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.laboratory import overview
@@ -27,7 +28,7 @@ def test_scene_without_a_shape_of_the_contract_is_refused(name, edited_scene, re
     scene = edited_scene((f'id="{name}"', 'id="poster"'))
     line = refused("transport", scene, *TINY, *OUT)
     assert f"'{scene}' has no shape with id '{name}'" in line
-    assert "'poster'" in line and "'chair'" in line  # what it has instead
+    assert "'poster'" in line and "'chair_back'" in line  # what it has instead
 
 
 def test_scene_without_the_camera_is_refused(edited_scene, refused):
@@ -61,18 +62,18 @@ def test_monitor_that_faces_away_is_refused(edited_scene, refused):
         (None, "missing file"),
         (b"", "empty file"),
         (b"solid metal\n", "no PLY header"),
-        (1500, "out of 1092 bytes"),
+        (1500, "is cut short"),
     ],
 )
 def test_unreadable_mesh_is_refused_by_name(content, message, edited_scene, refused, tmp_path):
-    scene = edited_scene()
-    mesh = tmp_path / "meshes" / "chair.ply"
-    sound = mesh.read_bytes()
-    mesh.unlink()
+    plant = '<shape type="ply" id="plant"><string name="filename" value="plant.ply"/></shape>'
+    scene = edited_scene(("</scene>", f"{plant}</scene>"))
+    sound = (ps.find_scene("plant").parent / "meshes" / "plant.ply").read_bytes()
     if content is not None:
-        mesh.write_bytes(sound[:content] if isinstance(content, int) else content)
+        content = sound[:content] if isinstance(content, int) else content
+        (tmp_path / "plant.ply").write_bytes(content)
     line = refused("transport", scene, *TINY, *OUT)
-    assert scene in line and message in line and "chair.ply" in line
+    assert scene in line and message in line and "plant.ply" in line
 
 
 def test_file_that_is_no_scene_is_refused(edited_scene, refused, tmp_path):
@@ -335,7 +336,8 @@ def test_every_command_says_that_no_shadow_falls_into_view(
     assert outcome.code == 0
     (line,) = [line for line in outcome.err.splitlines() if NO_SHADOW in line]
     assert line.startswith(f"periscopy: warning: chair: {NO_SHADOW}")
-    assert "'chair' is 0.32 m large" in line and line.endswith("behind the monitor")
+    assert "'chair_seat' is 0.075 m large" in line and line.endswith("4 more")
+    assert line.count("m: behind the monitor") == 3
     for folder in ("r", "v", "a"):
         if (tmp_path / folder).is_dir():
             told = json.loads((tmp_path / folder / "summary.json").read_text())["warnings"]

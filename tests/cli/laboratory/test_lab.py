@@ -62,7 +62,7 @@ def test_mesh_is_read_before_anything_else_needs_mitsuba(tmp_path):
     """The example's last occluder, its comment signs taken away."""
     text, mesh = EXAMPLE.read_text("utf-8").split("  # - name: chair")
     mesh = "  # - name: chair" + mesh.replace("unit: mm", "unit: m")
-    mesh = mesh.replace("chair.stl", str(find_scene("chair").parent / "meshes" / "chair.ply"))
+    mesh = mesh.replace("chair.stl", str(find_scene("plant").parent / "meshes" / "plant.ply"))
     text += re.sub("^  # ", "  ", mesh, flags=re.MULTILINE)
     (tmp_path / "mine.yaml").write_text(text)
     command = [sys.executable, "-m", "periscopy_sim", "lab", "mine.yaml", "--out", "lab.xml"]

@@ -276,7 +276,6 @@ def test_walls_of_many_colours_are_lit_alike_in_a_run_that_goes_on(configured, t
         "<default", '<default name="red" value="0.5"/><default', 1
     )
     (tmp_path / "colours.xml").write_text(plate)
-    shutil.copytree(find_scene("plate").parent / "meshes", tmp_path / "meshes")
     np.save(tmp_path / "light.npy", np.ones((16, 16, 3)))
     parameters = {"red": {"uniform": [0.2, 0.9]}, "resolution": 16}
     settings = configured(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import EmissionProfile
 from periscopy_sim.shipped import find_scene
@@ -50,16 +51,101 @@ def test_plates_photograph_covers_its_published_field_of_view():
     np.testing.assert_allclose(grid[0, -1], grid[-1, 0] + [9 * pixel, 0, 9 * pixel], atol=1e-6)
 
 
+def boxes(name, **parameters):
+    """Corners (2, 3) of each occluder's box, by name; each occluder is that box and no less."""
+    found = {}
+    seen = load_scenario(find_scene(name), (1, 1), {"resolution": 1, **parameters})
+    for occluder in seen.occluders:
+        low, high = occluder.vertices.min(axis=0), occluder.vertices.max(axis=0)
+        assert len(np.unique(occluder.vertices, axis=0)) == 8 and len(occluder.faces) == 12
+        a, b, c = occluder.vertices[occluder.faces].swapaxes(0, 1) - low
+        volume = np.einsum("ni,ni", a, np.cross(b, c)) / 6
+        np.testing.assert_allclose(volume, np.prod(high - low), rtol=1e-3)  # outwards, whole
+        found[occluder.name] = np.stack([low, high])
+    return found
+
+
 def test_chair_stands_where_it_was_measured():
-    (chair,) = load_scenario(CHAIR, (1, 1), {"resolution": 1}).occluders
-    assert chair.name == "chair"
-    low, high = chair.vertices.min(axis=0), chair.vertices.max(axis=0)
+    parts = boxes("chair")
+    assert list(parts) == [
+        *("chair_seat", "chair_back", "chair_leg_near_left", "chair_leg_near_right"),
+        *("chair_leg_far_left", "chair_leg_far_right", "chair_crossbar"),
+    ]
+    low, high = (pick(list(parts.values()), axis=(0, 1)) for pick in (np.min, np.max))
     np.testing.assert_allclose(low, [0.506, 0.594, 0.0], atol=1e-6)
     np.testing.assert_allclose(high, [0.581, 0.669, 0.317], atol=1e-6)
-    assert chair.faces.shape == (7 * 12, 3)
-    edges = np.linalg.norm(np.diff(chair.vertices[chair.faces], axis=1), axis=2)
-    assert edges.min() > 0.003
-    assert edges.max() < 0.35
+
+
+def filled_millimetres(parts, origin, shape):
+    """Which of the 1 mm cells from an origin have their middle in any box."""
+    filled = np.zeros(shape, bool)
+    for box in parts.values():
+        low, high = 1000 * (box - origin)
+        cells = (np.arange(n) + 0.5 for n in shape)
+        x, y, z = ((at > a) & (at < b) for at, a, b in zip(cells, low, high, strict=True))
+        filled |= x[:, None, None] & y[:, None] & z
+    return filled
+
+
+def test_chair_fills_the_published_millimetres_and_no_others():
+    """Cells of 1 mm over the chair's 75 x 75 x 317, drawn part by part from the table."""
+    shape, seat_top = (75, 75, 317), 242
+    expected = np.zeros(shape, bool)
+    expected[:, :, seat_top - 4 : seat_top] = True
+    expected[:, 70:75, seat_top : seat_top + 75] = True
+    for x in (slice(0, 15), slice(60, 75)):
+        for y in (slice(0, 5), slice(70, 75)):
+            expected[x, y, :seat_top] = True
+    expected[15:60, :5, seat_top - 75 : seat_top - 60] = True
+    filled = filled_millimetres(boxes("chair"), [0.506, 0.594, 0], shape)
+    np.testing.assert_array_equal(filled, expected)
+
+
+def test_chair_of_other_sizes_holds_together():
+    """Each size at another value, drawn from the sizes alone."""
+    sizes = {
+        "seat_width": 80, "seat_depth": 70, "seat_thickness": 6, "back_height": 60,
+        "back_thickness": 9, "leg_width": 12, "leg_thickness": 3, "crossbar_drop": 50,
+        "crossbar_height": 20, "crossbar_thickness": 2,
+    }  # fmt: skip
+    declared = declared_errors(CHAIR, {})
+    assert all(0 < declared[name] <= 0.002 for name in sizes)
+    shape, top = (80, 70, 302), 242
+    expected = np.zeros(shape, bool)
+    expected[:, :, top - 6 : top] = True
+    expected[:, 61:, top:] = True
+    for x in (slice(12), slice(68, 80)):
+        for y in (slice(3), slice(67, 70)):
+            expected[x, y, :top] = True
+    expected[:, :2, top - 70 : top - 50] = True
+    parts = boxes("chair", **{name: size / 1000 for name, size in sizes.items()})
+    np.testing.assert_array_equal(filled_millimetres(parts, [0.506, 0.594, 0], shape), expected)
+
+
+def test_chair_turns_and_stretches_as_one_about_the_middle_of_its_seats_top():
+    given = {"occluder_turn": 30, "occluder_stretch_x": 1.1, "occluder_stretch_z": 0.9}
+    size, pivot = {"resolution": 1}, np.array([0.5435, 0.6315, 0.242])
+    plain, moved = (load_scenario(CHAIR, (1, 1), size | more).occluders for more in ({}, given))
+    cos, sin = np.cos(np.radians(30)), np.sin(np.radians(30))
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    for before, after in zip(plain, moved, strict=True):
+        expected = pivot + ((before.vertices - pivot) * [1.1, 1, 0.9]) @ turn.T
+        np.testing.assert_allclose(after.vertices, expected, atol=1e-6)
+
+
+def test_plate_is_a_square_on_a_centred_stick_that_reaches_the_table():
+    parts = boxes("plate")
+    assert list(parts) == ["plate", "stick"]
+    np.testing.assert_allclose(
+        parts["plate"], [[0.475, 0.5695, 0.214], [0.55, 0.5705, 0.289]], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        parts["stick"], [[0.50975, 0.5695, 0], [0.51525, 0.5705, 0.214]], atol=1e-6
+    )
+    other = boxes("plate", plate_width=0.08, plate_height=0.07, stick_width=0.004)
+    assert other["plate"][:, 0] == pytest.approx([0.4725, 0.5525], abs=1e-6)
+    assert other["plate"][1, 2] == pytest.approx(0.284, abs=1e-6)
+    assert other["stick"][:, 0] == pytest.approx([0.5105, 0.5145], abs=1e-6)
 
 
 def test_parameters_move_the_occluder_and_the_monitor_by_just_so_much():
