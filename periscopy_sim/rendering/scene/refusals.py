@@ -36,10 +36,11 @@ UV_ERROR = 1e-3
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Refuse what light passes or is changed by on its way, and a monitor turned inside out."""
+    """Refuse what light passes or is changed by on its way, and what is turned inside out."""
     check_media(nodes)
     _check_opaque(nodes)
     _check_outside(nodes)
+    _check_sizes(nodes)
 
 
 def check_media(nodes: SceneNodes) -> None:
@@ -117,6 +118,21 @@ def _check_outside(nodes: SceneNodes) -> None:
             f"scene '{nodes.path}': the monitor is a {monitor.plugin_name()} turned inside out; "
             "remove its flip_normals, and do not mirror it in to_world"
         )
+
+
+def _check_sizes(nodes: SceneNodes) -> None:
+    """Refuse boxes of which a size is negative: they would stand on the other side of a face."""
+    import mitsuba as mi
+
+    for props in nodes.of_type("Shape"):
+        if props.plugin_name() != "cube":
+            continue
+        to_world = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)
+        if np.linalg.det(to_world) < 0:
+            raise SceneError(
+                f"scene '{nodes.path}': shape '{props.id()}' is a cube turned inside out; give its "
+                "sizes, and factors of them, positive numbers"
+            )
 
 
 def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.prior import declared_errors
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import EmissionProfile
 from periscopy_sim.shipped import find_scene
@@ -120,6 +121,20 @@ def test_chair_of_other_sizes_holds_together():
     expected[:, :2, top - 70 : top - 50] = True
     parts = boxes("chair", **{name: size / 1000 for name, size in sizes.items()})
     np.testing.assert_array_equal(filled_millimetres(parts, [0.506, 0.594, 0], shape), expected)
+
+
+@pytest.mark.parametrize(
+    ("scene", "size", "part"),
+    [
+        ("chair", "seat_width", "chair_seat"),
+        ("chair", "back_thickness", "chair_back"),
+        ("chair", "crossbar_height", "chair_crossbar"),
+        ("plate", "stick_width", "stick"),
+    ],
+)
+def test_negative_sizes_are_refused(scene, size, part):
+    with pytest.raises(SceneError, match=f"'{part}' is a cube turned inside out; .* positive"):
+        load_scenario(find_scene(scene), (1, 1), {"resolution": 1, size: -0.004})
 
 
 def test_chair_turns_and_stretches_as_one_about_the_middle_of_its_seats_top():
