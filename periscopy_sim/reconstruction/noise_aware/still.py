@@ -21,20 +21,12 @@ there; `make validate` tabulates it.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.products import (
-    combine_rows,
-    rejected,
-    subtract_combinations,
-    times_rows,
-)
 from periscopy_sim.numerics.validation import check_stopping
-from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
@@ -47,15 +39,12 @@ from periscopy_sim.reconstruction.noise_aware.common_noise import (
 )
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
-    noise_of,
-    noise_to_signal,
-    root_mean_squares,
 )
-from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.fitted_scene import FittedScene
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.noise_aware.predicted_error import best_factor, probes_of
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis, laplacian
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.uncertainty import (
     ASSUMPTIONS,
@@ -73,12 +62,6 @@ REGULARIZATION = 0.02
 PENALTY = 0.2
 """λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
 
-SEEN = 1e-12
-"""Curvatures below this part of the largest are patterns that the wall does not show."""
-
-STRONG = 1e-8
-"""Curvatures above this part of the largest are patterns that explain more than rounding does."""
-
 CHECKED = 10
 """Iterations between two looks at the residuals."""
 
@@ -86,7 +69,7 @@ FIRST = 20
 """Iterations for the image that the gain over the wall is found from; more change nothing."""
 
 
-class NoiseAware(AmbientMethod[np.float64]):
+class NoiseAware(FittedScene):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
     λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
@@ -138,23 +121,7 @@ class NoiseAware(AmbientMethod[np.float64]):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         used = self.observation.used_transport(A)
-        Q = self._ambient_basis(A, B, rank_tolerance)
-        self._background = np.ascontiguousarray(Q.T)
-        self._transport = np.ascontiguousarray(used.T, np.float32)
-        C = Q.T @ used
-        gram = used.T @ used - C.T @ C
-        energy = float(np.trace(gram))
-        if not energy > 1e-12 * float(np.vdot(used, used)):
-            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
-        self.norm = np.sqrt(energy)
-        # Scaled by the mean energy of a patch, f is near 1 in units of y over that root.
-        self._unit = np.sqrt(energy / len(gram))
-        self._gram = gram
-        self._basis = SpectralBasis(gram / self._unit**2, hidden_shape)
-        curvatures = self._basis.curvatures  # they ascend
-        self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
-        self._curvatures = curvatures[self._seen]
-        self._wall_gain = self._fitted_gain(wall_gain)
+        self._fit(used, self._ambient_basis(A, B, rank_tolerance), wall_gain)
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
@@ -185,10 +152,6 @@ class NoiseAware(AmbientMethod[np.float64]):
         whole, left = (np.sum(part**2, axis=1) for part in self._explicable(found))
         return Explained(found.evidence.share, whole, left, len(self._curvatures))
 
-    def projected_transport(self) -> TransportOperator:
-        """Return A⊥ of the pixels used; see `StillMethod`."""
-        return TransportOperator(np.ascontiguousarray(self._transport.T), self._background.T)
-
     def _signal(self, transport: TransportOperator, found: NoiseAwareReconstruction) -> Array:
         """Return A f̂ + (g − 1) A f₀ of the gain over the wall g, found from a first image f₀."""
         light = super()._signal(transport, found)
@@ -197,37 +160,6 @@ class NoiseAware(AmbientMethod[np.float64]):
         gain, mask = found.gain.ravel(), self.observation.mask
         added = (gain if mask is None else gain[mask.ravel()]) - 1
         return light + added[:, None] * transport.light(found.first_image.reshape(-1, 3))
-
-    def evidence(self, photographs: Image, evenness: Array | None = None) -> list[Evidence]:
-        """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
-
-        They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit. All are brought to an
-        even wall by one `evenness`, or each by its own.
-        """
-        return self._evidence(*self._rejected(photographs, evenness))
-
-    def _rejected(self, photographs: Image, evenness: Array | None = None) -> tuple[Array, Array]:
-        """Return photographs, range(B) projected out, (K, 3, M'), and the share left, (K,)."""
-        planes = self._planes(photographs, evenness)
-        whole = root_mean_squares(planes)
-        y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
-        subtract_combinations(y, times_rows(y, self._background), self._background)
-        return planes, root_mean_squares(planes) / np.where(whole > 0, whole, 1)
-
-    def _evidence(self, planes: Array, shares: Array) -> list[Evidence]:
-        """Return the evidence of (K, 3, M') planes, and divide them by their levels, in place."""
-        levels = root_mean_squares(planes)
-        levels[levels == 0] = 1
-        planes /= levels[:, None, None]  # single precision needs numbers near 1
-        y = planes.reshape(-1, planes.shape[-1]).astype(np.float32)
-        h = times_rows(y, self._transport) * np.float32(1 / self._unit)
-        products = times_rows(h, self._basis.rows).astype(np.float64)
-        coefficients = products.reshape(*planes.shape[:2], -1)
-        rank, seen = len(self._background), coefficients[..., self._seen]
-        noises = noise_of(planes, seen, self._curvatures, rank)
-        ratios = noise_to_signal(noises, y.shape[1], rank, len(self._curvatures))
-        numbers = (each.tolist() for each in (levels, shares, ratios))
-        return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)]
 
     def recover(
         self,
@@ -283,19 +215,6 @@ class NoiseAware(AmbientMethod[np.float64]):
         numbers = found.weight, float(np.sum(left**2)), len(self._curvatures)
         return standard_errors(self._gram, noise, found.image, *numbers, weighed)
 
-    def _unexplained(self, rows: Array) -> Array:
-        left = self._rejected_rows(rows).astype(np.float32)
-        shown = times_rows(times_rows(left, self._transport), self._basis.rows)
-        # Weaker patterns explain nothing beyond single precision.
-        shown[:, self._basis.curvatures <= STRONG * self._basis.curvatures[-1]] = 0
-        coefficients = (shown / (self._unit**2 * self._basis.curvatures)).astype(np.float32)
-        images = combine_rows(coefficients, self._basis.rows)
-        return left - self._rejected_rows(combine_rows(images, self._transport))
-
-    def _rejected_rows(self, rows: Image) -> Image:
-        """Return (J, M') rows, range(B) projected out."""
-        return rejected(rows, self._background)
-
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence
     ) -> NoiseAwareReconstruction:
@@ -346,51 +265,12 @@ class NoiseAware(AmbientMethod[np.float64]):
         factor = best_factor(estimate, z, noise.variances, weights, probes) ** part
         return replace(evidence, common=replace(noise, factor=factor))
 
-    @cached_property
-    def _spectrum(self) -> NoiseSpectrum:
-        """How noise of each frequency shows in the patterns."""
-
-        def shown(rows: Array) -> Array:
-            products = times_rows(self._rejected_rows(rows).astype(np.float32), self._transport)
-            coefficients = times_rows(products / np.float32(self._unit), self._basis.rows)
-            return np.asarray(coefficients[:, self._seen] / np.sqrt(self._curvatures))
-
-        shape = self.observation.rows_and_columns
-        assert shape is not None
-        return NoiseSpectrum(shape, self.observation.mask, self._unexplained, shown)
-
-    def _shown_of(self, images: Image) -> Array:
-        """Return the coefficients of the light of (3, N) images, of the patterns seen, (3, N')."""
-        # Aᵀ A is symmetric.
-        products = times_rows(np.ascontiguousarray(images, np.float64), self._gram)
-        shown = times_rows(products.astype(np.float32), self._basis.rows)
-        return np.asarray(shown[:, self._seen], np.float64)
-
     def _objective(self, evidence: Evidence, regularization: float) -> Objective:
         regularization *= max(1.0, np.sqrt(evidence.noise_to_signal))
         return Objective(self._basis, self.hidden_shape, regularization, self.positive)
 
     def _schedule(self, max_iterations: int) -> Schedule:
         return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)
-
-    def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
-        """Return what finds gains, if wanted."""
-        shape = self.observation.rows_and_columns
-        self._wall_shape = shape or (self.observation.pixels,)
-        if shape is None and wanted:
-            raise ValueError(
-                "wall_gain needs the rows and columns of photographs: give photograph_shape"
-            )
-        if shape is None or wanted is False:
-            return None
-        return WallGain(
-            self._transport,
-            self._background,
-            self._basis.rows[self._seen],
-            self._curvatures * self._unit**2,
-            shape,
-            self.observation.mask,
-        )
 
     def _explicable(self, found: NoiseAwareReconstruction) -> tuple[Array, Array]:
         """Return what A⊥ can explain of y, (3, N'), and what of it the image leaves, over σ."""

@@ -1,0 +1,148 @@
+"""A scene as the noise-aware method is fitted to it: once, for every photograph."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.numerics.products import (
+    combine_rows,
+    rejected,
+    subtract_combinations,
+    times_rows,
+)
+from periscopy_sim.reconstruction.ambient_method import AmbientMethod
+from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
+from periscopy_sim.reconstruction.method import Image
+from periscopy_sim.reconstruction.noise_aware.evidence import (
+    Evidence,
+    noise_of,
+    noise_to_signal,
+    root_mean_squares,
+)
+from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
+
+Array = NDArray[np.float64]
+
+SEEN = 1e-12
+"""Curvatures below this part of the largest are patterns that the wall does not show."""
+
+STRONG = 1e-8
+"""Curvatures above this part of the largest are patterns that explain more than rounding does."""
+
+
+class FittedScene(AmbientMethod[np.float64]):
+    """What one scene's A and B make of photographs, before an image is looked for.
+
+    Parameters and errors are those of `NoiseAware`.
+    """
+
+    def _fit(self, used: Array, Q: Array, wall_gain: bool | None) -> None:
+        """Fit to A of the pixels used, (M', N), and an orthonormal basis of range(B), (M', r)."""
+        self._background = np.ascontiguousarray(Q.T)
+        self._transport = np.ascontiguousarray(used.T, np.float32)
+        C = Q.T @ used
+        gram = used.T @ used - C.T @ C
+        energy = float(np.trace(gram))
+        if not energy > 1e-12 * float(np.vdot(used, used)):
+            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+        self.norm = np.sqrt(energy)
+        # Scaled by the mean energy of a patch, f is near 1 in units of y over that root.
+        self._unit = np.sqrt(energy / len(gram))
+        self._gram = gram
+        self._basis = SpectralBasis(gram / self._unit**2, self.hidden_shape)
+        curvatures = self._basis.curvatures  # they ascend
+        self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
+        self._curvatures = curvatures[self._seen]
+        self._wall_gain = self._fitted_gain(wall_gain)
+
+    def evidence(self, photographs: Image, evenness: Array | None = None) -> list[Evidence]:
+        """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
+
+        They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit. All are brought to an
+        even wall by one `evenness`, or each by its own.
+        """
+        return self._evidence(*self._rejected(photographs, evenness))
+
+    def _rejected(self, photographs: Image, evenness: Array | None = None) -> tuple[Array, Array]:
+        """Return photographs, range(B) projected out, (K, 3, M'), and the share left, (K,)."""
+        planes = self._planes(photographs, evenness)
+        whole = root_mean_squares(planes)
+        y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
+        subtract_combinations(y, times_rows(y, self._background), self._background)
+        return planes, root_mean_squares(planes) / np.where(whole > 0, whole, 1)
+
+    def _evidence(self, planes: Array, shares: Array) -> list[Evidence]:
+        """Return the evidence of (K, 3, M') planes, and divide them by their levels, in place."""
+        levels = root_mean_squares(planes)
+        levels[levels == 0] = 1
+        planes /= levels[:, None, None]  # single precision needs numbers near 1
+        y = planes.reshape(-1, planes.shape[-1]).astype(np.float32)
+        h = times_rows(y, self._transport) * np.float32(1 / self._unit)
+        products = times_rows(h, self._basis.rows).astype(np.float64)
+        coefficients = products.reshape(*planes.shape[:2], -1)
+        rank, seen = len(self._background), coefficients[..., self._seen]
+        noises = noise_of(planes, seen, self._curvatures, rank)
+        ratios = noise_to_signal(noises, y.shape[1], rank, len(self._curvatures))
+        numbers = (each.tolist() for each in (levels, shares, ratios))
+        return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)]
+
+    def projected_transport(self) -> TransportOperator:
+        """Return A⊥ of the pixels used; see `StillMethod`."""
+        return TransportOperator(np.ascontiguousarray(self._transport.T), self._background.T)
+
+    def _unexplained(self, rows: Array) -> Array:
+        left = self._rejected_rows(rows).astype(np.float32)
+        shown = times_rows(times_rows(left, self._transport), self._basis.rows)
+        # Weaker patterns explain nothing beyond single precision.
+        shown[:, self._basis.curvatures <= STRONG * self._basis.curvatures[-1]] = 0
+        coefficients = (shown / (self._unit**2 * self._basis.curvatures)).astype(np.float32)
+        images = combine_rows(coefficients, self._basis.rows)
+        return left - self._rejected_rows(combine_rows(images, self._transport))
+
+    def _rejected_rows(self, rows: Image) -> Image:
+        """Return (J, M') rows, range(B) projected out."""
+        return rejected(rows, self._background)
+
+    @cached_property
+    def _spectrum(self) -> NoiseSpectrum:
+        """How noise of each frequency shows in the patterns."""
+
+        def shown(rows: Array) -> Array:
+            products = times_rows(self._rejected_rows(rows).astype(np.float32), self._transport)
+            coefficients = times_rows(products / np.float32(self._unit), self._basis.rows)
+            return np.asarray(coefficients[:, self._seen] / np.sqrt(self._curvatures))
+
+        shape = self.observation.rows_and_columns
+        assert shape is not None
+        return NoiseSpectrum(shape, self.observation.mask, self._unexplained, shown)
+
+    def _shown_of(self, images: Image) -> Array:
+        """Return the coefficients of the light of (3, N) images, of the patterns seen, (3, N')."""
+        # Aᵀ A is symmetric.
+        products = times_rows(np.ascontiguousarray(images, np.float64), self._gram)
+        shown = times_rows(products.astype(np.float32), self._basis.rows)
+        return np.asarray(shown[:, self._seen], np.float64)
+
+    def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
+        """Return what finds gains, if wanted."""
+        shape = self.observation.rows_and_columns
+        self._wall_shape = shape or (self.observation.pixels,)
+        if shape is None and wanted:
+            raise ValueError(
+                "wall_gain needs the rows and columns of photographs: give photograph_shape"
+            )
+        if shape is None or wanted is False:
+            return None
+        return WallGain(
+            self._transport,
+            self._background,
+            self._basis.rows[self._seen],
+            self._curvatures * self._unit**2,
+            shape,
+            self.observation.mask,
+        )
