@@ -216,7 +216,7 @@ def test_a_copy_that_would_name_other_files_is_refused_before_the_search(
 ):
     np.save(tmp_path / "y.npy", photograph)
     folder = tmp_path / "scenes"
-    shutil.copytree(ps.find_scene("chair").parent / "meshes", folder / "meshes")
+    folder.mkdir()
     shutil.copy(ps.find_scene("chair"), folder / "whole.xml")
     (folder / "scene.xml").write_text(
         '<scene version="3.0.0"><include filename="whole.xml"/></scene>'
