@@ -35,8 +35,9 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.optimize import minimize_scalar
 
-from periscopy_sim.calibration.explanation.smooth_gain import GAIN, SmoothGain
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.wall_gain import SPREAD
 
 Array = NDArray[np.float64]
 
@@ -191,7 +192,7 @@ class Explanation:
         residuals = self.residuals / self.deviations
         by_channel = np.einsum("jmc,kmc->cjk", beyond, terms, optimize=True)
         pull = np.einsum("kmc,mc->ck", terms, residuals)
-        precision = np.eye(len(terms)) / GAIN**2
+        precision = np.eye(len(terms)) / SPREAD**2
         H = by_channel.sum(axis=0) + precision
         # A gain that dims what is known well would else pass for a simpler scene.
         volume = near.terms @ np.einsum("mn,mn->m", self._volume, A) / self.overdispersion

@@ -1,6 +1,6 @@
 """A smooth gain over the wall that no scene tells: a lens, light that bounces, a monitor's falloff.
 
-    y_c = g (A f_c) + B b_c + n_c,   g = 1 + Σ_k a_k p_k,   a_k ~ N(0, GAIN²),
+    y_c = g (A f_c) + B b_c + n_c,   g = 1 + Σ_k a_k p_k,   a_k ~ N(0, SPREAD²),
 
 p_k the polynomials of degree ≤ 2 over the wall, without the constant: those of `wall_gain`, which
 finds the gain when a photograph is reconstructed. A scene that is explained without it moves until
@@ -8,7 +8,7 @@ its shadows are as bright as the gain makes them. Near a gain of a⁰ that is kn
 is linear in a. What explains a photograph is followed by
 
     â = argmin_a min_f Σ_c (‖(y_c − g⁰ (A f_c) − Σ_k (a_k − a⁰_k) p_k A f̂_c)⊥‖² + α_c f_cᵀK f_c)
-        / (σ_c² κ) + V(a) / κ + ‖a‖² / GAIN²,
+        / (σ_c² κ) + V(a) / κ + ‖a‖² / SPREAD²,
 
 f̂ the image with g⁰ alone, V the volume of the images' evidence (Σ log(1 + μ/α) of g A), linear near
 a⁰. Without V a gain that dims what the photograph knows well would pass for a simpler scene: at a
@@ -24,13 +24,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.noise_aware.wall_gain import BOUNDS, DEGREE, polynomials
+from periscopy_sim.reconstruction.noise_aware.wall_gain import (
+    BOUNDS,
+    DEGREE,
+    SPREAD,
+    polynomials,
+)
 
 Array = NDArray[np.float64]
-
-GAIN = 0.07
-"""Standard deviation of a polynomial's coefficient: a lens that darkens corners by v makes two of
-v / 3. With twice as much a gain took the place of geometry where there was none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class SmoothGain:
     @property
     def penalty(self) -> float:
         """Twice the negative logarithm of its density before the photograph, less a constant."""
-        return float(np.sum(self.coefficients**2)) / GAIN**2
+        return float(np.sum(self.coefficients**2)) / SPREAD**2
 
     def moved(self, change: Array) -> Self:
         """Return it with other coefficients, not so far that it were no gain any more."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +25,12 @@ from periscopy_sim.reconstruction.noise_aware.evidence import (
     root_mean_squares,
 )
 from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
-from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
+from periscopy_sim.reconstruction.noise_aware.wall_gain import DEGREE, WallGain, polynomials
+from periscopy_sim.reconstruction.residual.overdispersion import overdispersion_of
+from periscopy_sim.reconstruction.uncertain_scene.displacement import Displacement, estimate
+from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 
 Array = NDArray[np.float64]
 
@@ -34,12 +40,18 @@ SEEN = 1e-12
 STRONG = 1e-8
 """Curvatures above this part of the largest are patterns that explain more than rounding does."""
 
+MARGIN = 1.3
+"""Times larger than by the linear theory that errors of an uncertain scene are told to be, as after
+a calibration: valleys are curved, and what moves the light is taken of an image that errs."""
+
 
 class FittedScene(AmbientMethod[np.float64]):
     """What one scene's A and B make of photographs, before an image is looked for.
 
     Parameters and errors are those of `NoiseAware`.
     """
+
+    uncertain: UncertainTransport | None
 
     def _fit(self, used: Array, Q: Array, wall_gain: bool | None) -> None:
         """Fit to A of the pixels used, (M', N), and an orthonormal basis of range(B), (M', r)."""
@@ -59,6 +71,79 @@ class FittedScene(AmbientMethod[np.float64]):
         self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
         self._curvatures = curvatures[self._seen]
         self._wall_gain = self._fitted_gain(wall_gain)
+
+    def displaced(self, uncertain: UncertainTransport, u: Array) -> Self:
+        """Return the method fitted to the scene whose uncertain parameters are at u, (K,).
+
+        A ValueError says that there is no such scene.
+        """
+        there = copy(self)
+        there.uncertain = None
+        there.__dict__.pop("_spectrum", None)
+        if uncertain.render is not None:
+            used = self.observation.used_transport(uncertain.render(uncertain.at(u)))
+        else:
+            used = self._transport.T + uncertain.change(u, self.observation.mask)
+        there._fit(used, self._background.T, self._wall_gain is not None)
+        return there
+
+    def left_of(self, photograph: Image) -> Array:
+        """Return what no hidden image and no ambient light explain of a photograph, (3, M')."""
+        return self._unexplained(self._rejected(np.asarray(photograph)[None])[0][0])
+
+    def displacement(
+        self,
+        uncertain: UncertainTransport,
+        left: Array,
+        found: NoiseAwareReconstruction,
+        here: Array,
+    ) -> Displacement:
+        """Return where the scene is by a photograph, what is `left_of` it, and its image.
+
+        The method is fitted to the scene at `here`, (K,); see `uncertain_scene.displacement`.
+        """
+        shape, mask = self.observation.rows_and_columns, self.observation.mask
+        assert shape is not None
+        σ = found.noise[:, None]
+        f = found.image.reshape(-1, 3)
+        signal = combine_rows(np.ascontiguousarray(f.T, np.float32), self._transport) / σ
+        terms = polynomials(shape, 1, DEGREE)
+        used = np.ones(shape, bool) if mask is None else mask.reshape(shape)
+        κ = MARGIN**2 * overdispersion_of(
+            (left / σ).T,
+            lambda errors: self._unexplained(np.ascontiguousarray(errors.T)).T,
+            used,
+        )
+        return estimate(
+            left / σ,
+            self._moved_light(uncertain, found) / σ,
+            terms[:, None, used.ravel()] * signal,
+            self._unexplained,
+            κ,
+            here,
+            exact=uncertain.render is not None,
+        )
+
+    def geometry_response(self, found: NoiseAwareReconstruction) -> Array | None:
+        """Return A⊥ᵀ D f̂ L, (K, 3, N), L Lᵀ the covariance of u that a photograph left.
+
+        Of independent standard errors of the scene, what they do to the light that images explain.
+        None where the scene is taken for right.
+        """
+        if found.scene is None:
+            return None
+        light = self._moved_light(found.scene.uncertain, found).mean(axis=0)
+        values, vectors = np.linalg.eigh(found.scene.displacement.covariance)
+        L = vectors * np.sqrt(np.maximum(values, 0))
+        rows = np.tensordot(L.T, light, 1).reshape(-1, light.shape[-1])
+        rows = np.ascontiguousarray(self._rejected_rows(rows), np.float32)
+        return times_rows(rows, self._transport).reshape(*light.shape[:2], -1).astype(np.float64)
+
+    def _moved_light(self, uncertain: UncertainTransport, found: NoiseAwareReconstruction) -> Array:
+        """Return g D f̂, (1 or 2, K, 3, M'), of the pixels used."""
+        mask = self.observation.mask
+        gain = found.gain.ravel() if mask is None else found.gain.ravel()[mask.ravel()]
+        return uncertain.lights(found.image.reshape(-1, 3), mask) * gain
 
     def evidence(self, photographs: Image, evenness: Array | None = None) -> list[Evidence]:
         """Return what the objective needs of each photograph, Aᵀ applied to all in one product.

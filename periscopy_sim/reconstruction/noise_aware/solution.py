@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.method import Solution
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
+from periscopy_sim.reconstruction.uncertain_scene.found_scene import FoundScene
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,8 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         Of the photograph, the gain corrected for.
     first_image
         (R, C, 3) the image that the gain was found from; None where there is none.
+    scene
+        Where its uncertain parameters were found; None where the scene is taken for right.
     """
 
     weight: float
@@ -46,6 +49,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     gain: Array
     evidence: Evidence
     first_image: Array | None = None
+    scene: FoundScene | None = None
 
     @property
     def has_gain(self) -> bool:

@@ -48,11 +48,16 @@ from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.uncertainty import (
     ASSUMPTIONS,
+    ASSUMPTIONS_BUT_ERRORS,
     standard_errors,
     weighed_axes,
 )
 from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
 from periscopy_sim.reconstruction.observation import Mask
+from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.reconstruction.uncertain_scene.displacement import Displacement
+from periscopy_sim.reconstruction.uncertain_scene.found_scene import FoundScene
+from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 
 Array = NDArray[np.float64]
 
@@ -67,6 +72,12 @@ CHECKED = 10
 
 FIRST = 20
 """Iterations for the image that the gain over the wall is found from; more change nothing."""
+
+RELINEARIZED = 2
+"""Times, at most, that an uncertain scene is looked for anew about where it was found."""
+
+STEPS = 1.0, 0.5, 0.25
+"""Parts of the way there that are tried, the first that explains the photograph better is taken."""
 
 
 class NoiseAware(FittedScene):
@@ -88,6 +99,10 @@ class NoiseAware(FittedScene):
     wall_gain
         Whether stills are searched for a smooth gain over the wall, see `wall_gain`; None where
         the rows and columns of photographs are known, from their shape or the mask's.
+    uncertain
+        What errors of the scene's parameters do to A. A still is then explained by the scene whose
+        parameters it makes most probable, and its standard errors count what is left of theirs; see
+        `uncertain_scene`. None where the scene is taken for right.
 
     Raises
     ------
@@ -111,6 +126,7 @@ class NoiseAware(FittedScene):
         mask: Mask | None = None,
         backgrounds: Backgrounds | None = None,
         wall_gain: bool | None = None,
+        uncertain: UncertainTransport | None = None,
     ) -> None:
         super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         if not 0 < regularization < np.inf:
@@ -120,37 +136,96 @@ class NoiseAware(FittedScene):
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
+        if uncertain is not None:
+            uncertain.check(A.shape)
+            if self.observation.rows_and_columns is None:
+                raise ValueError(
+                    "uncertain needs the rows and columns of photographs: give photograph_shape"
+                )
+        self.uncertain = uncertain
         used = self.observation.used_transport(A)
         self._fit(used, self._ambient_basis(A, B, rank_tolerance), wall_gain)
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
-        planes, shares = self._rejected(np.asarray(photograph)[None])
-        (evidence,) = self._evidence(planes, shares)
-        if self._wall_gain is None:
-            found, _ = self.recover(self._with_common_noise(evidence, planes[0]))
-        else:
-            found = self._recover_with_gain(self._wall_gain, planes, evidence)
+        found = self._solved(photograph)
+        if self.uncertain is not None:
+            found = self._relinearized(self.uncertain, photograph, found)
         found.warn_unless_converged()
         return found
 
+    def _solved(self, photograph: Image) -> NoiseAwareReconstruction:
+        """Return what the scene that the method is fitted to makes of a photograph."""
+        planes, shares = self._rejected(np.asarray(photograph)[None])
+        (evidence,) = self._evidence(planes, shares)
+        if self._wall_gain is None:
+            return self.recover(self._with_common_noise(evidence, planes[0]))[0]
+        return self._recover_with_gain(self._wall_gain, planes, evidence)
+
+    def _relinearized(
+        self, uncertain: UncertainTransport, photograph: Image, found: NoiseAwareReconstruction
+    ) -> NoiseAwareReconstruction:
+        """Return the image of the scene that explains a photograph best, from one of it as it is.
+
+        Steps are halved, and end, where they explain it worse, or lead to no scene.
+        """
+        at, here = self, np.zeros(uncertain.directions.shape[1])
+        if uncertain.held:
+            return replace(found, scene=FoundScene(uncertain, Displacement.none(len(here)), at))
+        left = self.left_of(photograph)
+        there = at.displacement(uncertain, left, found, here)
+        weights = found.noise[:, None] ** -2 / there.overdispersion
+        least = float(np.sum(weights * left**2))
+        for _ in range(RELINEARIZED + 1):
+            for part in STEPS:
+                moved = here + part * (there.moved - here)
+                try:
+                    tried = self.displaced(uncertain, moved)
+                except ValueError:
+                    continue
+                left = tried.left_of(photograph)
+                misfit = float(np.sum(weights * left**2) + moved @ moved)
+                if misfit < least:
+                    break
+            else:
+                break
+            at, here, least = tried, moved, misfit
+            found = at._solved(photograph)
+            there = at.displacement(uncertain, left, found, here)
+        return replace(found, scene=FoundScene(uncertain, there.reached(here), at))
+
     def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
         """Return the noise, the weight, the iterations and the gain; see `StillMethod`."""
+        scene = found.scene
         return {
             **super().told(found),
-            "standard_errors_assume": ASSUMPTIONS,
+            "standard_errors_assume": ASSUMPTIONS if scene is None else ASSUMPTIONS_BUT_ERRORS,
+            **({} if scene is None else {"uncertain": scene.told()}),
             "wall_gain_found": found.has_gain,
             "wall_gain_range": [float(found.gain.min()), float(found.gain.max())],
         }
 
     def remark(self, found: NoiseAwareReconstruction) -> str:
-        """Return what a gain over the wall that was found means; see `StillMethod`."""
-        return found.gain_remark
+        """Return what a gain over the wall and a moved scene mean; see `StillMethod`."""
+        moved = "" if found.scene is None else found.scene.remark
+        return "; ".join(filter(None, (found.gain_remark, moved)))
 
     def explained(self, found: NoiseAwareReconstruction) -> Explained:
         """Return how well scene, image and gain explain the photograph; see `StillMethod`."""
-        whole, left = (np.sum(part**2, axis=1) for part in self._explicable(found))
-        return Explained(found.evidence.share, whole, left, len(self._curvatures))
+        at = self._at(found)
+        whole, left = (np.sum(part**2, axis=1) for part in at._explicable(found))
+        return Explained(found.evidence.share, whole, left, len(at._curvatures))
+
+    def residual(self, photograph: Image, found: NoiseAwareReconstruction) -> Residual | None:
+        """Return what scene, image and gain leave of a photograph; see `StillMethod`."""
+        return super(NoiseAware, self._at(found)).residual(photograph, found)
+
+    def _at(self, found: NoiseAwareReconstruction) -> NoiseAware:
+        """Return the method fitted to the scene that a solution was found with."""
+        if found.scene is None:
+            return self
+        at: NoiseAware = found.scene.fitted
+        return at
 
     def _signal(self, transport: TransportOperator, found: NoiseAwareReconstruction) -> Array:
         """Return A f̂ + (g − 1) A f₀ of the gain over the wall g, found from a first image f₀."""
@@ -200,10 +275,15 @@ class NoiseAware(FittedScene):
     def standard_errors(self, found: NoiseAwareReconstruction) -> Array:
         """Return the standard error of each patch of a recovered image, see `uncertainty`.
 
-        They are (R, C, 3), in units of the image, and assume that A and B are right, that a gain
-        over the wall is known, and that what the wall hides of the image varies like what it shows.
+        They are (R, C, 3), in units of the image, and assume that A and B are right but for the
+        errors of uncertain parameters, that a gain over the wall is known, and that what the wall
+        hides of the image varies like what it shows.
         """
+        return self._at(found)._standard_errors(found)
+
+    def _standard_errors(self, found: NoiseAwareReconstruction) -> Array:
         evidence, left = found.evidence, self._explicable(found)[1]
+        response = self.geometry_response(found)
         noise, weighed = evidence.level * evidence.noise, None
         if evidence.common is not None:
             σ, common = evidence.mean_noise, evidence.common
@@ -212,8 +292,11 @@ class NoiseAware(FittedScene):
             noise = np.full(3, evidence.level * σ)
             K = self._unit * laplacian(self.hidden_shape) @ self._basis.rows[self._seen].T
             weighed = weighed_axes(common, σ, K, self._curvatures)
+            if response is not None:  # along the axes, each pattern by its weight
+                seen = (common.axes @ response) @ self._basis.rows[self._seen].T
+                response = (weights * seen) @ (K / self._unit).T
         numbers = found.weight, float(np.sum(left**2)), len(self._curvatures)
-        return standard_errors(self._gram, noise, found.image, *numbers, weighed)
+        return standard_errors(self._gram, noise, found.image, *numbers, weighed, response)
 
     def _recover_with_gain(
         self, wall_gain: WallGain, planes: Array, evidence: Evidence

@@ -20,6 +20,15 @@ Where the channels share noise, the misfit's weights are not the noise's inverse
 place of A⊥ᵀA⊥/σ², and the covariance V of the noise in D f_LS, the estimate's covariance is
 H⁻¹(V + τP)H⁻¹, and in the misfit tr X² becomes tr (D⁻¹ − H⁻¹) D (D⁻¹ − H⁻¹) V, over what the wall
 shows.
+
+Where the scene itself errs, the photograph holds light Σ_k e_k T_k that A f does not, T_k what an
+error of one unit does to it and e of covariance Σ (`uncertain_scene`). It moves the estimate by
+H⁻¹A⊥ᵀT_k e_k/σ², alike in all channels, and adds to the covariance
+
+    H⁻¹ A⊥ᵀT Σ TᵀA⊥ H⁻¹ / σ⁴,   T = (T_1, T_2, …):
+
+as the inverse of H beside the scene's errors has it, block by block. Where images undo what the
+errors do, as a monitor's shift, nothing is known of these but the ruler's word, and edges err most.
 """
 
 from __future__ import annotations
@@ -39,6 +48,11 @@ ASSUMPTIONS = (
     "the scene is right, and that what the wall hides of the image varies like what it shows"
 )
 """What the standard errors assume, to be told with them."""
+
+ASSUMPTIONS_BUT_ERRORS = ASSUMPTIONS.replace(
+    "is right", "is right but for the errors of its uncertain parameters"
+)
+"""The same where these are counted in."""
 
 ROUNDING = 0.5
 """Where gradients are rounded off, over the prior's scale: of the values tried (0.5 to 4) the one
@@ -80,20 +94,23 @@ def standard_errors(
     misfit: float,
     rank: int,
     weighed: WeighedAxes | None = None,
+    response: Array | None = None,
 ) -> Array:
     """Return the standard error of each patch, (R, C, 3), in units of the image.
 
-    They assume that A and B are right, and that what the wall hides of the image varies like what
-    it shows: the pull of total variation on both is alike. What f ≥ 0 excludes is left out of
-    account, so that errors of images with much black are told too large.
+    They assume that A and B are right but for what `response` counts, and that what the wall hides
+    of the image varies like what it shows: the pull of total variation on both is alike. What f ≥ 0
+    excludes is left out of account, so that errors of images with much black are told too large.
 
     The arguments are A⊥ᵀA⊥, (N, N), of a given rank, σ_c, (3,), f̂, (R, C, 3), λ > 0, and the
     misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c². Where the channels share noise, c counts its axes, and the
-    misfit is weighed by D; see `common_noise`.
+    misfit is weighed by D; see `common_noise`. The response, (K, 3, N), is A⊥ᵀT Σ^½ of an
+    uncertain scene, along the axes its part in D f_LS times σ².
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
     noises, pulls = np.empty((2, len(gram), 3))
+    moved = np.zeros((0 if response is None else len(response), len(gram), 3))
     pulled = squared = extra = 0.0
     for channel, σ in enumerate(noise):
         D = (gram if weighed is None else weighed.information[channel]) / σ**2
@@ -103,6 +120,8 @@ def standard_errors(
         factor, _ = linalg.lapack.dpotrf(H)
         upper, _ = linalg.lapack.dpotri(factor)
         inverse = np.triu(upper) + np.triu(upper, 1).T
+        if response is not None:
+            moved[..., channel] = response[:, channel] @ inverse / σ**2
         X = P @ inverse
         pulls[:, channel] = np.sum(inverse * X, axis=0)
         # Of H⁻¹ = H⁻¹D H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
@@ -121,6 +140,8 @@ def standard_errors(
     variances = noises + τ * pulls
     if weighed is not None:
         variances = variances @ weighed.axes**2
+        moved = moved @ weighed.axes
+    variances = variances + np.sum(moved**2, axis=0)
     return np.asarray(np.sqrt(variances).reshape(f.shape))
 
 

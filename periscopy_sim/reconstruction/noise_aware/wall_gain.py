@@ -60,6 +60,11 @@ ERROR_RATE = 1e-3
 BOUNDS = 0.2, 5.0
 """No gain is believed beyond these."""
 
+SPREAD = 0.07
+"""Standard deviation of a polynomial's coefficient, where a gain is found beside the scene: a lens
+that darkens corners by v makes two of v / 3. With twice as much a gain took the place of geometry
+where there was none."""
+
 LEFT = 1e-5
 """A polynomial of which less is left than this part is one that [A, B] explains."""
 

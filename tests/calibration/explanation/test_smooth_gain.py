@@ -9,8 +9,9 @@ from scipy.ndimage import gaussian_filter
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.explanation.evidence import Explanation, explain
-from periscopy_sim.calibration.explanation.smooth_gain import GAIN, SmoothGain
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.reconstruction.noise_aware.wall_gain import SPREAD
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
@@ -54,7 +55,7 @@ def by_brute_force(A, Q, y, overdispersion=1.0):
     def evidence(c):
         tried = replace(gain, coefficients=c)
         with_it = explain(tried.field[:, None] * A, Q, y, SHAPE, overdispersion)
-        return with_it.evidence + np.sum(c**2) / GAIN**2
+        return with_it.evidence + np.sum(c**2) / SPREAD**2
 
     return optimize.minimize(evidence, np.zeros(5), method="BFGS", options={"gtol": 1e-2})
 
