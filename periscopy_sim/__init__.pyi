@@ -8,6 +8,8 @@ from .analytic.point_light import (
 from .analytic.transport import analytic_transport
 from .calibration.calibrate import calibrate
 from .calibration.result import Calibration
+from .calibration.silhouette.recover import recover_silhouette
+from .calibration.silhouette.result import Silhouette
 from .dataset.archive.reading import open_dataset
 from .dataset.archive.torch_dataset import TorchDataset
 from .dataset.configuration.document import load_configuration
@@ -66,6 +68,7 @@ __all__ = [
     "Reconstruction",
     "Scenario",
     "Sensor",
+    "Silhouette",
     "Sweep",
     "TorchDataset",
     "TruncatedSVD",
@@ -105,6 +108,7 @@ __all__ = [
     "read_sensor_image",
     "read_wall_points",
     "read_wall_tags",
+    "recover_silhouette",
     "registered",
     "render_background",
     "render_photograph",

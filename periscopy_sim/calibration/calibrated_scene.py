@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr, unescape
 
@@ -71,6 +71,15 @@ def with_defaults(path: Path, values: Mapping[str, str], folder: Path, remark: s
     root = next((m for m in _TAG.finditer(copied) if m[0].startswith("<scene")), None)
     end = len(copied) if root is None else root.end()
     return copied[:end] + "".join(f"\n    {tag}" for tag in added) + copied[end:]
+
+
+def tags(text: str) -> Iterator[tuple[re.Match[str], str, dict[str, str]]]:
+    """Yield the tags of an XML text, comments left out: each match, its name and its attributes."""
+    for match in _TAG.finditer(text):
+        name = re.match(r"</?([\w:.-]+)", match[0])
+        if name is not None:
+            found = {attribute[1] for attribute in _ATTRIBUTE.finditer(match[0])}
+            yield match, name[1], {each: _attribute(match[0], each) or "" for each in found}
 
 
 def _attribute(tag: str, name: str) -> str | None:

@@ -20,6 +20,7 @@ from periscopy_sim.cli.output import (
     warn_boxed,
     write_json,
 )
+from periscopy_sim.cli.silhouette import find_silhouette, refuse_others
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -88,6 +89,22 @@ def calibrate(
             "do to the values found is counted in their errors, each on its own. Repeatable.",
         ),
     ] = None,
+    silhouette: Annotated[
+        str | None,
+        option(
+            "SHAPE",
+            "Find the form of an occluder nobody measured, not numbers: the shape of this id is "
+            "replaced by a flat mask of cells in the rectangle about it. Beside the scene are "
+            "written NAME_SHAPE.ply, the mask, and NAME_silhouette.png.",
+        ),
+    ] = None,
+    cells: Annotated[
+        str | None,
+        option(
+            "ROWSxCOLUMNS",
+            "Cells of --silhouette. Default: 16 along the rectangle's longer side.",
+        ),
+    ] = None,
     samples: arguments.Samples = 36,
     background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
@@ -103,6 +120,15 @@ def calibrate(
     from periscopy_sim.figures.calibration import draw_calibration
     from periscopy_sim.photographs.checking import blackened
 
+    if silhouette is not None:
+        refuse_others({"--free": free, "--uncertain": uncertain})
+        find_silhouette(
+            photo, scene, hidden, out, silhouette, cells,
+            background=background, mask=mask, seed=seed, define=define,
+        )  # fmt: skip
+        return
+    if cells is not None:
+        raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), parse_definitions(define)
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")

@@ -133,10 +133,34 @@ class Explanation:
         misfit = np.einsum("mc,mc,c->", self.residuals, moved, self.deviations**-2)
         return float(2 * (np.vdot(self._volume, change) / self.overdispersion - misfit))
 
+    @property
+    def gradient(self) -> Array:
+        """(M, N) the derivatives of the evidence by each entry of the matrix, see `slope`."""
+        misfit = self._gained(self.residuals / self.deviations**2) @ self.images.T
+        return np.asarray(2 * (self._volume / self.overdispersion - misfit))
+
     def jacobian(self, change: Array) -> Array:
         """Return how the photograph moves along dA, J = dA f̂: J⊥ / (σ κ^½), (M, 3)."""
-        moved = self._gained(change @ self.images)
-        return np.asarray(self.without_background(moved) / self.deviations)
+        return self.moved(change @ self.images)
+
+    def moved(self, light: Array) -> Array:
+        """Return how the photograph moves with more light on the wall, (..., M, 3): over σ κ^½."""
+        return np.asarray(self.without_background(self._gained(light)) / self.deviations)
+
+    def information(self, moved: Array) -> Array:
+        """Return the Fisher information, (K, K), on how much of some moves, (K, M, 3), there is.
+
+        They are as `moved` returns them. What image and light could follow tells nothing.
+        """
+        total = np.zeros((len(moved), len(moved)))
+        for c, (positive, (factor, lower)) in enumerate(self._positive):
+            J = moved[:, :, c].T
+            followed = linalg.solve_triangular(
+                factor, self._projected[:, positive].T @ J, trans=0 if lower else 1, lower=lower,
+                check_finite=False,
+            )  # fmt: skip
+            total += J.T @ J - followed.T @ followed
+        return total
 
     def projected_jacobian(self, change: Array) -> Array:
         """Return how it moves along dA, beyond what image, light and gain could follow.

@@ -199,7 +199,10 @@ class ResolutionLevel:
 
         The evidence is with the prior's penalty.
         """
-        A = self.matrix(values, seed)
+        return self.explained_by(self.matrix(values, seed), values)
+
+    def explained_by(self, A: Array, values: Values) -> Explanation:
+        """Explain the photograph by a transport matrix, (used pixels, N), at some values."""
         found = explain(
             self._gain.field[:, None] * A,
             self.background(values), self._y, self.hidden_shape, self.overdispersion,

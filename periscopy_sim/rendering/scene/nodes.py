@@ -75,6 +75,14 @@ class SceneNodes:
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
+    def plugin_and_place(self, name: str) -> tuple[str, NDArray[np.float64]]:
+        """Return a node's plugin by its id, and the matrix, (4, 4), from its coordinates."""
+        import mitsuba as mi
+
+        node = self._by_id(name)
+        transform = node.get("to_world", mi.ScalarTransform4f())
+        return str(node.plugin_name()), np.array(transform.matrix, dtype=np.float64)
+
     def wall_material(self) -> str:
         """Return the name of the wall's BSDF plugin, for messages."""
         materials = self.children(self._by_id("wall"), "BSDF")

@@ -81,6 +81,20 @@ def test_information_weighs_moves_by_the_dense_inverse_covariance(problem):
     )
 
 
+def test_the_gradient_by_entries_and_information_of_light_are_those_of_changes(problem):
+    A, Q, y, change = problem
+    found = explain(A, Q, y, SHAPE)
+    other = np.roll(change, 1, axis=0)
+    assert np.vdot(found.gradient, change) == pytest.approx(found.slope(change), rel=1e-9)
+    light = np.array([each @ found.images for each in (change, other)])
+    moved = found.moved(light)
+    np.testing.assert_allclose(moved[1], found.jacobian(other), rtol=1e-9)
+    expected = [
+        [np.vdot(found.beyond_image(a), b) for b in moved] for a in moved
+    ]  # fmt: skip
+    np.testing.assert_allclose(found.information(moved), expected, rtol=1e-8)
+
+
 def test_ambient_light_of_any_strength_changes_nothing(problem):
     A, Q, y, change = problem
     light = 1e3 * Q @ np.random.default_rng(1).standard_normal((LIGHTS, 3))

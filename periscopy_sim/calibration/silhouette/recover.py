@@ -1,0 +1,325 @@
+"""Find the silhouette of an unmeasured occluder, and the hidden image, from one photograph.
+
+The visibility between a point of the wall and a patch of the monitor is linear in the opacities of
+a flat mask's cells, so that the photograph is bilinear in mask and image: a blind deconvolution,
+whose kernel is the mask. As Levin et al. (IEEE TPAMI 33, 2011) advise for that, the image is
+integrated out while the mask is sought (`opacity_fit`), coarse to fine and from several starts, and
+each cell is opaque or open in the end (`binary_search`).
+
+What stays open: mask and image may be shifted against each other, as far as the image's border is
+dark (hence the mask is preferred in the middle of its rectangle); and they may change places, each
+turned by half a circle, if the image has one colour and is as bright as dark. Both would explain
+the photograph alike; answers that do are told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.explanation.overdispersion import overdispersion
+from periscopy_sim.calibration.explanation.resolution_level import (
+    Rays,
+    Resolution,
+    ResolutionLevel,
+)
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.silhouette.binary_search import binarized
+from periscopy_sim.calibration.silhouette.cell_size import (
+    finest_photograph,
+    fitted_cells,
+    require_coarse,
+)
+from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane, mask_plane
+from periscopy_sim.calibration.silhouette.opacity_fit import (
+    NOTHING,
+    MaskFit,
+    MaskLevel,
+    descend,
+    linearized,
+)
+from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.result import Silhouette, overlap
+from periscopy_sim.errors import PhotographError, SceneError, VariantError
+from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.reconstruction.background_photographs import Backgrounds, named
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.variant import install_llvm, is_vectorized
+from periscopy_sim.scenario import Array
+from periscopy_sim.shipped import find_scene
+
+COARSE = Resolution(32, 12, Rays(4, 9), Rays(4, 9))
+MIDDLE = Resolution(48, 18, Rays(4, 9), Rays(4, 9))
+FINE = Resolution(63, 36, Rays(9, 4), Rays(4, 4))
+
+STARTS = 6
+"""Masks that the search begins with: half opaque everywhere, and random ones."""
+
+FINALISTS = 4
+"""Of them, looked at finely."""
+
+SAME = 0.8
+"""Overlap from which two masks are one answer."""
+
+ALIKE = 20.0
+"""Evidence, over the overdispersion, by which one answer must exceed another to exclude it."""
+
+TOLD = 0.5
+"""Part of the seen cells that the photograph must tell as numbers."""
+
+PRIOR_PRECISION = 4.0
+"""Of a cell's opacity, which is 0 or 1 as likely: its reciprocal variance."""
+
+SHOWN = 50.0
+"""Evidence that a mask must win over none for the photograph to show a shadow of it."""
+
+UNSEEN = 1e-2
+"""Part of the largest cell's shadow, below which a cell's is not seen."""
+
+NEAR = 200.0
+"""Of the objective: other masks that are worse by more, while opacities are between 0 and 1, are
+not looked at as opaque and open ones."""
+
+
+def recover_silhouette(
+    photograph: NDArray[np.floating[Any]],
+    scene: str | Path,
+    hidden: tuple[int, int],
+    shape: str,
+    cells: tuple[int, int] | None = None,
+    *,
+    parameters: Mapping[str, str | float] | None = None,
+    backgrounds: Backgrounds | None = None,
+    mask: NDArray[np.bool_] | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Silhouette:
+    """Find the silhouette of a flat occluder that nobody measured, and the hidden image.
+
+    Parameters
+    ----------
+    photograph
+        (rows, columns, 3), linear, of any unit.
+    scene
+        A Mitsuba XML file, or the name of a shipped scene.
+    hidden
+        (R, C) of the hidden image; of finer ones than 36 patches along a side a coarser one serves.
+    shape
+        The occluder's id. Its form does not matter, only the rectangle about it, see `MaskPlane`.
+    cells
+        (rows, columns) into which that is cut; by default 16 along its longer side, as square as
+        they can be.
+    parameters
+        Values of the scene's ``<default>``s.
+    backgrounds
+        Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
+        their names to them: their light joins that from afar.
+    mask
+        (rows, columns) pixels to use; None for all.
+    seed
+        Of the starts and the rays.
+    progress
+        Called with the fraction done, 1 at last.
+
+    Returns
+    -------
+    Silhouette
+        See there; look at `Silhouette.doubts` first.
+
+    Raises
+    ------
+    SceneError
+        If the shape is no occluder, its rectangle is not between monitor and wall or casts no
+        shadow into view, or the cells are more than the photograph can tell.
+    PhotographError
+        If the photograph is not of the camera's size, or shows no shadow of the shape.
+    VariantError
+        In scalar variants, which would take days.
+    """
+    from threadpoolctl import threadpool_limits
+
+    path = find_scene(scene)
+    given = {name: str(value) for name, value in (parameters or {}).items()}
+    first = load_scenario(path, hidden, given)
+    plane = mask_plane(first, shape)
+    cells = cells or fitted_cells(plane)
+    require_coarse(first, plane, cells)
+    if not is_vectorized():
+        raise VariantError("calibration renders transport matrices; " + install_llvm())
+    y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
+    off = [
+        check_photograph(image, first.photograph_shape, name, mask)
+        for name, image in named(backgrounds or []).items()
+    ]
+    report = progress or (lambda _: None)
+    with threadpool_limits(1), TemporaryDirectory() as folder:
+        empty = Path(folder) / path.name
+        empty.write_text(with_mesh(path, shape, None, {}, empty.parent), encoding="utf-8")
+
+        def level(resolution: Resolution, parts: int) -> MaskLevel:
+            rows, columns = (-(-count // parts) for count in cells)
+            here = ResolutionLevel(
+                empty, given, (), Prior.none(0), y, off, mask, hidden, resolution, seed,
+                lambda _: None,
+            )  # fmt: skip
+            return MaskLevel.of(here, plane, (rows, columns))
+
+        coarse, middle = level(COARSE, 4), level(MIDDLE, 2)
+        masks = candidates(coarse, middle, plane, seed, lambda part: report(0.3 * part))
+        fine = level(replace(FINE, photograph=finest_photograph(first, plane, cells)), 1)
+        fits = []
+        for k, found in enumerate(masks):
+            start = resized(found.opacities, cells)
+            fits.append(descend(fine, start, *ROUGH))
+            report(0.3 + 0.5 * (k + 1) / len(masks))
+        answers = _answers(fine, fits, plane, shape)
+        report(1.0)
+    return replace(answers[0], others=tuple(answers[1:]))
+
+
+ROUGH = 12, 3.0
+"""Of a descent among several: how many steps at most, and what gain is negligible."""
+
+
+def candidates(
+    coarse: MaskLevel,
+    middle: MaskLevel,
+    plane: MaskPlane,
+    seed: int,
+    report: Callable[[float], None] = lambda _: None,
+) -> list[MaskFit]:
+    """Return masks at a middle level, the best first, no two the same but for a shift.
+
+    They come from starts at a coarse level. With them stand the best one in the middle of its
+    rectangle, and the best one and its image with their places changed.
+    """
+    random = np.random.default_rng(seed)
+    found = []
+    for k in range(STARTS):
+        start = random.uniform(size=coarse.cells) if k else np.full(coarse.cells, 0.5)
+        rough = descend(coarse, start, *ROUGH)
+        found.append(descend(middle, resized(rough.opacities, middle.cells), *ROUGH))
+        report((k + 1) / STARTS)
+    best = min(found, key=lambda fit: fit.objective)
+    for other in (centred(best.opacities), swapped(middle, plane, best)):
+        if other.any():
+            found.append(descend(middle, other, *ROUGH))
+    kept: list[MaskFit] = []
+    for fit in sorted(found, key=lambda fit: fit.objective):
+        if all(overlap(fit.opaque, each.opaque, 0) < SAME for each in kept):
+            kept.append(fit)
+    return kept[:FINALISTS]
+
+
+def _answers(
+    level: MaskLevel, fits: list[MaskFit], plane: MaskPlane, name: str
+) -> list[Silhouette]:
+    """Return the best silhouette, and others that explain the photograph alike."""
+    level, best = _finished(level, min(fits, key=lambda fit: fit.objective))
+    unlike = [fit for fit in fits if overlap(fit.opaque, best.opaque) < SAME]
+    near = [fit for fit in unlike if fit.objective < best.objective + NEAR]
+    answers = [best]
+    for fit in sorted(near, key=lambda fit: fit.objective):
+        other = binarized(level, fit.opacities)
+        if all(overlap(other.opaque, each.opaque) < SAME for each in answers):
+            answers.append(other)
+    answers.sort(key=lambda fit: fit.objective)
+    least = answers[0].explanation.evidence
+    alike = [fit for fit in answers if fit.explanation.evidence < least + ALIKE]
+    return [_silhouette(level, fit, plane, name) for fit in alike]
+
+
+def _finished(level: MaskLevel, fit: MaskFit) -> tuple[MaskLevel, MaskFit]:
+    """Return the binary mask that a descent leads to, and the level with what was left by it."""
+    level = level.learned(fit.explanation)
+    best = binarized(level, descend(level, fit.opacities, 12).opacities)
+    middle = binarized(level, centred(best.opacities))
+    if middle.explanation.evidence < best.explanation.evidence + ALIKE:
+        best = middle
+    return level, best
+
+
+def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> Silhouette:
+    """Return what is told of a binary mask."""
+    found, open_ = fit.explanation, level.explain(np.zeros(level.cells)).explanation
+    if open_.evidence - found.evidence < SHOWN:
+        raise PhotographError(
+            f"the photograph shows no shadow of '{name}' in its rectangle; its silhouette cannot "
+            "be found"
+        )
+    light = level.shadows.light_held_off
+    seen = light > UNSEEN * light.max()
+    _, H = linearized(level, fit)
+    known = np.linalg.eigvalsh(H[np.ix_(seen, seen)])
+    told = float((known / (known + PRIOR_PRECISION)).sum())
+    if told < TOLD * seen.sum():
+        rows, columns = (max(2, int(n * np.sqrt(told / seen.sum()))) for n in level.cells)
+        raise SceneError(
+            f"the photograph tells about {told:.0f} numbers of the {seen.sum()} cells of '{name}' "
+            f"that it shows; ask for fewer, such as --cells {rows}x{columns}"
+        )
+    whole = level.level.scale
+    return Silhouette(
+        name=name,
+        plane=plane,
+        opaque=fit.opaque,
+        seen=seen.reshape(level.cells),
+        told=told,
+        image=found.images.reshape(*level.level.hidden_shape, 3),
+        unexplained=_rms(found.noise) / whole,
+        unexplained_open=_rms(open_.noise) / whole,
+        residual=level.level.picture(found.residuals),
+        overdispersion=overdispersion(found, level.level.used, level.level.seed),
+        evidence=found.evidence,
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def swapped(level: MaskLevel, plane: MaskPlane, fit: MaskFit) -> Array:
+    """Return the mask that is the image of a fit, turned by half a circle, (rows, columns).
+
+    From x, mask m and image f are seen as ∫ m(x + t (q − x)) f(q) dq, t the part of the way at
+    which the mask stands. f(−p/t) in the place of the mask, m(−t q) in that of the image give the
+    same for all x but for a shift.
+    """
+    from scipy.spatial import KDTree
+
+    scenario = level.level.scenario(NOTHING)
+    rows, columns = level.cells
+    down, across = np.indices(level.cells) + 0.5
+    cells = plane.at(np.stack([across / columns, down / rows], axis=-1)).reshape(-1, 3)
+    monitor = scenario.patch_centers.mean(axis=0)
+    middle = plane.at(np.array([0.5, 0.5]))
+    places = monitor - (cells - middle) / plane.part(scenario)
+    distance, nearest = KDTree(scenario.patch_centers).query(places)
+    size = np.sqrt(scenario.patch_areas.max())
+    grey = np.where(distance < size, fit.explanation.images.mean(axis=1)[nearest], 0.0)
+    return np.asarray(grey / max(grey.max(), 1e-300)).reshape(level.cells)
+
+
+def centred(opacities: Array) -> Array:
+    """Return a mask, (rows, columns), moved to the middle of its rectangle."""
+    moved, opaque = opacities, opacities > 0.5 * opacities.max()
+    for axis, count in enumerate(opacities.shape):
+        filled = np.flatnonzero(opaque.any(axis=1 - axis))
+        if len(filled):
+            moved = np.roll(moved, (count - 1 - int(filled[0] + filled[-1])) // 2, axis)
+    return moved
+
+
+def resized(opacities: Array, cells: tuple[int, int]) -> Array:
+    """Return opacities on a grid of other cells, (rows, columns): those of the nearest ones."""
+    rows, columns = (
+        ((np.arange(new) + 0.5) * old / new).astype(int)
+        for new, old in zip(cells, opacities.shape, strict=True)
+    )
+    return np.asarray(opacities[np.ix_(rows, columns)])

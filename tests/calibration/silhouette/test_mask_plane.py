@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.silhouette.cell_size import fitted_cells, require_coarse
+from periscopy_sim.calibration.silhouette.mask_plane import mask_plane
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import load_scenario
+from tests.calibration.silhouette.conftest import HIDDEN
+
+
+def test_it_is_the_rectangle_that_was_declared(plane):
+    corners = plane.at(np.array([[0.0, 0.0], [1.0, 1.0]]))
+    np.testing.assert_allclose(corners, [[0.47, 0.57, 0.31], [0.55, 0.57, 0.23]], atol=1e-6)
+    assert plane.sides == pytest.approx((0.08, 0.08), abs=1e-6)
+
+
+def test_a_turned_one_is_in_its_own_plane(scene):
+    plane = mask_plane(load_scenario(scene, HIDDEN, {"turn": "30"}), "card")
+    assert plane.sides == pytest.approx((0.08, 0.08), abs=1e-6)
+    assert plane.across[1] / plane.across[0] == pytest.approx(np.tan(np.pi / 6), rel=1e-4)
+
+
+def test_a_thick_shape_has_it_in_its_middle_parallel_to_the_wall(scene, tmp_path):
+    thick = tmp_path / "thick.xml"
+    thick.write_text(
+        scene.read_text().replace('"rectangle" id="card"', '"cube" id="card"').replace(
+            '<scale value="$size"/>', '<scale x="0.03" y="0.05" z="0.02"/>'
+        )
+    )  # fmt: skip
+    plane = mask_plane(load_scenario(thick, HIDDEN), "card")
+    assert plane.sides == pytest.approx((0.1, 0.06), abs=1e-6)
+    assert plane.corner[1] == pytest.approx(0.57, abs=1e-6)
+    assert abs(plane.across[1]) + abs(plane.down[1]) < 1e-6
+
+
+def test_it_tells_at_which_part_of_the_way_it_stands(plane, scenario):
+    assert plane.part(scenario) == pytest.approx(0.46 / 1.03, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("wall", {}, "'wall' is no occluder"),
+        ("monitor", {}, "'monitor' is no occluder"),
+        ("crad", {}, "did you mean 'card'"),
+        ("zebra", {}, "its occluders are"),
+        ("card", {"depth": "1.05"}, "reaches through the wall"),
+        ("card", {"depth": "-0.1"}, "behind the monitor"),
+        ("card", {"shift": "2"}, "casts no shadow"),
+        ("card", {"turn": "64"}, "edge on"),
+    ],
+)
+def test_what_can_be_no_mask_is_told_of(scene, name, values, message):
+    with pytest.raises(SceneError, match=message):
+        mask_plane(load_scenario(scene, HIDDEN, values), name)
+
+
+def test_cells_are_square_and_not_finer_than_pixels(plane, scenario):
+    assert fitted_cells(plane) == (16, 16)
+    require_coarse(scenario, plane, (8, 8))
+    with pytest.raises(SceneError, match="ask for 13x13 at most"):
+        require_coarse(scenario, plane, (16, 16))
+    with pytest.raises(SceneError, match="two cells at least"):
+        require_coarse(scenario, plane, (1, 1))
