@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -18,6 +19,7 @@ from periscopy_sim.numerics.products import (
 from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image
+from periscopy_sim.reconstruction.noise_aware.ambient_prior import AmbientEstimate, AmbientPrior
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
     noise_of,
@@ -53,7 +55,7 @@ class FittedScene(AmbientMethod[np.float64]):
 
     uncertain: UncertainTransport | None
 
-    def _fit(self, used: Array, Q: Array, wall_gain: bool | None) -> None:
+    def _fit(self, used: Array, Q: Array, wall_gain: bool | None, ambient_prior: bool) -> None:
         """Fit to A of the pixels used, (M', N), and an orthonormal basis of range(B), (M', r)."""
         self._background = np.ascontiguousarray(Q.T)
         self._transport = np.ascontiguousarray(used.T, np.float32)
@@ -70,6 +72,7 @@ class FittedScene(AmbientMethod[np.float64]):
         curvatures = self._basis.curvatures  # they ascend
         self._seen = slice(int((curvatures <= SEEN * curvatures[-1]).sum()), None)
         self._curvatures = curvatures[self._seen]
+        self._ambient_prior = self._fitted_prior() if ambient_prior else None
         self._wall_gain = self._fitted_gain(wall_gain)
 
     def displaced(self, uncertain: UncertainTransport, u: Array) -> Self:
@@ -84,7 +87,8 @@ class FittedScene(AmbientMethod[np.float64]):
             used = self.observation.used_transport(uncertain.render(uncertain.at(u)))
         else:
             used = self._transport.T + uncertain.change(u, self.observation.mask)
-        there._fit(used, self._background.T, self._wall_gain is not None)
+        searched = self._wall_gain is not None, self._ambient_prior is not None
+        there._fit(used, self._background.T, *searched)
         return there
 
     def left_of(self, photograph: Image) -> Array:
@@ -139,6 +143,14 @@ class FittedScene(AmbientMethod[np.float64]):
         rows = np.ascontiguousarray(self._rejected_rows(rows), np.float32)
         return times_rows(rows, self._transport).reshape(*light.shape[:2], -1).astype(np.float64)
 
+    def _error_response(self, found: NoiseAwareReconstruction) -> Array | None:
+        """Return what errors of scene and ambient light do, for `standard_errors`; None without."""
+        responses = [self.geometry_response(found)]
+        if self._ambient_prior is not None and found.ambient is not None:
+            responses.append(self._ambient_prior.response(self._transport, found.ambient))
+        known = [each for each in responses if each is not None]
+        return np.concatenate(known) if known else None
+
     def _moved_light(self, uncertain: UncertainTransport, found: NoiseAwareReconstruction) -> Array:
         """Return g D f̂, (1 or 2, K, 3, M'), of the pixels used."""
         mask = self.observation.mask
@@ -151,15 +163,22 @@ class FittedScene(AmbientMethod[np.float64]):
         They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit. All are brought to an
         even wall by one `evenness`, or each by its own.
         """
-        return self._evidence(*self._rejected(photographs, evenness))
+        planes, shares, _ = self._rejected(photographs, evenness)
+        return self._evidence(planes, shares)
 
-    def _rejected(self, photographs: Image, evenness: Array | None = None) -> tuple[Array, Array]:
-        """Return photographs, range(B) projected out, (K, 3, M'), and the share left, (K,)."""
+    def _rejected(
+        self, photographs: Image, evenness: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return photographs, range(B) projected out, (K, 3, M'), and what is left of them.
+
+        That is the share left, (K,), and the mean of each channel before, (K, 3).
+        """
         planes = self._planes(photographs, evenness)
+        means = planes.mean(axis=2)
         whole = root_mean_squares(planes)
         y = planes.reshape(-1, planes.shape[-1])  # a row for each channel of each photograph
         subtract_combinations(y, times_rows(y, self._background), self._background)
-        return planes, root_mean_squares(planes) / np.where(whole > 0, whole, 1)
+        return planes, root_mean_squares(planes) / np.where(whole > 0, whole, 1), means
 
     def _evidence(self, planes: Array, shares: Array) -> list[Evidence]:
         """Return the evidence of (K, 3, M') planes, and divide them by their levels, in place."""
@@ -175,6 +194,27 @@ class FittedScene(AmbientMethod[np.float64]):
         ratios = noise_to_signal(noises, y.shape[1], rank, len(self._curvatures))
         numbers = (each.tolist() for each in (levels, shares, ratios))
         return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)]
+
+    def _without(self, evidence: Evidence, y: Array, light: Array | None) -> tuple[Evidence, Array]:
+        """Return evidence of y, (3, M'), less some light, and what is left of y.
+
+        y is of the evidence's level, the light of the photograph's unit, what is left of the level
+        of its own evidence.
+        """
+        if light is None:
+            return evidence, y
+        planes = (y - light / evidence.level)[None]
+        (rest,) = self._evidence(planes, np.array([evidence.share]))
+        level, share = evidence.level * rest.level, evidence.share * rest.level
+        return replace(rest, level=level, share=share), planes[0]
+
+    def _ambient_light(self, evidence: Evidence, y: Array, means: Array) -> AmbientEstimate | None:
+        """Return the ambient light beyond range(B) of the y of an evidence, if looked for."""
+        if self._ambient_prior is None:
+            return None
+        coordinates = evidence.coefficients[:, self._seen] / np.sqrt(self._curvatures)
+        seen = y, coordinates, evidence.noise, means / evidence.level
+        return self._ambient_prior.estimate(*seen).scaled(evidence.level)
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
@@ -213,6 +253,15 @@ class FittedScene(AmbientMethod[np.float64]):
         shown = times_rows(products.astype(np.float32), self._basis.rows)
         return np.asarray(shown[:, self._seen], np.float64)
 
+    def _fitted_prior(self) -> AmbientPrior | None:
+        """Return what finds ambient light beyond range(B), where it can."""
+        shape = self.observation.rows_and_columns
+        if shape is None or not len(self._background):
+            return None
+        patterns, curvatures = self._basis.rows[self._seen], self._curvatures * self._unit**2
+        seen = self._transport, self._background, patterns, curvatures
+        return AmbientPrior(*seen, shape, self.observation.mask)
+
     def _fitted_gain(self, wanted: bool | None) -> WallGain | None:
         """Return what finds gains, if wanted."""
         shape = self.observation.rows_and_columns
@@ -230,4 +279,5 @@ class FittedScene(AmbientMethod[np.float64]):
             self._curvatures * self._unit**2,
             shape,
             self.observation.mask,
+            None if self._ambient_prior is None else self._ambient_prior.compared,
         )

@@ -1,9 +1,10 @@
 """The noise-aware method in the array API standard: for PyTorch, CuPy and other arrays.
 
-The same minimum by the same splitting as in `penalized_likelihood`, without a gain over the wall,
-noise that the channels share (`common_noise`), or the wall's unevenness (`unevenness`);
-everything from the photographs to the images stays in the arrays' own library and on their device.
-All images of a batch advance together, as suits a graphics card, until the last has converged.
+The same minimum by the same splitting as in `penalized_likelihood`, without ambient light beyond
+range(B) (`ambient_prior`), a gain over the wall, noise that the channels share (`common_noise`), or
+the wall's unevenness (`unevenness`); everything from the photographs to the images stays in the
+arrays' own library and on their device. All images of a batch advance together, as suits a graphics
+card, until the last has converged.
 `NoiseAware`, whose loops are compiled, is the fast path for NumPy arrays.
 """
 
@@ -32,8 +33,9 @@ class PortableNoiseAware:
     Parameters
     ----------
     method
-        Fitted to the scene, in NumPy. A gain over the wall, noise that the channels share and the
-        wall's unevenness are not looked for; its background photographs count as columns of B.
+        Fitted to the scene, in NumPy. Ambient light beyond range(B), a gain over the wall, noise
+        that the channels share and the wall's unevenness are not looked for; its background
+        photographs count as columns of B.
     like
         An array of the library, on the device; its values do not matter.
     """

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.method import Solution
+from periscopy_sim.reconstruction.noise_aware.ambient_prior import AmbientEstimate
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
 from periscopy_sim.reconstruction.uncertain_scene.found_scene import FoundScene
 
@@ -40,6 +41,8 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         (R, C, 3) the image that the gain was found from; None where there is none.
     scene
         Where its uncertain parameters were found; None where the scene is taken for right.
+    ambient
+        The ambient light beyond range(B); None where it was not looked for.
     """
 
     weight: float
@@ -50,11 +53,17 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     evidence: Evidence
     first_image: Array | None = None
     scene: FoundScene | None = None
+    ambient: AmbientEstimate | None = None
 
     @property
     def has_gain(self) -> bool:
         """Whether a gain over the wall was found."""
         return bool((self.gain != 1).any())
+
+    @property
+    def ambient_strengths(self) -> list[float]:
+        """κ of each group of the ambient light beyond range(B); none where none was looked for."""
+        return [] if self.ambient is None else self.ambient.strengths.tolist()
 
     @property
     def gain_remark(self) -> str:

@@ -8,8 +8,9 @@ noise were white and alike in all patches (Eq. 10), where its covariance is σ²
 noise is taken where it is white, in the photograph. Total variation is the colour image's: ‖∇f‖ is
 the norm over both directions and all three channels, so that the channels share their edges.
 
-`penalized_likelihood` minimizes it, `wall_gain` finds a smooth gain over the wall, `common_noise`
-noise that the channels share, `uncertainty` has the errors of f̂.
+`penalized_likelihood` minimizes it, `ambient_prior` finds ambient light beyond range(B),
+`wall_gain` a smooth gain over the wall, `common_noise` noise that the channels share, `uncertainty`
+has the errors of f̂.
 
 λ is `regularization` ‖A⊥‖_F/σ, and where the noise has more energy than the signal, the root of
 their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which brightens
@@ -103,6 +104,9 @@ class NoiseAware(FittedScene):
         What errors of the scene's parameters do to A. A still is then explained by the scene whose
         parameters it makes most probable, and its standard errors count what is left of theirs; see
         `uncertain_scene`. None where the scene is taken for right.
+    ambient_prior
+        Whether stills are freed of ambient light beyond range(B), see `ambient_prior`, where their
+        rows and columns are known and there is a B.
 
     Raises
     ------
@@ -127,6 +131,7 @@ class NoiseAware(FittedScene):
         backgrounds: Backgrounds | None = None,
         wall_gain: bool | None = None,
         uncertain: UncertainTransport | None = None,
+        ambient_prior: bool = True,
     ) -> None:
         super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
         if not 0 < regularization < np.inf:
@@ -144,7 +149,7 @@ class NoiseAware(FittedScene):
                 )
         self.uncertain = uncertain
         used = self.observation.used_transport(A)
-        self._fit(used, self._ambient_basis(A, B, rank_tolerance), wall_gain)
+        self._fit(used, self._ambient_basis(A, B, rank_tolerance), wall_gain, ambient_prior)
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
@@ -156,11 +161,16 @@ class NoiseAware(FittedScene):
 
     def _solved(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return what the scene that the method is fitted to makes of a photograph."""
-        planes, shares = self._rejected(np.asarray(photograph)[None])
+        planes, shares, means = self._rejected(np.asarray(photograph)[None])
         (evidence,) = self._evidence(planes, shares)
+        ambient = self._ambient_light(evidence, planes[0], means[0])
+        light = None if ambient is None else ambient.light
+        evidence, y = self._without(evidence, planes[0], light)
         if self._wall_gain is None:
-            return self.recover(self._with_common_noise(evidence, planes[0]))[0]
-        return self._recover_with_gain(self._wall_gain, planes, evidence)
+            found, _ = self.recover(self._with_common_noise(evidence, y, light))
+        else:
+            found = self._recover_with_gain(self._wall_gain, evidence, y, light)
+        return replace(found, ambient=ambient)
 
     def _relinearized(
         self, uncertain: UncertainTransport, photograph: Image, found: NoiseAwareReconstruction
@@ -203,6 +213,7 @@ class NoiseAware(FittedScene):
             **({} if scene is None else {"uncertain": scene.told()}),
             "wall_gain_found": found.has_gain,
             "wall_gain_range": [float(found.gain.min()), float(found.gain.max())],
+            "ambient_light_beyond_lamps": found.ambient_strengths,
         }
 
     def remark(self, found: NoiseAwareReconstruction) -> str:
@@ -228,8 +239,13 @@ class NoiseAware(FittedScene):
         return at
 
     def _signal(self, transport: TransportOperator, found: NoiseAwareReconstruction) -> Array:
-        """Return A f̂ + (g − 1) A f₀ of the gain over the wall g, found from a first image f₀."""
+        """Return A f̂ + D ê + (g − 1) A f₀ of the gain g, found from a first image f₀.
+
+        D ê is the ambient light beyond range(B).
+        """
         light = super()._signal(transport, found)
+        if found.ambient is not None:
+            light = light + found.ambient.light.T
         if found.first_image is None:
             return light
         gain, mask = found.gain.ravel(), self.observation.mask
@@ -277,13 +293,14 @@ class NoiseAware(FittedScene):
 
         They are (R, C, 3), in units of the image, and assume that A and B are right but for the
         errors of uncertain parameters, that a gain over the wall is known, and that what the wall
-        hides of the image varies like what it shows.
+        hides of the image varies like what it shows. What is not known of ambient light beyond
+        range(B) is counted.
         """
         return self._at(found)._standard_errors(found)
 
     def _standard_errors(self, found: NoiseAwareReconstruction) -> Array:
         evidence, left = found.evidence, self._explicable(found)[1]
-        response = self.geometry_response(found)
+        response = self._error_response(found)
         noise, weighed = evidence.level * evidence.noise, None
         if evidence.common is not None:
             σ, common = evidence.mean_noise, evidence.common
@@ -299,36 +316,38 @@ class NoiseAware(FittedScene):
         return standard_errors(self._gram, noise, found.image, *numbers, weighed, response)
 
     def _recover_with_gain(
-        self, wall_gain: WallGain, planes: Array, evidence: Evidence
+        self, wall_gain: WallGain, evidence: Evidence, y: Array, light: Array | None
     ) -> NoiseAwareReconstruction:
-        """Return the image found from a first one, less what the gain adds to its light."""
+        """Return the image found from a first one, less what the gain adds to its light.
+
+        The ambient light that was subtracted from y is `_with_common_noise`'s.
+        """
         tried = min(FIRST, self.max_iterations // 2)
         first, split = self.recover(evidence, self._schedule(tried))
         image = first.image.reshape(-1, 3).T / evidence.level
-        gain = wall_gain.estimate(planes[0], evidence.noise, image)
+        gain = wall_gain.estimate(y, evidence.noise, image)
         if gain.accepted:
-            planes = planes - gain.added
-            (even,) = self._evidence(planes, np.array([evidence.share]))
-            level, share = evidence.level * even.level, evidence.share * even.level
-            evidence = replace(even, level=level, share=share)
+            evidence, y = self._without(evidence, y, gain.added * evidence.level)
         rest = self._schedule(self.max_iterations - first.iterations)
-        found, _ = self.recover(self._with_common_noise(evidence, planes[0]), rest, split)
+        found, _ = self.recover(self._with_common_noise(evidence, y, light), rest, split)
         found = replace(found, iterations=first.iterations + found.iterations)
         if not gain.accepted:
             return found
         return replace(found, gain=gain.field, first_image=first.image)
 
-    def _with_common_noise(self, evidence: Evidence, y: Array) -> Evidence:
+    def _with_common_noise(self, evidence: Evidence, y: Array, light: Array | None) -> Evidence:
         """Return evidence with the noise that the channels share, if they do, and its factor on λ.
 
-        y, (3, M'), is what it is of, of the evidence's level.
+        y, (3, M'), is what it is of, of the evidence's level. The ambient light that was subtracted
+        from it, (3, M') in the photograph's unit, took noise along: the spectrum is told with it.
         """
         seen, rank = evidence.coefficients[:, self._seen], len(self._background)
         covariance = noise_covariance(y, seen, self._curvatures, rank)
         part = shared_part(covariance)
         if self.observation.rows_and_columns is None or not part:
             return evidence
-        noise = common_noise(covariance, part, self._unexplained(y), self._spectrum)
+        whole = y if light is None else y + light / evidence.level
+        noise = common_noise(covariance, part, self._unexplained(whole), self._spectrum)
         evidence = replace(evidence, common=noise)
         roots, schedule = np.sqrt(self._curvatures), self._schedule(self.max_iterations)
 

@@ -29,6 +29,7 @@ H⁻¹A⊥ᵀT_k e_k/σ², alike in all channels, and adds to the covariance
 
 as the inverse of H beside the scene's errors has it, block by block. Where images undo what the
 errors do, as a monitor's shift, nothing is known of these but the ruler's word, and edges err most.
+Likewise counts what is not known of ambient light that was subtracted (`ambient_prior`).
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ def standard_errors(
     The arguments are A⊥ᵀA⊥, (N, N), of a given rank, σ_c, (3,), f̂, (R, C, 3), λ > 0, and the
     misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c². Where the channels share noise, c counts its axes, and the
     misfit is weighed by D; see `common_noise`. The response, (K, 3, N), is A⊥ᵀT Σ^½ of an
-    uncertain scene, along the axes its part in D f_LS times σ².
+    uncertain scene or light, along the axes its part in D f_LS times σ².
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)

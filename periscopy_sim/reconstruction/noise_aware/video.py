@@ -50,7 +50,8 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     Each frame starts from the solution of the one before, which saves a sixth of the iterations
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
     No frame is searched for a gain over the wall, which would be another for each, nor for noise
-    that the channels share (`common_noise`), whose λ would be.
+    that the channels share (`common_noise`), whose λ would be, nor freed of ambient light beyond
+    range(B) (`ambient_prior`).
 
     Parameters, attributes and errors are those of `FrameByFrame`; `method` is the one for stills.
     """

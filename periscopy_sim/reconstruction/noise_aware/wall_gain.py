@@ -20,6 +20,8 @@ Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone
 directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
 It is compared with the polynomials of degrees 6 and 7 in the three channels rather than with all
 that is left: where light or scene do not fit the model, whatever is smooth is larger than noise.
+Where `ambient_prior` has freed y of such polynomials, noise included, they tell too little; then
+the larger of this and of what further ones tell is taken.
 
 A rendered A errs as well, by some δA that pixels and patches do not share. If what is left, r, is
 −δA f₀, then δA is also in the terms and in F, which takes from the products of terms and y
@@ -92,7 +94,8 @@ class WallGain:
     It takes Aᵀ, (N, M'), in single precision, of the M' pixels used; Qᵀ, (r, M'), an orthonormal
     basis of range(B); patterns W_k, (N', N), in single precision, a row each, and curvatures
     λ_k > 0, (N',), such that the A⊥ W_k/√λ_k are an orthonormal basis of the range of
-    A⊥ = A − Q QᵀA; and the photograph's shape and mask, as an `Observation` has them.
+    A⊥ = A − Q QᵀA; the photograph's shape and mask, as an `Observation` has them; and rows, (K,
+    M'), whose part in y nothing was subtracted from, None where nothing was from any.
     """
 
     def __init__(
@@ -103,6 +106,7 @@ class WallGain:
         curvatures: Array,
         photograph_shape: tuple[int, int],
         mask: NDArray[np.bool_] | None = None,
+        whole: Image | None = None,
     ) -> None:
         self._transport = transport
         self._background = background.astype(np.float32)
@@ -115,7 +119,8 @@ class WallGain:
         ambient = polynomials(photograph_shape, 0, AMBIENT_DEGREE)[:, used]
         compared = polynomials(photograph_shape, AMBIENT_DEGREE + 1, COMPARED_DEGREE)[:, used]
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
-        self._compared = self._unexplained(compared, self._ambient)
+        kinds = [compared] if whole is None else [compared, whole]
+        self._compared = [self._unexplained(each, self._ambient) for each in kinds]
 
     def estimate(self, y: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
@@ -136,7 +141,7 @@ class WallGain:
         r = self._unexplained_light(rest, images[-3:])
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
-        compared = times_rows(r, self._compared)
+        compared = max((times_rows(r, each) for each in self._compared), key=_mean_square)
         c, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
             c = np.asarray(np.linalg.solve(H, q), np.float64)
@@ -144,7 +149,7 @@ class WallGain:
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
             least = 2 * optimize.lsq_linear(*white, bounds=(0, 1)).cost
-            ratio = (least / count) / (np.mean(compared**2) + 1e-30)
+            ratio = (least / count) / (_mean_square(compared) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (c @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
@@ -176,7 +181,7 @@ class WallGain:
         """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
         return times_rows(times_rows(vectors, self._transport), self._basis) * self._scales
 
-    def _unexplained(self, rows: Array, others: Image) -> Image:
+    def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
         left = unit_rows(rows)
         sizes = np.ones(len(rows))
@@ -201,6 +206,10 @@ def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
             for i in range(degree + 1)
         ]
     )
+
+
+def _mean_square(values: Array) -> float:
+    return float(np.mean(values**2)) if values.size else 0.0
 
 
 def unit_rows(rows: Image) -> Image:

@@ -45,7 +45,7 @@ def recovered(xp, photographs, **settings):
         {"regularization": 0.3},
         {"rank_tolerance": 0.1},
         {"max_iterations": 13},
-        {"mask": RNG.random(PHOTOGRAPH) > 0.2, "wall_gain": False},
+        {"mask": RNG.random(PHOTOGRAPH) > 0.2, "wall_gain": False, "ambient_prior": False},
     ],
     ids=lambda settings: next(iter(settings), "defaults"),
 )
@@ -99,6 +99,6 @@ def test_a_batch_short_of_the_tolerance_is_told(xp):
 def test_what_is_masked_may_be_anything(xp):
     mask = RNG.random(PHOTOGRAPH) > 0.2
     spoilt = np.where(mask[..., None], PHOTOGRAPHS, np.nan)
-    settings = {"mask": mask, "wall_gain": False}
+    settings = {"mask": mask, "wall_gain": False, "ambient_prior": False}
     images = (np.asarray(recovered(xp, each, **settings)) for each in (PHOTOGRAPHS, spoilt))
     np.testing.assert_array_equal(*images)

@@ -1,0 +1,235 @@
+"""Ambient light that no lamps of B make: a prior whose strength the photograph tells.
+
+Lamps that stand free light a wall so smoothly that range(B) holds nearly all of it. The edge of a
+table, a sill, a blind or a jamb cuts light off, a lamp stands near: what that leaves beyond
+range(B) is a thousandth of the ambient light, and as strong as the penumbrae where that light is 20
+times the monitor's. So
+
+    y_c = A f_c + Q c_c + D e_c + n_c,   f_c ~ N(0, s_c² K⁻¹),   n_c ~ N(0, σ_c² I),
+    e_c ~ N(0, diag(v_c)),   v_c = (κ_g b_c)² M/r_g  in the group g,
+
+D being polynomials over the wall, range(B) projected out and orthonormal, in groups of r_g:
+profiles from top to bottom, constant or linear across (edges that lie level); from side to side
+(upright ones); and all others up to `DEGREE`. b_c is the mean of the channel's ambient light, so
+that κ_g is the root mean square of the group's light over it. K = ∇ᵀ∇ + I is `spectral_basis`'s.
+With f integrated out,
+
+    Σ_c = σ_c² I + s_c² A⊥ K⁻¹ A⊥ᵀ,   H_c = σ_c² Dᵀ Σ_c⁻¹ D,   q_c = σ_c² Dᵀ Σ_c⁻¹ y⊥_c,
+    ê_c = (H_c + φ σ_c² diag(v_c)⁻¹)⁻¹ q_c,   of the covariance φ σ_c² (H_c + φ σ_c² diag(v_c)⁻¹)⁻¹.
+
+s_c is the most likely one, and so are the κ_g among `STRENGTHS`, which end where realistic places
+do. So the model follows the ambient light's share: with little of it, no D e is believed that would
+matter. φ ≥ 1 is how much more than noise polynomials of higher degrees explain, where there is
+neither: a scene that is off by millimetres leaves structure everywhere, and is no ambient light.
+Light with edges as sharp as the penumbrae's own is beyond this model; background photographs show
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy import linalg
+
+from periscopy_sim.numerics.products import rejected, times_rows
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+DEGREE = 12
+"""Of the polynomials: half a period is a twelfth of the wall. Beyond range(B), light of windows in
+rooms had hardly any finer structure."""
+
+COMPARED_DEGREE = 14
+"""Up to which further ones tell how much is explained by chance, or by a scene that is off."""
+
+STRENGTHS = 1e-4, 3e-4, 1e-3
+"""κ, of the ambient light's mean. Beside a window it was 8e-4."""
+
+LEFT = 1e-5
+"""A polynomial of which less is left than this part is one that range(B) holds."""
+
+ROUNDING = 1e-5
+"""Of y⊥: the least noise; and of D's unit vectors: what single precision leaves."""
+
+SCALES = np.geomspace(1e-6, 1e6, 61)
+"""Of s² about the one at which the image alone would have the photograph's energy."""
+
+
+@dataclass(frozen=True, eq=False)
+class AmbientEstimate:
+    """The ambient light beyond range(B) of a photograph, in its unit."""
+
+    light: Array  # (3, M') D ê
+    covariance: Array  # (3, r, r) of e
+    strengths: Array  # (3,) κ of each group
+    overdispersion: float  # φ
+
+    def scaled(self, unit: float) -> AmbientEstimate:
+        """Return the estimate in another unit of light."""
+        light, covariance = unit * self.light, unit**2 * self.covariance
+        return AmbientEstimate(light, covariance, self.strengths, self.overdispersion)
+
+
+class AmbientPrior:
+    """Estimate ambient light beyond range(B) before one scene's wall; see the module.
+
+    Parameters are those of `WallGain`: Aᵀ, Qᵀ, the patterns W_k and curvatures λ_k of A⊥ᵀA⊥, the
+    photograph's shape and mask.
+
+    Attributes
+    ----------
+    compared
+        (K, M') further orthonormal polynomials, range(B) projected out, that no D e is made of.
+    """
+
+    def __init__(
+        self,
+        transport: Image,
+        background: Array,
+        patterns: Image,
+        curvatures: Array,
+        photograph_shape: tuple[int, int],
+        mask: NDArray[np.bool_] | None = None,
+    ) -> None:
+        used = slice(None) if mask is None else mask.ravel()
+        found: list[Array] = []
+        for group in _groups(photograph_shape):
+            found.append(_beyond(group[:, used], background, found))
+        *groups, compared = found
+        scales = 1 / np.sqrt(curvatures)
+
+        def coordinates(rows: Image) -> Array:
+            products = times_rows(rows, transport)
+            return np.asarray(times_rows(products, patterns) * scales, np.float64)
+
+        self._sizes = np.array([len(group) for group in groups])
+        self._rows: Image = np.concatenate(groups).astype(np.float32)
+        self.compared: Image = compared.astype(np.float32)
+        self._shown = coordinates(self._rows)
+        self._compared_shown = coordinates(self.compared)
+        brightness = transport.sum(axis=1, keepdims=True).T / np.float32(transport.shape[1])
+        self._brightness = times_rows(brightness, patterns)[0] * scales
+        self._curvatures = curvatures
+
+    def estimate(self, y: Array, coordinates: Array, noise: Array, means: Array) -> AmbientEstimate:
+        """Return the ambient light beyond range(B) of a photograph.
+
+        y, (3, M'), has range(B) projected out and is near 1 in size; its coordinates along the
+        A⊥ W_k/√λ_k are (3, N'). The standard deviations of its noise, (3,), and the means of the
+        photograph's channels, (3,), range(B) not projected out, are in its unit.
+        """
+        σ = np.maximum(noise, ROUNDING)
+        z, single = coordinates / σ[:, None], y.astype(np.float32)
+        shares = np.array([_explained_share(each, self._curvatures) for each in z])
+        image = shares * z
+        ambient = np.maximum(means - σ * (image @ self._brightness), 0)
+        by_chance = _Terms(times_rows(single, self.compared), self._compared_shown, σ, shares, z)
+        φ = max(1.0, by_chance.mean_ratio())
+        terms = _Terms(times_rows(single, self._rows), self._shown, σ, shares, z)
+        # Over φ σ², of κ = 1.
+        unit = np.outer((ambient / σ) ** 2 / φ, y.shape[1] / np.maximum(self._sizes, 1))
+
+        def variances(strengths: list[float]) -> Array:
+            return np.repeat(unit * np.square(strengths), self._sizes, axis=1)
+
+        strengths = [STRENGTHS[-1]] * len(self._sizes)
+        for group in range(len(strengths)):
+            tried = [[*strengths[:group], κ, *strengths[group + 1 :]] for κ in STRENGTHS]
+            strengths = max(tried, key=lambda each: terms.evidence(variances(each), φ))
+        e, covariance = terms.posterior(variances(strengths))
+        return AmbientEstimate(
+            light=(σ[:, None] * e) @ self._rows,
+            covariance=φ * σ[:, None, None] ** 2 * covariance,
+            strengths=np.array(strengths),
+            overdispersion=φ,
+        )
+
+    def response(self, transport: Image, found: AmbientEstimate) -> Array:
+        """Return A⊥ᵀ D L, (3 r, 3, N), L Lᵀ the covariance of each channel's e in turn.
+
+        The transport is Aᵀ, (N, M'), that the prior was fitted to.
+        """
+        light = times_rows(self._rows, transport).astype(np.float64)
+        responses = np.zeros((3, len(light), 3, len(transport)))
+        for channel, covariance in enumerate(found.covariance):
+            values, vectors = np.linalg.eigh(covariance)
+            roots = vectors * np.sqrt(np.maximum(values, 0))
+            responses[channel, :, channel] = roots.T @ light
+        return responses.reshape(-1, 3, len(transport))
+
+
+class _Terms:
+    """H and q of some unit vectors for the three channels, over their noise."""
+
+    def __init__(self, products: Image, shown: Array, σ: Array, shares: Array, z: Array) -> None:
+        self._q = np.asarray(products, np.float64) / σ[:, None] - (shares * z) @ shown.T
+        eye = (1 + ROUNDING) * np.eye(len(shown))
+        self._H = np.array([eye - (shown * share) @ shown.T for share in shares])
+
+    def mean_ratio(self) -> float:
+        """Return qᵀH⁻¹q for each term, which is 1 of noise; 0 without terms."""
+        if not self._q.size:
+            return 0.0
+        solved = np.linalg.solve(self._H, self._q[..., None])[..., 0]
+        return float(np.sum(self._q * solved) / self._q.size)
+
+    def evidence(self, v: Array, φ: float) -> float:
+        """Return the log likelihood of prior variances, (3, r) over φ σ², but for a constant."""
+        whole = 0.0
+        for C, half, _ in self._factors(v):
+            whole += 0.5 * float(half @ half) / φ - float(np.sum(np.log(np.diag(C))))
+        return whole
+
+    def posterior(self, v: Array) -> tuple[Array, Array]:
+        """Return the terms' strengths over σ, (3, r), and their covariance over φ σ², (3, r, r)."""
+        means, covariances = np.zeros(v.shape), np.zeros((*v.shape, v.shape[1]))
+        for channel, (C, half, roots) in enumerate(self._factors(v)):
+            inverse = linalg.solve_triangular(C, np.diag(roots), lower=True)
+            means[channel] = inverse.T @ half
+            covariances[channel] = inverse.T @ inverse
+        return means, covariances
+
+    def _factors(self, v: Array) -> list[tuple[Array, Array, Array]]:
+        """Return C of C Cᵀ = I + √v H √v, C⁻¹ √v q and √v, of each channel."""
+        found = []
+        for H, q, roots in zip(self._H, self._q, np.sqrt(v), strict=True):
+            C = np.linalg.cholesky(np.eye(len(q)) + roots[:, None] * H * roots)
+            found.append((C, linalg.solve_triangular(C, roots * q, lower=True), roots))
+        return found
+
+
+def _explained_share(z: Array, curvatures: Array) -> Array:
+    """Return s²λ/(s²λ + σ²) of the likeliest s, (N',), of coordinates over their noise."""
+    ratios = SCALES[:, None] * (curvatures * max(float(z @ z), 1e-30) / curvatures.sum())
+    likelihoods = -np.sum(np.log1p(ratios) + z**2 / (1 + ratios), axis=1)
+    best: Array = ratios[int(np.argmax(likelihoods))]
+    return best / (1 + best)
+
+
+def _groups(shape: tuple[int, int]) -> list[Array]:
+    """Return polynomials in groups, (K, rows · columns): level, upright, others, compared."""
+    down, across = (legendre.legvander(np.linspace(-1, 1, n), COMPARED_DEGREE).T for n in shape)
+    profiles, every = range(DEGREE + 1), range(COMPARED_DEGREE + 1)
+    others = [(i, j) for i in every[2:] for j in every[2:] if i + j <= COMPARED_DEGREE]
+    degrees = [
+        [(i, j) for i in profiles for j in (0, 1)],
+        [(i, j) for i in (0, 1) for j in profiles],
+        [(i, j) for i, j in others if i + j <= DEGREE],
+        [(i, j) for i, j in others if i + j > DEGREE],
+    ]
+    return [np.array([np.outer(down[i], across[j]).ravel() for i, j in g]) for g in degrees]
+
+
+def _beyond(rows: Array, background: Array, others: list[Array]) -> Array:
+    """Return an orthonormal basis of what range(B) and other unit vectors leave of rows."""
+    left = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    for _ in range(2):  # once more for what rounding left
+        for basis in (background, *others):
+            left = rejected(left, basis)
+    _, sizes, basis = np.linalg.svd(left, full_matrices=False)
+    return np.ascontiguousarray(basis[sizes > LEFT])

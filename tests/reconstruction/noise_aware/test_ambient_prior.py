@@ -1,0 +1,257 @@
+"""Ambient light beyond range(B) against dense algebra, and what it is worth where it is strong."""
+
+import numpy as np
+import pytest
+from numpy.polynomial import legendre
+
+from periscopy_sim.evaluation.metrics import mean_squared_error
+from periscopy_sim.reconstruction.noise_aware.ambient_prior import STRENGTHS, AmbientPrior
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis, laplacian
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+
+WALL, HIDDEN = (36, 40), (6, 7)
+PIXELS, N = 1440, 42
+V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in WALL), indexing="ij")
+
+
+def transport():
+    """Columns of A: light that falls off, with the soft shadow of a block."""
+    columns = []
+    for i in range(HIDDEN[0]):
+        for j in range(HIDDEN[1]):
+            u, v = U - 0.15 * (j - 3), V - 0.15 * (i - 2.5)
+            shadow = np.prod([1 / (1 + np.exp(-12 * t)) for t in (u + 0.3, 0.3 - u, v + 0.4)], 0)
+            columns.append((1 - shadow) / (1 + 0.3 * (U - 0.1 * j) ** 2 + 0.3 * (V - 0.1 * i) ** 2))
+    return np.array(columns).reshape(N, -1).T
+
+
+A = transport().astype(np.float32).astype(np.float64)
+B = np.stack([np.ones(PIXELS), *(p.ravel() for p in (U, V, U * V, U**2, V**2))], axis=1)
+LIGHT = np.array([1.0, 0.8, 0.6])
+Q = np.linalg.qr(B)[0]
+
+
+def image(seed=0):
+    f = np.full((*HIDDEN, 3), 0.15)
+    rng = np.random.default_rng(seed)
+    for _ in range(3):
+        i, j = rng.integers(0, 4), rng.integers(0, 4)
+        f[i : i + 3, j : j + 3] = rng.uniform(0.1, 1, 3)
+    return f
+
+
+def edge(along, at=0.15):
+    """What a straight edge cuts off of light, of rms 1."""
+    profile = np.clip((along - at) / 0.5, 0, 1).ravel()
+    left = profile - Q @ (Q.T @ profile)
+    return left / np.sqrt(np.mean(left**2))
+
+
+def photograph(seed=0, brightness=20.0, beyond=0.0, noise=1e-3):
+    """Of ambient light over the monitor's, and what of it lies beyond range(B)."""
+    signal = A @ image(seed).reshape(-1, 3)
+    signal /= signal.mean()
+    light = (1 + 0.1 * U.ravel() + beyond)[:, None] * (brightness * LIGHT / LIGHT.mean())
+    whole = signal + light
+    draw = np.random.default_rng(100 + seed).standard_normal(whole.shape)
+    return (whole + noise * whole.mean() * draw).reshape(*WALL, 3)
+
+
+def fitted(mask=None):
+    used = slice(None) if mask is None else mask.ravel()
+    Q = np.linalg.qr(B[used])[0]
+    left = A[used] - Q @ (Q.T @ A[used])
+    patterns = SpectralBasis(left.T @ left, HIDDEN)
+    seen = patterns.curvatures > 1e-9 * patterns.curvatures[-1]
+    rows, curvatures = patterns.rows[seen], patterns.curvatures[seen]
+    transport = np.ascontiguousarray(A[used].T, np.float32)
+    prior = AmbientPrior(transport, np.ascontiguousarray(Q.T), rows, curvatures, WALL, mask)
+    return prior, Q, left, rows, curvatures
+
+
+def polynomials(used):
+    """The polynomials of the three groups and of those compared, by their definition."""
+    down, across = (legendre.legvander(np.linspace(-1, 1, n), 14) for n in WALL)
+    groups = [[], [], [], []]
+    for i in range(15):
+        for j in range(15):
+            field = np.outer(down[:, i], across[:, j]).ravel()[used]
+            if j < 2 and i <= 12:
+                groups[0].append(field)
+            if i < 2 and j <= 12:
+                groups[1].append(field)
+            if i > 1 and j > 1 and i + j <= 14:
+                groups[2 if i + j <= 12 else 3].append(field)
+    return [np.array(group).T for group in groups]
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("beyond", [0.0, 2e-3])
+def test_estimate_is_the_mean_of_the_posterior_by_dense_algebra(masked, beyond):
+    mask = np.ones(WALL, bool)
+    mask[3:9, 20:31] = not masked
+    prior, Q, left, rows, curvatures = fitted(mask if masked else None)
+    y = photograph(1, beyond=beyond * edge(V)).reshape(-1, 3)[mask.ravel()]
+    level = np.sqrt(np.mean((y - Q @ (Q.T @ y)) ** 2))
+    y, noise = y / level, np.array([1.1e-3, 0.9e-3, 1e-3]) * y.mean() / level
+    rejected = y - Q @ (Q.T @ y)
+    scales = rows / np.sqrt(curvatures)[:, None]
+    z = rejected.T @ left @ scales.T
+    found = prior.estimate(np.ascontiguousarray(rejected.T), z, noise, y.mean(axis=0))
+
+    kinds = []
+    for group in polynomials(mask.ravel()):
+        basis = group - Q @ (Q.T @ group)
+        for other in kinds:
+            basis -= other @ (other.T @ basis)
+        U, sizes, _ = np.linalg.svd(basis / np.linalg.norm(group, axis=0), full_matrices=False)
+        kinds.append(U[:, sizes > 1e-5])
+    D, sizes = np.hstack(kinds[:3]), [kind.shape[1] for kind in kinds[:3]]
+    K = np.linalg.inv(laplacian(HIDDEN))
+    shown, axes = np.linalg.eigh(left @ K @ left.T)
+    ratios, parts = [], []
+    for c, σ in enumerate(noise):
+        energies = np.geomspace(1e-6, 1e6, 61) * float(z[c] @ z[c]) / curvatures.sum()
+        variances = σ**2 + np.outer(energies, shown)
+        along = (axes.T @ rejected[:, c]) ** 2
+        best = int(np.argmin(np.sum(along / variances + np.log(variances), axis=1)))
+        inverse = (axes / variances[best]) @ axes.T * σ**2
+        f = energies[best] * K @ left.T @ inverse @ rejected[:, c] / σ**2
+        H, q = D.T @ inverse @ D, D.T @ inverse @ rejected[:, c]
+        G, p = kinds[3].T @ inverse @ kinds[3], kinds[3].T @ inverse @ rejected[:, c]
+        ratios.append(p @ np.linalg.solve(G, p) / σ**2 / len(p))
+        parts.append((H, q, max(y[:, c].mean() - (A[mask.ravel()] @ f).mean(), 0)))
+    φ = max(1, np.mean(ratios))
+    assert found.overdispersion == pytest.approx(φ, rel=1e-3)
+
+    def evidence(strengths):
+        whole = 0
+        for (H, q, ambient), σ in zip(parts, noise, strict=True):
+            v = np.repeat((strengths * ambient) ** 2 * len(y) / np.array(sizes), sizes) / φ
+            inner = np.diag(σ**2 / v) + H
+            whole += q @ np.linalg.solve(inner, q) / φ / σ**2
+            whole -= np.linalg.slogdet(inner)[1] + np.sum(np.log(v / σ**2))
+        return whole
+
+    strengths = np.full(3, STRENGTHS[-1])
+    for group in range(3):
+        tried = [np.where(np.arange(3) == group, κ, strengths) for κ in STRENGTHS]
+        strengths = max(tried, key=evidence)
+    np.testing.assert_allclose(found.strengths, strengths)
+    for c, (H, q, ambient) in enumerate(parts):
+        v = np.repeat((strengths * ambient) ** 2 * len(y) / np.array(sizes), sizes)
+        covariance = np.linalg.inv(H / noise[c] ** 2 / φ + np.diag(1 / v))
+        light = D @ covariance @ q / noise[c] ** 2 / φ
+        size = np.abs(light).max()
+        np.testing.assert_allclose(found.light[c], light, atol=5e-3 * size)
+        known = np.sqrt(np.sum((D @ covariance) * D, axis=1))
+        own = prior_rows(prior)
+        told = np.sqrt(np.sum((own.T @ found.covariance[c]) * own.T, axis=1))
+        np.testing.assert_allclose(told, known, rtol=5e-3)
+
+
+def prior_rows(prior):
+    return np.asarray(prior._rows, np.float64)
+
+
+@pytest.fixture(scope="module")
+def methods():
+    known = {"hidden_shape": HIDDEN, "photograph_shape": WALL}
+    return [NoiseAware(A, B, **known, ambient_prior=wanted) for wanted in (False, True)]
+
+
+# The block's own shadow has a level edge, too.
+@pytest.mark.parametrize(("along", "part"), [(V, 0.9), (U, 0.6)], ids=["level", "upright"])
+def test_light_that_an_edge_cuts_off_does_less_harm(methods, along, part):
+    errors = []
+    for seed in range(4):
+        y = photograph(seed, beyond=1e-3 * edge(along))
+        errors.append([mean_squared_error(m.reconstruct(y), image(seed)) for m in methods])
+    without, freed = np.mean(errors, axis=0)
+    assert freed < part * without
+
+
+def test_light_that_lamps_explain_is_left_to_them(methods):
+    # Of noise alone, D ê is what a prior of the least strength lets through.
+    errors = []
+    for seed in range(4):
+        found = methods[1].solve(photograph(seed))
+        assert found.ambient.overdispersion < 1.5
+        assert found.ambient.strengths.max() < STRENGTHS[-1]
+        errors.append(
+            [mean_squared_error(m.reconstruct(photograph(seed)), image(seed)) for m in methods]
+        )
+    without, freed = np.mean(errors, axis=0)
+    assert freed < 1.1 * without
+
+
+def test_hardly_any_ambient_light_has_no_edges_that_matter(methods):
+    # A scene that is off leaves structure everywhere, but of no ambient light.
+    y = photograph(0, brightness=0.02)
+    y *= 1 + 0.02 * edge(V).reshape(*WALL, 1)
+    found = methods[1].solve(y)
+    assert np.sqrt(np.mean(found.ambient.light**2)) < 2e-5 * y.mean()
+
+
+def test_units_do_not_matter(methods):
+    y = photograph(2, beyond=1e-3 * edge(V))
+    one, other = methods[1].solve(y), methods[1].solve(1e4 * y)
+    np.testing.assert_allclose(other.ambient.light, 1e4 * one.ambient.light, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(other.image, 1e4 * one.image, rtol=1e-3, atol=1)
+
+
+def test_residual_is_without_the_light_found(methods):
+    y = photograph(1, beyond=1e-3 * edge(V))
+    left = [m.residual(y, m.solve(y)).unexplained for m in methods]
+    assert left[1] < 0.9 * left[0]
+    assert left[1] == pytest.approx(1e-3, rel=0.1)
+
+
+def test_summary_tells_the_strengths(methods):
+    y = photograph(1, beyond=1e-3 * edge(V))
+    assert methods[0].told(methods[0].solve(y))["ambient_light_beyond_lamps"] == []
+    told = methods[1].told(methods[1].solve(y))["ambient_light_beyond_lamps"]
+    assert len(told) == 3 and told[0] == STRENGTHS[-1]
+
+
+def test_no_prior_without_lamps_or_rows_and_columns():
+    y = photograph()
+    alone = NoiseAware(A, hidden_shape=HIDDEN, photograph_shape=WALL)
+    flat = NoiseAware(A, B, hidden_shape=HIDDEN)
+    assert alone.solve(y).ambient is None
+    assert flat.solve(y.reshape(-1, 3)).ambient is None
+
+
+@pytest.mark.parametrize("shape", [(1, 1440), (3, 480), (1440, 1)])
+def test_walls_of_few_rows_have_fewer_polynomials(shape):
+    method = NoiseAware(A, B, hidden_shape=HIDDEN, photograph_shape=shape)
+    found = method.solve(photograph().reshape(*shape, 3))
+    assert np.isfinite(found.image).all() and np.isfinite(found.ambient.light).all()
+
+
+def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypatch):
+    """Light drawn from the prior itself leaves errors as well told as they are without any.
+
+    These images, of few patches and sharp edges, err by half of what they tell in either case.
+    """
+    method, ratios = methods[1], []
+    prior = method._ambient_prior
+    roots = np.sqrt(PIXELS / np.repeat(prior._sizes, prior._sizes))
+    level = 20 * LIGHT / LIGHT.mean()
+
+    def ratio(found, seed):
+        truth = image(seed) / (A @ image(seed).reshape(-1, 3)).mean()
+        return np.mean(((found.image - truth) / method.standard_errors(found)) ** 2)
+
+    for seed in range(12):
+        e = np.random.default_rng(seed).standard_normal((3, len(prior._rows)))
+        light = (1e-3 * level[:, None] * roots * e) @ prior._rows
+        smooth = method.solve(photograph(seed))
+        found = method.solve(photograph(seed) + light.T.reshape(*WALL, 3))
+        counted = ratio(found, seed)
+        with monkeypatch.context() as patch:
+            patch.setattr(method, "_error_response", lambda _: None)
+            ratios.append([ratio(smooth, seed), counted, ratio(found, seed)])
+    smooth, counted, alone = np.mean(ratios, axis=0)
+    assert 0.6 < counted / smooth < 1.5
+    assert alone > 1.7 * counted
