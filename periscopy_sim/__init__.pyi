@@ -10,6 +10,7 @@ from .calibration.calibrate import calibrate
 from .calibration.result import Calibration
 from .calibration.silhouette.recover import recover_silhouette
 from .calibration.silhouette.result import Silhouette
+from .calibration.uncertain_scene import uncertain_transport
 from .dataset.archive.reading import open_dataset
 from .dataset.archive.torch_dataset import TorchDataset
 from .dataset.configuration.document import load_configuration
@@ -39,6 +40,7 @@ from .reconstruction.preconditioned.repair import repair
 from .reconstruction.preconditioned.still import Periscope, Reconstruction
 from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
+from .reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
@@ -72,6 +74,7 @@ __all__ = [
     "Sweep",
     "TorchDataset",
     "TruncatedSVD",
+    "UncertainTransport",
     "Video",
     "WallPoints",
     "WallTags",
@@ -118,5 +121,6 @@ __all__ = [
     "save_png",
     "show",
     "to_srgb",
+    "uncertain_transport",
     "use_variant",
 ]

@@ -114,6 +114,30 @@ def parse_definitions(definitions: list[str] | None, flag: str = "-D") -> dict[s
     return values
 
 
+def parse_errors(text: str, flag: str) -> dict[str, float | None]:
+    """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
+    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
+    names = [entry.partition("=")[0].strip() for entry in entries]
+    for name in names:
+        if names.count(name) > 1:
+            raise PeriscopyError(f"{flag}: '{name}' is named twice")
+    alone = {name: None for name, entry in zip(names, entries, strict=True) if "=" not in entry}
+    errors = parse_definitions([entry for entry in entries if "=" in entry], flag)
+    numbers = parse_numbers({name.strip(): error for name, error in errors.items()}, flag)
+    return {name: (alone | numbers)[name] for name in names}
+
+
+def parse_numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]:
+    """Read the numbers of ``NAME=NUMBER`` options."""
+    numbers = {}
+    for name, text in definitions.items():
+        try:
+            numbers[name] = float(text)
+        except ValueError:
+            raise PeriscopyError(f"{flag} {name}={text}: give a number") from None
+    return numbers
+
+
 def require_extras() -> None:
     """Refuse to start work that would end for want of a module that the core install lacks."""
     for module in EXTRAS:

@@ -133,13 +133,15 @@ def calibrate(
     path, given = find_scene(scene), parse_definitions(define)
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
     spare_inputs((out, record, picture), (photo, path, *(background or []), mask))
-    freed = None if free is None else _freed(free)
-    errors = _numbers(parse_definitions(uncertain, "--uncertain"), "--uncertain")
+    freed = None if free is None else arguments.parse_errors(free, "--free")
+    errors = arguments.parse_numbers(parse_definitions(uncertain, "--uncertain"), "--uncertain")
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         with timed("load the scene"), progress("loading the scene"):
             # Takes seconds, in which a user would see nothing.
             from periscopy_sim.calibration.calibrate import calibrate as search
+            from periscopy_sim.calibration.scene_covariance import SceneCovariance
+            from periscopy_sim.rendering.scene.document import CALIBRATED
 
             scenario = inputs.load(scene, hidden, define)
         shadowless = inputs.warn_without_shadows(scenario, scene)
@@ -164,6 +166,7 @@ def calibrate(
                 progress=report,
             )
         values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
+        values[CALIBRATED] = SceneCovariance.of(found).text()
         _write_copy(scene_file, path, values, hidden, out, _remark(found))
         provenance = inputs.provenance_of(scenario, seed)
         summary = {
@@ -186,30 +189,6 @@ def calibrate(
     if found.doubts:
         advice = DISTRUSTED.format(UNTOLD[bool(dark)])
         warn_boxed("this calibration is not to be trusted", found.doubts, advice)
-
-
-def _freed(text: str) -> dict[str, float | None]:
-    """Read the names of free parameters, each with its ruler's error if one is given."""
-    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
-    names = [entry.partition("=")[0].strip() for entry in entries]
-    for name in names:
-        if names.count(name) > 1:
-            raise SceneError(f"parameter '{name}' is free twice")
-    alone = {name: None for name, entry in zip(names, entries, strict=True) if "=" not in entry}
-    errors = parse_definitions([entry for entry in entries if "=" in entry], "--free")
-    numbers = _numbers({name.strip(): error for name, error in errors.items()}, "--free")
-    return {name: (alone | numbers)[name] for name in names}
-
-
-def _numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]:
-    """Read standard errors."""
-    errors = {}
-    for name, text in definitions.items():
-        try:
-            errors[name] = float(text)
-        except ValueError:
-            raise SceneError(f"{flag} {name}={text}: give a number") from None
-    return errors
 
 
 def _remark(found: Calibration) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from periscopy_sim.photographs.checking import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
     from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]
@@ -156,6 +157,7 @@ def fit(
     samples: int,
     seed: int,
     model: Model,
+    uncertain: UncertainTransport | None = None,
 ) -> tuple[Any, NDArray[np.float32], dict[str, Any]]:
     """Fit a method to a scene's B and A, from a file or computed; return it, A and A's origin."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
@@ -172,7 +174,7 @@ def fit(
     place = str(matrix or f"scene '{scenario.path}'")
     with timed("fit the method"), progress(f"fitting {method}"), fixable(place, dark):
         B = point_light_backgrounds(scenario)
-        fitted = fit_method(method, scenario, A, B, used, dark, **settings)
+        fitted = fit_method(method, scenario, A, B, used, dark, uncertain, **settings)
     if matrix is not None and not matrix.with_suffix(".json").is_file():
         warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
     return fitted, A, origin

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli.arguments import option, parse_definitions
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
 from periscopy_sim.cli.output import (
     Stopwatch,
@@ -21,14 +21,20 @@ from periscopy_sim.cli.output import (
     warn,
     write_json,
 )
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
+
+NOTHING = "none"
+"""What --uncertain takes for a scene that is to be taken for right."""
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 
@@ -56,6 +62,16 @@ def reconstruct(
             "The hidden image, if known (a file or a shipped one): adds metrics, a picture.",
         ),
     ] = None,
+    uncertain: Annotated[
+        str | None,
+        option(
+            "NAME[=ERROR],...",
+            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005: the image "
+            "is that of the scene which they make most probable, its standard errors count theirs. "
+            "Without ERROR, that of the <default> NAME_error. Default: what a calibrated scene "
+            "carries, in the standard errors alone; none: nothing.",
+        ),
+    ] = None,
     background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
@@ -71,6 +87,7 @@ def reconstruct(
 
     find_method(method)
     settings = settings_for(method, options, FOR_STILLS)
+    doubted = _uncertain_errors(uncertain, method, scene, parse_definitions(define))
     timed = Stopwatch()
     with told_folder(out) as folder:
         with timed("load the scene"), progress("loading the scene"):
@@ -83,9 +100,14 @@ def reconstruct(
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
+        with timed("uncertain scene"):
+            rendered = matrix is None and model is inputs.Model.rendered
+            moved, untold = _uncertain_transport(
+                doubted, uncertain, method, scenario, scene, samples, seed, linear=not rendered
+            )
         fitted, A, origin = inputs.fit(
             method, settings, scenario, used, dark, timed,
-            matrix=matrix, samples=samples, seed=seed, model=model,
+            matrix=matrix, samples=samples, seed=seed, model=model, uncertain=moved,
         )  # fmt: skip
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
@@ -119,7 +141,7 @@ def reconstruct(
             **told.numbers,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
-            "warnings": [*unseen, *given.warnings, *defects.warnings, *doubts],
+            "warnings": [*unseen, *untold, *given.warnings, *defects.warnings, *doubts],
             "truth": truth,
         }
         if known is not None:
@@ -138,6 +160,106 @@ def reconstruct(
             f"{summary['psnr_registered']:.2f} dB (shift {summary['shift']} patches down, right"
             f"{farther if summary['shift_at_limit'] else ''})"
         )
+
+
+def _uncertain_errors(
+    text: str | None, method: str, scene: str, given: Mapping[str, str]
+) -> dict[str, float]:
+    """Read and check ``--uncertain``, before anything is rendered; empty where there are none."""
+    from periscopy_sim.calibration.prior import declared_errors, start_values
+    from periscopy_sim.reconstruction.registry import METHODS
+    from periscopy_sim.rendering.scene.document import RULER_ERROR
+
+    if text is None or text == NOTHING:
+        return {}
+    if method not in METHODS or not METHODS[method].uncertain:
+        able = " or ".join(name for name, entry in METHODS.items() if entry.uncertain)
+        raise PeriscopyError(
+            f"--uncertain belongs to --method {able}, not to {method}; leave it out"
+        )
+    named = arguments.parse_errors(text, "--uncertain")
+    if not named:
+        raise PeriscopyError(f"--uncertain '{text}' names nothing; write NAME=ERROR, or {NOTHING}")
+    path = find_scene(scene)
+    start_values(path, list(named), given)
+    declared, errors = declared_errors(path, given), {}
+    for name, error in named.items():
+        ruler = f"{name}{RULER_ERROR}"
+        if error is not None and ruler in given and declared.get(name) != error:
+            raise PeriscopyError(
+                f"--uncertain {name}={error:g} and -D {ruler}={given[ruler]} contradict each "
+                "other; give one of them"
+            )
+        known = declared.get(name) if error is None else error
+        if known is None:
+            raise PeriscopyError(
+                f"--uncertain {name}: the scene declares no {ruler}; give {name}=ERROR"
+            )
+        if not (np.isfinite(known) and known > 0):
+            raise PeriscopyError(
+                f"--uncertain {name}: an error of {known:g}; give a positive number, or leave it "
+                "out"
+            )
+        errors[name] = known
+    return errors
+
+
+def _uncertain_transport(
+    errors: Mapping[str, float],
+    asked: str | None,
+    method: str,
+    scenario: Scenario,
+    scene: str,
+    samples: int,
+    seed: int,
+    *,
+    linear: bool,
+) -> tuple[UncertainTransport | None, list[str]]:
+    """Render what errors of parameters do, as asked or as a calibrated scene carries them.
+
+    Also returned is, a line each, what a user is warned of: that what is carried does not hold.
+    """
+    from periscopy_sim.calibration.scene_covariance import scene_covariance
+    from periscopy_sim.calibration.uncertain_scene import calibrated_transport, uncertain_transport
+    from periscopy_sim.reconstruction.registry import METHODS
+
+    label = "rendering what errors of the scene do"
+    if errors:
+        with progress(label) as report:
+            found = uncertain_transport(
+                scenario, errors, samples=samples, seed=seed, linear=linear, progress=report
+            )
+        return found, []
+    able = method in METHODS and METHODS[method].uncertain
+    known = scene_covariance(scenario.path) if asked is None and able else None
+    if known is None:
+        return None, []
+    warnings, carried = [], None
+    changed = known.changed(scenario.path, scenario.parameters)
+    if changed:
+        why = f"{', '.join(changed)} is not as it was calibrated"
+    else:
+        try:
+            with progress(label) as report:
+                carried = calibrated_transport(
+                    scenario, known, samples=samples, seed=seed, progress=report
+                )
+            why = "which the photograph does not show"
+        except PeriscopyError as error:
+            why = str(error)
+    if carried is None:
+        warnings.append(
+            f"{scene}: the standard errors leave out what its calibration left uncertain ({why}); "
+            "tell how uncertain it is by --uncertain"
+        )
+    elif not known.trusted:
+        warnings.append(
+            f"{scene}: its calibration is not to be trusted, so neither are the image's place and "
+            "its standard errors, though they count what the calibration left uncertain"
+        )
+    for warning in warnings:
+        warn(warning)
+    return carried, warnings
 
 
 def _recovered(

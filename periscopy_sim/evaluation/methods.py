@@ -26,6 +26,7 @@ from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
@@ -98,15 +99,16 @@ def fit_method(
     B: Matrix,
     mask: Mask | None = None,
     backgrounds: Backgrounds | None = None,
+    uncertain: UncertainTransport | None = None,
     **options: float,
 ) -> Method:
     """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
 
     A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used, the backgrounds
-    are photographs with the monitor off, (rows, columns, 3) each. The options are
-    those of the method's entry in `METHODS`. A user's own callable that takes no mask is warned of;
-    a PeriscopyError says that it raises anything, or returns what cannot reconstruct, a ValueError
-    that one of `METHODS` cannot be fitted to A and B.
+    are photographs with the monitor off, (rows, columns, 3) each. An uncertain scene and the
+    options are for methods whose entry in `METHODS` takes them. A user's own callable that takes no
+    mask is warned of; a PeriscopyError says that it raises anything, or returns what cannot
+    reconstruct, a ValueError that one of `METHODS` cannot be fitted to A and B.
     """
     from threadpoolctl import threadpool_limits
 
@@ -120,6 +122,8 @@ def fit_method(
             B = observation_of(A, *sizes, backgrounds).joined(B)
     if mask is not None and _takes_mask(fit, name):
         told["mask"] = mask
+    if uncertain is not None:
+        told["uncertain"] = uncertain
     with threadpool_limits(1), own_errors(name, "cannot be fitted"):
         method = fit(scenario, A, B, **told, **options)
     if not callable(getattr(method, "reconstruct", None)):

@@ -18,6 +18,7 @@ from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.method import Seen, StillMethod
 from periscopy_sim.reconstruction.observation import Mask
+from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Matrix = NDArray[np.floating[Any]]
@@ -63,6 +64,7 @@ class MethodEntry:
     certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it is told the prototype backgrounds
+    uncertain: bool = False  # whether it knows what to do with an uncertain scene
     video: VideoEntry | None = None  # None if it recovers no videos
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
 
@@ -73,9 +75,12 @@ class MethodEntry:
         B: Matrix,
         mask: Mask | None = None,
         backgrounds: Backgrounds | None = None,
+        uncertain: UncertainTransport | None = None,
         **options: float,
     ) -> StillMethod[Any]:
         """Fit the method to a scene; the options' values by their names, the rest as in the class.
+
+        Of methods that know no uncertain scenes none may be given.
 
         A scene is a `Scenario`, or anything with its sizes and the colour of its wall.
         """
@@ -85,6 +90,7 @@ class MethodEntry:
             B if self.backgrounds else None,
             mask=mask,
             backgrounds=backgrounds,
+            **({} if uncertain is None else {"uncertain": uncertain}),
             **self.fixed,
             **_parameters(self.options, options),
         )
@@ -170,6 +176,7 @@ _ENTRIES = (
             _RANK,
         ),
         certainty="standard errors",
+        uncertain=True,
         video=VideoEntry(
             "noise_aware.video:NoiseAwareVideo",
             ("l1", "none"),

@@ -12,6 +12,7 @@ from periscopy_sim.calibration import parameters
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.search import global_search
 from periscopy_sim.cli import output
 from periscopy_sim.cli.calibrate import DISTRUSTED, UNTOLD, _open, _say
@@ -108,6 +109,14 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
     for name in MOVED:
         assert float(defaults[name]) == pytest.approx(record["parameters"][name]["value"], rel=1e-8)
     assert ps.load_scenario(tmp_path / "new/found.xml", (6, 7)).photograph_shape == (32, 32)
+    known = scene_covariance(tmp_path / "new/found.xml")
+    assert known.trusted and known.names == (*MOVED, "monitor_dx")
+    assert known.changed(tmp_path / "new/found.xml", {}) == []
+    for k, name in enumerate(MOVED):
+        told = record["parameters"][name]
+        assert known.covariance[k, k] == pytest.approx(told["standard_error"] ** 2, rel=1e-4)
+        assert known.covariance[k, 2] == pytest.approx(0.005 * moves[name], rel=1e-4)
+        assert defaults[f"{name}_error"] == "0.005"  # what the ruler said stays
 
 
 @pytest.mark.parametrize(
@@ -124,7 +133,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
         (("--free", "occluder_dx", "-D", "monitor_dx=far"), "could not parse"),
         (("--free", "occluder_dx=near"), "--free occluder_dx=near: give a number"),
         (("--free", "occluder_dx=0"), "ruler's error 0 of 'occluder_dx': give a positive"),
-        (("--free", "occluder_dx=0.1,occluder_dx"), "'occluder_dx' is free twice"),
+        (("--free", "occluder_dx=0.1,occluder_dx"), "'occluder_dx' is named twice"),
         (("-D", "occluder_dx_error=-1"), "'occluder_dx_error' is -1; give a standard deviation"),
         (("--free", "occluder_dx", "--background", "y.npy"), "is the photograph itself"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx"), "--uncertain 'monitor_dx' is not"),

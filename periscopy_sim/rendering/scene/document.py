@@ -27,6 +27,9 @@ DEEPEST = 100
 RULER_ERROR = "_error"
 """Ends the name of a ``<default>`` that says how well the one before that ending is known."""
 
+CALIBRATED = "calibrated_covariance"
+"""Names the ``<default>`` in which a calibration says how well it knows the parameters."""
+
 LONGEST = 1 << 20
 """Characters of a value whose ``$names`` are filled in: defaults may double and double again."""
 
@@ -77,8 +80,9 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
 
 def undeclared(scene: Path, name: str, declared: Mapping[str, str]) -> SceneError:
     """Return the error of a parameter that a scene does not declare, with what may be meant."""
-    listed = ", ".join(f"{each} (default {text})" for each, text in declared.items())
-    meant = did_you_mean(name, declared) or f"it declares {listed or 'none'}"
+    known = {each: text for each, text in declared.items() if each != CALIBRATED}
+    listed = ", ".join(f"{each} (default {text})" for each, text in known.items())
+    meant = did_you_mean(name, known) or f"it declares {listed or 'none'}"
     return SceneError(f"scene '{scene}' declares no parameter '{name}'; {meant}")
 
 

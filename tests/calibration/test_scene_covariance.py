@@ -1,0 +1,114 @@
+"""What a scene carries of its calibration, and what is refused of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.calibrated_scene import write_copy
+from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import CALIBRATED
+from periscopy_sim.shipped import find_scene
+
+RNG = np.random.default_rng(0)
+ROOT = RNG.standard_normal((3, 3)) * np.array([1e-3, 2e-3, 0.7])[:, None]
+KNOWN = SceneCovariance(
+    ("occluder_dx", "occluder_dz", "monitor_turn"),
+    np.array([0.0012, -0.003, 0.8]),
+    ROOT @ ROOT.T,
+    trusted=True,
+)
+
+
+def carrying(tmp_path, text, **values):
+    scene = tmp_path / "scene.xml"
+    write_copy(find_scene("chair"), {CALIBRATED: text, **values}, scene)
+    return scene
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_a_scene_carries_what_was_written(tmp_path, trusted):
+    scene = carrying(tmp_path, replace(KNOWN, trusted=trusted).text())
+    again = tmp_path / "again.xml"
+    write_copy(scene, {"occluder_dy": "0.1"}, again)
+    for path in (scene, again):
+        found = scene_covariance(path)
+        assert (found.names, found.trusted) == (KNOWN.names, trusted)
+        np.testing.assert_allclose(found.values, KNOWN.values, rtol=1e-8)
+        np.testing.assert_allclose(found.covariance, KNOWN.covariance, rtol=1e-4)
+    assert scene_covariance(find_scene("chair")) is None
+
+
+def test_directions_are_a_root_of_the_covariance_without_those_of_no_variance():
+    L = KNOWN.directions
+    np.testing.assert_allclose(L @ L.T, KNOWN.covariance, rtol=1e-9)
+    twice = replace(KNOWN, covariance=np.outer(ROOT[:, 0], ROOT[:, 0]))
+    np.testing.assert_allclose(np.abs(twice.directions), np.abs(ROOT[:, :1]), rtol=1e-9)
+
+
+def test_independent_errors_are_directions_of_their_own():
+    alone = replace(KNOWN, covariance=np.diag([1.0, 4.0, 9.0]))
+    np.testing.assert_allclose(np.sort(alone.directions.sum(axis=0)), [1, 2, 3])
+    assert np.count_nonzero(alone.directions) == 3
+
+
+def test_values_that_are_set_otherwise_are_named(tmp_path):
+    values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
+    scene = carrying(tmp_path, KNOWN.text(), **values)
+    known = scene_covariance(scene)
+    assert known.changed(scene, {}) == []
+    assert known.changed(scene, {"occluder_dx": "1.2e-3", "resolution": "63"}) == []
+    assert known.changed(scene, {"occluder_dx": "0.001", "monitor_turn": "a"}) == [
+        "occluder_dx",
+        "monitor_turn",
+    ]
+    assert known.changed(carrying(tmp_path, KNOWN.text()), {}) == list(KNOWN.names)
+
+
+def test_what_a_calibration_held_is_carried_with_what_it_does():
+    held = UncertainParameters(("monitor_dx",), np.zeros(1), np.array([0.005]))
+    parameters = [
+        Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1, 1),
+        Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1, 1),
+    ]
+    nothing = np.zeros(0)
+    found = Calibration(
+        parameters=tuple(parameters),
+        uncertain=held,
+        moves=np.array([[4e-3], [0.0]]),
+        correlation=np.array([[1, 0.5], [0.5, 1]]),
+        path=(),
+        noise_before=nothing,
+        noise=nothing,
+        residual_before=nothing,
+        residual=nothing,
+        gain=nothing,
+    )
+    known = SceneCovariance.of(found)
+    assert known.names == ("dx", "dz", "monitor_dx")
+    expected = np.array([[25, 5, 20], [5, 4, 0], [20, 0, 25]]) * 1e-6
+    np.testing.assert_allclose(known.covariance, expected)
+    assert known.trusted
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "believed; occluder_dx = 0 +- 1: 1",
+        "trusted",
+        "trusted; occluder_dx = 0: 1",
+        "trusted; occluder_dx = 0 +- 0: 1",
+        "trusted; occluder_dx = nan +- 1: 1",
+        "trusted; occluder_dx = 0 +- 1: 0.5",
+        "trusted; occluder_dx = 0 +- 1: 1; occluder_dz = 0 +- 1: 1",
+        "trusted; occluder_dx = 0 +- 1: 1; occluder_dz = 0 +- 1: 1.5 1",
+        "trusted; occluder_dx = 0 +- 1: 1; occluder_dz = 0 +- 1: nan 1",
+    ],
+)
+def test_what_is_damaged_is_refused(tmp_path, text):
+    with pytest.raises(SceneError, match=f"'{CALIBRATED}' is damaged; leave that line out"):
+        scene_covariance(carrying(tmp_path, text))

@@ -1,0 +1,133 @@
+"""What errors of the chair's parameters do to A, as rendered, against A elsewhere; coverage."""
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.calibration import uncertain_scene
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.calibration.uncertain_scene import calibrated_transport
+from periscopy_sim.errors import PeriscopyError, SceneError, VariantError
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+HIDDEN, GIVEN = (4, 5), {"resolution": "24"}
+
+
+@pytest.fixture
+def chair(jit):  # noqa: ARG001
+    return ps.load_scenario("chair", HIDDEN, GIVEN)
+
+
+def moved(**values):
+    return ps.load_scenario("chair", HIDDEN, GIVEN | {k: str(v) for k, v in values.items()})
+
+
+def test_changes_are_half_the_difference_between_the_sides(chair):
+    told = []
+    found = ps.uncertain_transport(
+        chair, {"occluder_dx": 0.004, "monitor_turn": 1.0}, samples=64, progress=told.append
+    )
+    assert (found.names, found.values.tolist()) == (("occluder_dx", "monitor_turn"), [0, 0])
+    np.testing.assert_array_equal(found.directions, np.diag([0.004, 1.0]))
+    assert found.changes.shape == (2, 2, *chair.transport_shape)
+    for k, name in enumerate(found.names):
+        error = found.directions[k, k]
+        sides = [
+            ps.render_transport(moved(**{name: sign * error}), samples=1024, seed=5)
+            for sign in (1, -1)
+        ]
+        change = (sides[0].astype(float) - sides[1]) / 2
+        # Probes on patches this large overlook the shadows of thin legs here and there.
+        for by_rays in found.changes[:, k]:
+            assert np.linalg.norm(by_rays - change) < 0.3 * np.linalg.norm(change)
+    assert np.linalg.norm(found.changes[0] - found.changes[1]) > 0
+    assert told[-1] == 1
+    there = found.render(np.array([0.004, 0.0]))
+    expected = ps.render_transport(moved(occluder_dx=0.004), samples=64, seed=0)
+    np.testing.assert_array_equal(there, expected)
+
+
+def test_an_error_too_large_to_either_side_is_taken_in_part(chair):
+    """The chair would be in the wall by half a metre, not by a quarter."""
+    found = ps.uncertain_transport(chair, {"occluder_dy": 0.5}, samples=16)
+    quarter = ps.uncertain_transport(chair, {"occluder_dy": 0.25}, samples=16)
+    np.testing.assert_allclose(found.changes, 2 * quarter.changes, rtol=1e-5, atol=1e-9)
+    with pytest.raises(ValueError, match="through the wall"):
+        found.render(np.array([0.5]))
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ({"occluder_x": 0.1}, "did you mean 'occluder_dx'?"),
+        ({"occluder_dx": 0.0}, "standard error 0 of 'occluder_dx': give a positive number"),
+        ({"occluder_dx": float("inf")}, "give a positive number"),
+        ({"resolution": 1.0}, "does not show an error of 1 of 'resolution'; leave it out"),
+        ({"camera_dx": 1000.0}, "an error of 'camera_dx' is too large: give a smaller one"),
+    ],
+)
+def test_errors_that_mean_nothing_are_refused(chair, errors, words):
+    with pytest.raises(SceneError) as refused:
+        ps.uncertain_transport(chair, errors, samples=4)
+    assert words in str(refused.value)
+
+
+def test_more_errors_than_memory_holds_are_refused(chair, monkeypatch):
+    monkeypatch.setattr(uncertain_scene, "has_memory", lambda _: False)
+    with pytest.raises(
+        PeriscopyError, match=r"2 matrices of 576 pixels x 20 patches.* need 0\.0 GB"
+    ):
+        ps.uncertain_transport(chair, {"occluder_dx": 0.1})
+
+
+def test_scalar_variants_are_refused(chair, monkeypatch):
+    monkeypatch.setattr(uncertain_scene, "is_vectorized", lambda: False)
+    with pytest.raises(VariantError, match="hours without LLVM or CUDA"):
+        ps.uncertain_transport(chair, {"occluder_dx": 0.1})
+
+
+def test_a_calibrated_scene_is_held_and_loses_what_nobody_sees(chair):
+    known = SceneCovariance(
+        ("occluder_dx", "resolution"), np.array([0.0, 24.0]), np.diag([1e-6, 1.0]), trusted=True
+    )
+    found = calibrated_transport(chair, known, samples=4)
+    assert found.held and found.changes.shape == (1, 1, *chair.transport_shape)
+    np.testing.assert_allclose(found.standard_errors, [1e-3, 0], atol=1e-12)
+    unseen = SceneCovariance(("resolution",), np.array([24.0]), np.eye(1), trusted=True)
+    assert calibrated_transport(chair, unseen, samples=4) is None
+
+
+@pytest.mark.slow
+def test_intervals_cover_images_of_chairs_that_stand_elsewhere(jit):  # noqa: ARG001
+    """Chairs, monitors and cameras drawn from their errors, before images that are known."""
+    hidden, given = (12, 15), {"resolution": "63"}
+    errors = {
+        "occluder_dx": 1.5e-3, "occluder_dy": 1.5e-3, "occluder_dz": 1.5e-3, "monitor_dx": 1.5e-3,
+        "monitor_dy": 1.5e-3, "monitor_dz": 1.5e-3, "occluder_turn": 0.6, "monitor_turn": 0.3,
+    }  # fmt: skip
+    scenario = ps.load_scenario("chair", hidden, given)
+    A, B = ps.render_transport(scenario), ps.point_light_backgrounds(scenario)
+    plain = ps.NoiseAware.for_scene(scenario, A, B)
+    doubting = ps.NoiseAware.for_scene(
+        scenario, A, B, uncertain=ps.uncertain_transport(scenario, errors)
+    )
+    random, covered, wrong = np.random.default_rng(11), np.zeros((8, 2)), np.zeros((8, 2))
+    images = ("bars", "checker", "digits", "letters", "mushroom", "siemens", "still_life", "sunset")
+    for draw, name in enumerate(images):
+        image = ps.read_hidden_image(ps.find_image(name), hidden)
+        there = {key: f"{error * random.standard_normal():.9g}" for key, error in errors.items()}
+        elsewhere = ps.load_scenario("chair", hidden, given | there)
+        signal = ps.render_transport(elsewhere, samples=64, seed=100 + draw) @ image.reshape(-1, 3)
+        ambient = B @ random.random((B.shape[1], 1)) * np.array([1, 0.9, 0.8])
+        shape = (63, 63, 3)
+        light = ps.composite(signal.reshape(shape), ambient.reshape(shape), 10)
+        y = ps.add_noise(light, 60, draw)
+        truth = image / (signal.mean() * 1.1)  # a composite has mean 1, of which 1 in 11 is ambient
+        for k, method in enumerate((plain, doubting)):
+            found = method.solve(y)
+            covered[draw, k] = np.mean(np.abs(found.image - truth) < method.standard_errors(found))
+            wrong[draw, k] = ps.mean_squared_error(found.image, image)
+    assert 0.6 < covered[:, 1].mean() < 0.85
+    assert covered[:, 0].mean() < covered[:, 1].mean()
+    assert wrong[:, 1].mean() < wrong[:, 0].mean() / 1.5

@@ -1,0 +1,160 @@
+"""Scenes that may be wrong: by --uncertain, and as a calibration left them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.calibration.calibrated_scene import write_copy
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.rendering.scene.document import CALIBRATED
+from periscopy_sim.shipped import find_scene
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+SMALL = ("--hidden", "4x5", "--samples", "16")
+CHAIR = ("--scene", "chair", "-D", "resolution=24", *SMALL)
+KNOWN = SceneCovariance(
+    ("occluder_dx", "occluder_dz"),
+    np.array([0.002, 0.0]),
+    np.array([[4e-6, 1e-6], [1e-6, 4e-6]]),
+    trusted=True,
+)
+
+
+@pytest.fixture
+def photo(hidden, light, tmp_path):
+    """A photograph of a chair 4 mm to the right."""
+    scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24, "occluder_dx": 0.004})
+    signal = ps.render_transport(scenario, samples=64, seed=3) @ hidden.reshape(20, 3)
+    y = ps.add_noise(signal.reshape(24, 24, 3) + light[1], 60, 0)
+    np.save(tmp_path / "y.npy", y)
+    return "y.npy"
+
+
+@pytest.fixture
+def calibrated(tmp_path):
+    def write(known=KNOWN, **values):
+        given = {"resolution": "24", "occluder_dx": "0.002", **values, CALIBRATED: known.text()}
+        write_copy(find_scene("chair"), given, tmp_path / "calibrated.xml")
+        return ("--scene", "calibrated.xml", *SMALL)
+
+    return write
+
+
+@pytest.fixture
+def run(periscopy, tmp_path):
+    """Reconstruct; return the image, its standard errors, the summary and what was told."""
+
+    def recovered(*arguments):
+        outcome = periscopy("reconstruct", *arguments, "--out", "out")
+        assert outcome.code == 0, outcome.err
+        out = tmp_path / "out"
+        image, errors = (np.load(out / f"{n}.npy") for n in ("reconstruction", "standard_error"))
+        return image, errors, json.loads((out / "summary.json").read_text()), outcome
+
+    return recovered
+
+
+def test_the_image_is_of_the_scene_that_explains_the_photograph(run, photo, hidden):
+    image, _, summary, outcome = run(photo, *CHAIR, "--uncertain", "occluder_dx=0.004,occluder_dz")
+    plain, _, before, _ = run(photo, *CHAIR)
+    told = summary["uncertain"]
+    assert list(told["parameters"]) == ["occluder_dx", "occluder_dz"]
+    dx, dz = told["parameters"].values()
+    assert dz["standard_error"] == 0.005  # as the scene declares
+    assert dx["value_found"] == pytest.approx(0.004, abs=3 * dx["standard_error_found"])
+    assert dx["standard_error_found"] < 0.002
+    assert "the scene fits better with occluder_dx moved by 0.00" in outcome.out
+    assert 0 < told["photograph_counts_for"] <= 1 and not told["held"]
+    assert summary["unexplained"] < before["unexplained"]
+    assert "uncertain" not in before
+    assert ps.psnr(image, hidden) > ps.psnr(plain, hidden)
+    assert "but for the errors of its uncertain parameters" in summary["standard_errors_assume"]
+
+
+def test_a_matrix_from_a_file_is_changed_in_proportion(run, photo, periscopy):
+    periscopy("transport", "chair", "-D", "resolution=24", *SMALL, "--out", "A.npy")
+    _, _, summary, _ = run(
+        photo, *CHAIR, "--transport", "A.npy", "--uncertain", "occluder_dx=0.004"
+    )
+    told = summary["uncertain"]["parameters"]["occluder_dx"]
+    assert told["value_found"] == pytest.approx(0.004, abs=4 * told["standard_error_found"])
+
+
+def test_a_calibrated_scene_widens_the_standard_errors_alone(run, photo, calibrated):
+    scene = calibrated()
+    image, errors, summary, _ = run(photo, *scene)
+    plain, narrower, before, _ = run(photo, *scene, "--uncertain", "none")
+    np.testing.assert_array_equal(image, plain)
+    assert (errors >= narrower).all() and errors.mean() > 1.05 * narrower.mean()
+    told = summary["uncertain"]
+    assert told["held"] and "uncertain" not in before
+    assert told["parameters"]["occluder_dx"]["standard_error"] == pytest.approx(2e-3)
+    assert not any("calibration" in each for each in summary["warnings"])
+
+
+def test_what_is_set_otherwise_is_not_as_it_was_calibrated(run, photo, calibrated):
+    _, errors, summary, outcome = run(photo, *calibrated(), "-D", "occluder_dx=0.004")
+    assert "uncertain" not in summary
+    warning = "left uncertain (occluder_dx is not as it was calibrated); tell how uncertain it is"
+    assert warning in outcome.err
+    assert any(warning in each for each in summary["warnings"])
+    assert np.isfinite(errors).all()
+
+
+def test_a_calibration_that_is_not_trusted_is_told(run, photo, calibrated):
+    known = SceneCovariance(KNOWN.names, KNOWN.values, KNOWN.covariance, trusted=False)
+    _, _, summary, outcome = run(photo, *calibrated(known))
+    assert "its calibration is not to be trusted" in outcome.err
+    assert summary["uncertain"]["held"]
+
+
+def test_a_named_error_takes_the_place_of_what_is_carried(run, photo, calibrated):
+    _, _, summary, _ = run(photo, *calibrated(), "--uncertain", "occluder_dx=0.003")
+    assert list(summary["uncertain"]["parameters"]) == ["occluder_dx"]
+    assert not summary["uncertain"]["held"]
+
+
+def test_other_methods_take_a_calibrated_scene_as_it_is(succeeds, photo, calibrated, tmp_path):
+    succeeds("reconstruct", photo, *calibrated(), "--method", "preconditioned", "--out", "out")
+    assert "uncertain" not in json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--uncertain", "occluder_x=1"), "did you mean 'occluder_dx'?"),
+        (("--uncertain", "occluder_dx=0"), "an error of 0; give a positive number, or leave it"),
+        (("--uncertain", "occluder_dx=-1"), "an error of -1; give a positive number"),
+        (("--uncertain", "occluder_dx=nan"), "an error of nan; give a positive number"),
+        (("--uncertain", "occluder_dx=wide"), "--uncertain occluder_dx=wide: give a number"),
+        (("--uncertain", "occluder_dx,occluder_dx"), "'occluder_dx' is named twice"),
+        (("--uncertain", ","), "names nothing; write NAME=ERROR, or none"),
+        (("--uncertain", "none,occluder_dx"), "declares no parameter 'none'"),
+        (
+            ("--uncertain", "resolution"),
+            "no resolution_error; give resolution=ERROR",
+        ),
+        (("--uncertain", "occluder_dx", "-D", "occluder_dx_error=0"), "an error of 0"),
+        (
+            ("--uncertain", "occluder_dx=0.1", "-D", "occluder_dx_error=0.2"),
+            "--uncertain occluder_dx=0.1 and -D occluder_dx_error=0.2 contradict each other",
+        ),
+        (
+            ("--uncertain", "occluder_dx", "--method", "iterative"),
+            "--uncertain belongs to --method noise-aware, not to iterative; leave it out",
+        ),
+        (("--uncertain", "resolution=1"), "does not show an error of 1 of 'resolution'"),
+        (("--uncertain", "occluder_dy=5"), "an error of 'occluder_dy' is too large"),
+    ],
+)
+def test_what_is_no_error_is_refused(refused, photo, options, message):
+    assert message in refused("reconstruct", photo, *CHAIR, *options, "--out", "out")
+
+
+def test_a_damaged_calibration_is_refused(refused, photo, tmp_path):
+    write_copy(find_scene("chair"), {"resolution": "24", CALIBRATED: "x"}, tmp_path / "s.xml")
+    line = refused("reconstruct", photo, "--scene", "s.xml", *SMALL, "--out", "out")
+    assert "'calibrated_covariance' is damaged" in line
