@@ -28,7 +28,7 @@ def photo(hidden, light, tmp_path):
     """A photograph of a chair 4 mm to the right."""
     scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24, "occluder_dx": 0.004})
     signal = ps.render_transport(scenario, samples=64, seed=3) @ hidden.reshape(20, 3)
-    y = ps.add_noise(signal.reshape(24, 24, 3) + light[1], 60, 0)
+    y = ps.add_noise(signal.reshape(24, 24, 3) + light[1] / 50, 60, 0)
     np.save(tmp_path / "y.npy", y)
     return "y.npy"
 

@@ -76,9 +76,10 @@ def draws():
     return found[::2], found[1::2]
 
 
-def test_images_of_a_misplaced_scene_have_half_the_error(draws):
-    nominal, uncertain = (np.mean([error**2 for error, *_ in each]) for each in draws)
-    assert uncertain < nominal / 4
+def test_most_images_of_a_misplaced_scene_have_a_third_of_the_error(draws):
+    """Of the largest displacements some are too far for a linear way there."""
+    nominal, uncertain = (np.median([np.mean(error**2) for error, *_ in each]) for each in draws)
+    assert uncertain < nominal / 9
 
 
 def test_errors_of_patches_and_parameters_cover_what_they_say(draws):
