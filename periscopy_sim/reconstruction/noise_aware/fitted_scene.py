@@ -209,12 +209,13 @@ class FittedScene(AmbientMethod[np.float64]):
         return replace(rest, level=level, share=share), planes[0]
 
     def _ambient_light(self, evidence: Evidence, y: Array, means: Array) -> AmbientEstimate | None:
-        """Return the ambient light beyond range(B) of the y of an evidence, if looked for."""
+        """Return the ambient light beyond range(B) of the y of an evidence, if there is any."""
         if self._ambient_prior is None:
             return None
         coordinates = evidence.coefficients[:, self._seen] / np.sqrt(self._curvatures)
         seen = y, coordinates, evidence.noise, means / evidence.level
-        return self._ambient_prior.estimate(*seen).scaled(evidence.level)
+        found = self._ambient_prior.estimate(*seen)
+        return None if found is None else found.scaled(evidence.level)
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
@@ -254,9 +255,9 @@ class FittedScene(AmbientMethod[np.float64]):
         return np.asarray(shown[:, self._seen], np.float64)
 
     def _fitted_prior(self) -> AmbientPrior | None:
-        """Return what finds ambient light beyond range(B), where it can."""
+        """Return what finds ambient light beyond range(B), where there is a B alone."""
         shape = self.observation.rows_and_columns
-        if shape is None or not len(self._background):
+        if shape is None or not len(self._background) or self.observation.backgrounds:
             return None
         patterns, curvatures = self._basis.rows[self._seen], self._curvatures * self._unit**2
         seen = self._transport, self._background, patterns, curvatures

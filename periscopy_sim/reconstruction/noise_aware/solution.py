@@ -42,7 +42,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     scene
         Where its uncertain parameters were found; None where the scene is taken for right.
     ambient
-        The ambient light beyond range(B); None where it was not looked for.
+        The ambient light beyond range(B); None where there is none.
     """
 
     weight: float
@@ -62,7 +62,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
 
     @property
     def ambient_strengths(self) -> list[float]:
-        """κ of each group of the ambient light beyond range(B); none where none was looked for."""
+        """κ of each group of the ambient light beyond range(B); none where there is none."""
         return [] if self.ambient is None else self.ambient.strengths.tolist()
 
     @property

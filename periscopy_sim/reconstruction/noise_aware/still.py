@@ -106,7 +106,7 @@ class NoiseAware(FittedScene):
         `uncertain_scene`. None where the scene is taken for right.
     ambient_prior
         Whether stills are freed of ambient light beyond range(B), see `ambient_prior`, where their
-        rows and columns are known and there is a B.
+        rows and columns are known, there is a B, and no background photograph shows that light.
 
     Raises
     ------

@@ -5,6 +5,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from periscopy_sim.evaluation.metrics import mean_squared_error
+from periscopy_sim.reconstruction.noise_aware import ambient_prior
 from periscopy_sim.reconstruction.noise_aware.ambient_prior import STRENGTHS, AmbientPrior
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis, laplacian
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
@@ -87,7 +88,8 @@ def polynomials(used):
 
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("beyond", [0.0, 2e-3])
-def test_estimate_is_the_mean_of_the_posterior_by_dense_algebra(masked, beyond):
+def test_estimate_is_the_mean_of_the_posterior_by_dense_algebra(masked, beyond, monkeypatch):
+    monkeypatch.setattr(ambient_prior, "DECISIVE", -np.inf)
     mask = np.ones(WALL, bool)
     mask[3:9, 20:31] = not masked
     prior, Q, left, rows, curvatures = fitted(mask if masked else None)
@@ -115,8 +117,9 @@ def test_estimate_is_the_mean_of_the_posterior_by_dense_algebra(masked, beyond):
         variances = σ**2 + np.outer(energies, shown)
         along = (axes.T @ rejected[:, c]) ** 2
         best = int(np.argmin(np.sum(along / variances + np.log(variances), axis=1)))
-        inverse = (axes / variances[best]) @ axes.T * σ**2
-        f = energies[best] * K @ left.T @ inverse @ rejected[:, c] / σ**2
+        weak = σ**2 + ambient_prior.CONTRAST * energies[best] * shown
+        inverse = (axes / weak) @ axes.T * σ**2
+        f = ambient_prior.CONTRAST * energies[best] * K @ left.T @ inverse @ rejected[:, c] / σ**2
         H, q = D.T @ inverse @ D, D.T @ inverse @ rejected[:, c]
         G, p = kinds[3].T @ inverse @ kinds[3], kinds[3].T @ inverse @ rejected[:, c]
         ratios.append(p @ np.linalg.solve(G, p) / σ**2 / len(p))
@@ -161,36 +164,28 @@ def methods():
 
 
 # The block's own shadow has a level edge, too.
-@pytest.mark.parametrize(("along", "part"), [(V, 0.9), (U, 0.6)], ids=["level", "upright"])
+@pytest.mark.parametrize(("along", "part"), [(V, 0.9), (U, 0.75)], ids=["level", "upright"])
 def test_light_that_an_edge_cuts_off_does_less_harm(methods, along, part):
     errors = []
     for seed in range(4):
-        y = photograph(seed, beyond=1e-3 * edge(along))
+        y = photograph(seed, beyond=1e-3 * edge(along), noise=3e-4)
         errors.append([mean_squared_error(m.reconstruct(y), image(seed)) for m in methods])
     without, freed = np.mean(errors, axis=0)
     assert freed < part * without
 
 
 def test_light_that_lamps_explain_is_left_to_them(methods):
-    # Of noise alone, D ê is what a prior of the least strength lets through.
-    errors = []
     for seed in range(4):
-        found = methods[1].solve(photograph(seed))
-        assert found.ambient.overdispersion < 1.5
-        assert found.ambient.strengths.max() < STRENGTHS[-1]
-        errors.append(
-            [mean_squared_error(m.reconstruct(photograph(seed)), image(seed)) for m in methods]
-        )
-    without, freed = np.mean(errors, axis=0)
-    assert freed < 1.1 * without
+        without, found = (m.solve(photograph(seed)) for m in methods)
+        assert found.ambient is None
+        np.testing.assert_array_equal(found.image, without.image)
 
 
 def test_hardly_any_ambient_light_has_no_edges_that_matter(methods):
     # A scene that is off leaves structure everywhere, but of no ambient light.
     y = photograph(0, brightness=0.02)
     y *= 1 + 0.02 * edge(V).reshape(*WALL, 1)
-    found = methods[1].solve(y)
-    assert np.sqrt(np.mean(found.ambient.light**2)) < 2e-5 * y.mean()
+    assert methods[1].solve(y).ambient is None
 
 
 def test_units_do_not_matter(methods):
@@ -215,24 +210,36 @@ def test_summary_tells_the_strengths(methods):
 
 
 def test_no_prior_without_lamps_or_rows_and_columns():
-    y = photograph()
+    y = photograph(beyond=1e-3 * edge(V))
     alone = NoiseAware(A, hidden_shape=HIDDEN, photograph_shape=WALL)
     flat = NoiseAware(A, B, hidden_shape=HIDDEN)
     assert alone.solve(y).ambient is None
     assert flat.solve(y.reshape(-1, 3)).ambient is None
 
 
+def test_no_prior_where_a_background_photograph_shows_the_light(methods):
+    beyond = 1e-3 * edge(V)
+    off = ((1 + 0.1 * U.ravel() + beyond)[:, None] * LIGHT).reshape(*WALL, 3)
+    off *= 1 + 1e-4 * np.random.default_rng(1).standard_normal(off.shape)
+    known = {"hidden_shape": HIDDEN, "photograph_shape": WALL}
+    shown = NoiseAware(A, B, **known, backgrounds=[off])
+    assert methods[1].solve(photograph(1, beyond=beyond)).ambient is not None
+    assert shown.solve(photograph(1, beyond=beyond)).ambient is None
+
+
 @pytest.mark.parametrize("shape", [(1, 1440), (3, 480), (1440, 1)])
-def test_walls_of_few_rows_have_fewer_polynomials(shape):
+def test_walls_of_few_rows_have_fewer_polynomials(shape, monkeypatch):
+    monkeypatch.setattr(ambient_prior, "DECISIVE", -np.inf)
     method = NoiseAware(A, B, hidden_shape=HIDDEN, photograph_shape=shape)
     found = method.solve(photograph().reshape(*shape, 3))
     assert np.isfinite(found.image).all() and np.isfinite(found.ambient.light).all()
 
 
 def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypatch):
-    """Light drawn from the prior itself leaves errors as well told as they are without any.
+    """Light drawn from the prior itself leaves errors that are told no smaller than without any.
 
-    These images, of few patches and sharp edges, err by half of what they tell in either case.
+    Rather larger: with the image's prior as weak as the light is found by, less is known of it than
+    total variation knows.
     """
     method, ratios = methods[1], []
     prior = method._ambient_prior
@@ -246,12 +253,13 @@ def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypat
     for seed in range(12):
         e = np.random.default_rng(seed).standard_normal((3, len(prior._rows)))
         light = (1e-3 * level[:, None] * roots * e) @ prior._rows
-        smooth = method.solve(photograph(seed))
-        found = method.solve(photograph(seed) + light.T.reshape(*WALL, 3))
+        smooth = method.solve(photograph(seed, noise=3e-4))
+        found = method.solve(photograph(seed, noise=3e-4) + light.T.reshape(*WALL, 3))
+        assert found.ambient is not None
         counted = ratio(found, seed)
         with monkeypatch.context() as patch:
             patch.setattr(method, "_error_response", lambda _: None)
             ratios.append([ratio(smooth, seed), counted, ratio(found, seed)])
     smooth, counted, alone = np.mean(ratios, axis=0)
-    assert 0.6 < counted / smooth < 1.5
+    assert counted < 1.2 * smooth
     assert alone > 1.7 * counted

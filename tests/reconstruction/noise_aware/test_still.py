@@ -225,7 +225,6 @@ def test_pixels_under_the_mask_do_not_matter():
     y = photograph()
     method = NoiseAware(A, B, hidden_shape=HIDDEN, mask=mask, photograph_shape=PHOTOGRAPH)
     image = method.reconstruct(y)
-    assert method.solve(y).ambient is not None
     spoilt = y.copy()
     spoilt[~mask] = np.nan
     np.testing.assert_array_equal(method.reconstruct(spoilt), image)
