@@ -9,7 +9,7 @@ matrix without the mask. All cells together are as sparse as the shadow of each 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ STEPS = 5.0
 
 FEWEST = 4
 """Strata along each side of a pixel or of a patch: a ray joins the middles of any two of them."""
+
+
+LAST = (1 << 32) - 1
+"""The largest of 32 random bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +56,17 @@ class CellShadows:
         rows, offsets = plane.rows_of_projection()
         scale = np.array([cells[1], cells[0], 1.0])
         rows, offsets = scale[:, None] * rows, scale * offsets
-        part, monitor = plane.part(scenario), (scenario.patch_across, scenario.patch_up)
-        pixels = _strata(scenario.wall_points, _pixel_edges(scenario), (1 - part) * rows[:2])
-        patches = _strata(scenario.patch_centers, monitor, part * rows[:2])
-        pixels = pixels[used.ravel()] @ rows.T + offsets
-        entry, cell, crossed = _crossings(pixels, patches @ rows.T + offsets, *cells)
+        part = plane.part(scenario)
+        wall = np.stack([scenario.wall_points, *_pixel_edges(scenario)], axis=1)[used.ravel()]
+        monitor = np.stack(
+            [scenario.patch_centers, scenario.patch_across, scenario.patch_up], axis=1
+        )
+        pixels, patches = wall @ rows.T, monitor @ rows.T
+        pixels[:, 0] += offsets
+        patches[:, 0] += offsets
+        entry, cell, crossed = _crossings(
+            pixels, patches, _strata((1 - part) * pixels), _strata(part * patches), *cells
+        )
         light = (A.ravel()[entry] * crossed).astype(np.float32)
         return cls(A, cells[0] * cells[1], entry, cell, light)
 
@@ -101,48 +111,85 @@ def _pixel_edges(scenario: Scenario) -> tuple[Array, Array]:
     return along(1), along(0)
 
 
-def _strata(centers: Array, edges: tuple[Array, Array], cells: Array) -> Array:
-    """Return the middles of equal strata of parallelograms of some edges, (n, K, 3).
+def _strata(parallelograms: Array) -> tuple[int, int]:
+    """Return into how many strata to cut parallelograms, (n, 3, 3), along either edge.
 
-    They are as many as the edges are long in cells: `cells`, (2, 3), projects lengths to these.
+    As many as the edges are long, in cells; each is a centre and two edges.
     """
-    counts = (max(FEWEST, int(np.ceil(STEPS * np.abs(edge @ cells.T).max()))) for edge in edges)
-    places = [(np.arange(count) + 0.5) / count - 0.5 for count in counts]
-    a, b = (each.reshape(-1, 1) for each in np.meshgrid(*places))
-    return np.asarray(centers[:, None] + a * edges[0][:, None] + b * edges[1][:, None])
+    longest = np.abs(parallelograms[:, 1:, :2]).max(axis=(0, 2))
+    along, up = (max(FEWEST, int(np.ceil(STEPS * length))) for length in longest)
+    return along, up
+
+
+@compiled
+def _near(pixel: Array, patch: Array, rows: int, columns: int) -> bool:
+    """Return whether rays between a pixel and a patch, (3, 3) each, may cross the mask."""
+    t = pixel[0, 2] / (pixel[0, 2] - patch[0, 2])
+    reach = 0.0
+    for d in range(2):
+        for e in range(1, 3):
+            reach += abs(pixel[e, d]) + abs(patch[e, d])  # twice what parallel planes need
+    x, y = pixel[0, :2] + t * (patch[0, :2] - pixel[0, :2])
+    return bool(-reach < x < columns + reach and -reach < y < rows + reach)
+
+
+@compiled
+def _longer(values: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of twice the length, with the values first."""
+    longer = np.empty(2 * len(values), values.dtype)
+    longer[: len(values)] = values
+    return longer
 
 
 @compiled
 def _crossings(
-    pixels: Array, patches: Array, rows: int, columns: int
+    pixels: Array,
+    patches: Array,
+    pixel_strata: tuple[int, int],
+    patch_strata: tuple[int, int],
+    rows: int,
+    columns: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """Return which part of the rays of each entry crosses which cell: entries, cells, parts.
 
-    Points, (M, P, 3) and (N, Q, 3), are in the mask's coordinates: cells across, cells down, off
-    its plane.
+    Pixels and patches, (M, 3, 3) and (N, 3, 3), are centres and edges in the mask's coordinates:
+    cells across, cells down, off its plane. A ray goes from each stratum of a pixel to each of a
+    patch, shifted within it by a random number for each entry and stratum of the pixel: so the
+    errors of entries are independent of each other.
     """
-    M, P = pixels.shape[:2]
-    N, Q = patches.shape[:2]
-    rays = P * Q
+    M, N = len(pixels), len(patches)
+    rays = pixel_strata[0] * pixel_strata[1] * patch_strata[0] * patch_strata[1]
     size = 1 << 20
-    entry = np.empty(size, np.int64)
-    cell = np.empty(size, np.int32)
+    entry, cell = np.empty(size, np.int64), np.empty(size, np.int32)
     part = np.empty(size, np.float32)
     hits = np.zeros(rows * columns, np.int64)
     touched = np.empty(rays, np.int64)
-    found = 0
+    found, bits = 0, 1
+    shift = np.empty(4)
+    p, q = np.empty(3), np.empty(3)
     for i in range(M):
         for j in range(N):
+            if not _near(pixels[i], patches[j], rows, columns):
+                continue
             number = 0
-            for p in range(P):
-                px, py, pz = pixels[i, p, 0], pixels[i, p, 1], pixels[i, p, 2]
-                for q in range(Q):
-                    t = pz / (pz - patches[j, q, 2])
-                    if not 0 < t < 1:
-                        continue
-                    x = px + t * (patches[j, q, 0] - px)
-                    y = py + t * (patches[j, q, 1] - py)
-                    if not (0 <= x < columns and 0 <= y < rows):
+            for n in range(pixel_strata[0] * pixel_strata[1]):
+                for d in range(4):  # xorshift (Marsaglia, J. Stat. Softw. 8, 2003)
+                    bits ^= (bits << 13) & LAST
+                    bits ^= bits >> 17
+                    bits ^= (bits << 5) & LAST
+                    shift[d] = bits / LAST
+                a = (n // pixel_strata[1] + shift[0]) / pixel_strata[0] - 0.5
+                b = (n % pixel_strata[1] + shift[1]) / pixel_strata[1] - 0.5
+                for d in range(3):
+                    p[d] = pixels[i, 0, d] + a * pixels[i, 1, d] + b * pixels[i, 2, d]
+                for m in range(patch_strata[0] * patch_strata[1]):
+                    a = (m // patch_strata[1] + shift[2]) / patch_strata[0] - 0.5
+                    b = (m % patch_strata[1] + shift[3]) / patch_strata[1] - 0.5
+                    for d in range(3):
+                        q[d] = patches[j, 0, d] + a * patches[j, 1, d] + b * patches[j, 2, d]
+                    t = p[2] / (p[2] - q[2])
+                    x, y = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])
+                    if not (0 < t < 1 and 0 <= x < columns and 0 <= y < rows):
                         continue
                     k = int(y) * columns + int(x)
                     if hits[k] == 0:
@@ -151,18 +198,10 @@ def _crossings(
                     hits[k] += 1
             if found + number > size:
                 size *= 2
-                for_entry, for_cell, for_part = entry, cell, part
-                entry = np.empty(size, np.int64)
-                cell = np.empty(size, np.int32)
-                part = np.empty(size, np.float32)
-                entry[:found] = for_entry[:found]
-                cell[:found] = for_cell[:found]
-                part[:found] = for_part[:found]
+                entry, cell, part = _longer(entry), _longer(cell), _longer(part)
             for n in range(number):
                 k = touched[n]
-                entry[found] = i * N + j
-                cell[found] = k
-                part[found] = hits[k] / rays
+                entry[found], cell[found], part[found] = i * N + j, k, hits[k] / rays
                 hits[k] = 0
                 found += 1
     return entry[:found].copy(), cell[:found].copy(), part[:found].copy()

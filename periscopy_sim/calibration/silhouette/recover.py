@@ -36,6 +36,13 @@ from periscopy_sim.calibration.silhouette.cell_size import (
     fitted_cells,
     require_coarse,
 )
+from periscopy_sim.calibration.silhouette.mask_moves import (
+    centred,
+    patch_steps,
+    resized,
+    shifted_by_patches,
+    swapped,
+)
 from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane, mask_plane
 from periscopy_sim.calibration.silhouette.opacity_fit import (
     NOTHING,
@@ -55,13 +62,13 @@ from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
 COARSE = Resolution(32, 12, Rays(4, 9), Rays(4, 9))
-MIDDLE = Resolution(48, 18, Rays(4, 9), Rays(4, 9))
+MIDDLE = Resolution(48, 22, Rays(4, 9), Rays(4, 9))
 FINE = Resolution(63, 36, Rays(9, 4), Rays(4, 4))
 
 STARTS = 6
 """Masks that the search begins with: half opaque everywhere, and random ones."""
 
-FINALISTS = 4
+FINALISTS = 3
 """Of them, looked at finely."""
 
 SAME = 0.8
@@ -79,12 +86,11 @@ PRIOR_PRECISION = 4.0
 SHOWN = 50.0
 """Evidence that a mask must win over none for the photograph to show a shadow of it."""
 
+PLACES = 2
+"""Of a mask, patches apart, at which its cells are made opaque and open."""
+
 UNSEEN = 1e-2
 """Part of the largest cell's shadow, below which a cell's is not seen."""
-
-NEAR = 200.0
-"""Of the objective: other masks that are worse by more, while opacities are between 0 and 1, are
-not looked at as opaque and open ones."""
 
 
 def recover_silhouette(
@@ -221,28 +227,34 @@ def _answers(
     level: MaskLevel, fits: list[MaskFit], plane: MaskPlane, name: str
 ) -> list[Silhouette]:
     """Return the best silhouette, and others that explain the photograph alike."""
-    level, best = _finished(level, min(fits, key=lambda fit: fit.objective))
-    unlike = [fit for fit in fits if overlap(fit.opaque, best.opaque) < SAME]
-    near = [fit for fit in unlike if fit.objective < best.objective + NEAR]
-    answers = [best]
-    for fit in sorted(near, key=lambda fit: fit.objective):
-        other = binarized(level, fit.opacities)
-        if all(overlap(other.opaque, each.opaque) < SAME for each in answers):
-            answers.append(other)
-    answers.sort(key=lambda fit: fit.objective)
-    least = answers[0].explanation.evidence
-    alike = [fit for fit in answers if fit.explanation.evidence < least + ALIKE]
+    level = level.learned(min(fits, key=lambda fit: fit.objective).explanation)
+    found = [_finished(level, fit, plane) for fit in fits]
+    # Errors are as strong as the best mask leaves them, not as the first did.
+    best = min(found, key=lambda fit: fit.explanation.evidence)
+    level = level.learned(best.explanation)
+    found = sorted((level.explain(fit.opacities) for fit in found), key=lambda fit: fit.objective)
+    limit = found[0].explanation.evidence + ALIKE
+    alike = found[:1]
+    for fit in found[1:]:
+        if fit.explanation.evidence < limit and all(
+            overlap(fit.opaque, each.opaque) < SAME for each in alike
+        ):
+            alike.append(fit)
     return [_silhouette(level, fit, plane, name) for fit in alike]
 
 
-def _finished(level: MaskLevel, fit: MaskFit) -> tuple[MaskLevel, MaskFit]:
-    """Return the binary mask that a descent leads to, and the level with what was left by it."""
-    level = level.learned(fit.explanation)
-    best = binarized(level, descend(level, fit.opacities, 12).opacities)
-    middle = binarized(level, centred(best.opacities))
-    if middle.explanation.evidence < best.explanation.evidence + ALIKE:
-        best = middle
-    return level, best
+def _finished(level: MaskLevel, fit: MaskFit, plane: MaskPlane) -> MaskFit:
+    """Return the binary mask that a descent leads to.
+
+    Opacities may imitate a mask that stands between cells, opaque and open ones cannot: so it is
+    looked for where the image is a patch or two on.
+    """
+    found = descend(level, fit.opacities, *ROUGH)
+    steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
+    places = shifted_by_patches(found.opacities, steps)
+    tried = [(level.explain((m > 0.5 * m.max()).astype(float)).objective, m) for m in places]
+    best = sorted(tried, key=lambda each: each[0])[:PLACES]
+    return min((binarized(level, m) for _, m in best), key=lambda fit: fit.objective)
 
 
 def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> Silhouette:
@@ -282,44 +294,3 @@ def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> 
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def swapped(level: MaskLevel, plane: MaskPlane, fit: MaskFit) -> Array:
-    """Return the mask that is the image of a fit, turned by half a circle, (rows, columns).
-
-    From x, mask m and image f are seen as ∫ m(x + t (q − x)) f(q) dq, t the part of the way at
-    which the mask stands. f(−p/t) in the place of the mask, m(−t q) in that of the image give the
-    same for all x but for a shift.
-    """
-    from scipy.spatial import KDTree
-
-    scenario = level.level.scenario(NOTHING)
-    rows, columns = level.cells
-    down, across = np.indices(level.cells) + 0.5
-    cells = plane.at(np.stack([across / columns, down / rows], axis=-1)).reshape(-1, 3)
-    monitor = scenario.patch_centers.mean(axis=0)
-    middle = plane.at(np.array([0.5, 0.5]))
-    places = monitor - (cells - middle) / plane.part(scenario)
-    distance, nearest = KDTree(scenario.patch_centers).query(places)
-    size = np.sqrt(scenario.patch_areas.max())
-    grey = np.where(distance < size, fit.explanation.images.mean(axis=1)[nearest], 0.0)
-    return np.asarray(grey / max(grey.max(), 1e-300)).reshape(level.cells)
-
-
-def centred(opacities: Array) -> Array:
-    """Return a mask, (rows, columns), moved to the middle of its rectangle."""
-    moved, opaque = opacities, opacities > 0.5 * opacities.max()
-    for axis, count in enumerate(opacities.shape):
-        filled = np.flatnonzero(opaque.any(axis=1 - axis))
-        if len(filled):
-            moved = np.roll(moved, (count - 1 - int(filled[0] + filled[-1])) // 2, axis)
-    return moved
-
-
-def resized(opacities: Array, cells: tuple[int, int]) -> Array:
-    """Return opacities on a grid of other cells, (rows, columns): those of the nearest ones."""
-    rows, columns = (
-        ((np.arange(new) + 0.5) * old / new).astype(int)
-        for new, old in zip(cells, opacities.shape, strict=True)
-    )
-    return np.asarray(opacities[np.ix_(rows, columns)])

@@ -3,7 +3,8 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.silhouette import recover
-from periscopy_sim.calibration.silhouette.recover import centred, recover_silhouette, resized
+from periscopy_sim.calibration.silhouette.mask_moves import centred, resized, shifted_by_patches
+from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 from periscopy_sim.calibration.silhouette.result import overlap
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.measurement import add_noise, composite
@@ -54,6 +55,15 @@ def test_noise_that_hides_the_cells_is_told_of(scene, flagged, monkeypatch):
     noisy = photograph(load_scenario(flagged, HIDDEN), snr=42)
     with pytest.raises(SceneError, match=r"tells about \d+ numbers .* ask for fewer"):
         recover_silhouette(noisy, scene, HIDDEN, "card", (12, 12))
+
+
+def test_shifts_by_patches_keep_the_mask_within_its_rectangle():
+    mask = np.zeros((8, 8))
+    mask[3:5, 0:2] = 1
+    places = shifted_by_patches(mask, np.array([[1.0, 0.0], [0.0, 2.0]]))
+    np.testing.assert_array_equal(places[0], mask)
+    assert len(places) == 5 * 3  # none to the left
+    assert all(place.sum() == mask.sum() for place in places)
 
 
 def test_masks_are_compared_wherever_they_are_shifted():
