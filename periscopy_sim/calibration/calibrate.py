@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.consider_analysis import (
     UncertainParameters,
@@ -18,14 +19,12 @@ from periscopy_sim.calibration.consider_analysis import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.explanation.evidence import Explanation
-from periscopy_sim.calibration.explanation.overdispersion import STRUCTURED, overdispersion
+from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.resolution_level import (
     Rays,
     Resolution,
     ResolutionLevel,
     Values,
-    Visit,
     fitted,
 )
 from periscopy_sim.calibration.parameters import scales_and_spreads
@@ -54,26 +53,22 @@ from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
 LEVELS = (
-    Resolution(32, 12, Rays(4, 9), Rays(4, 9)),
-    Resolution(63, 36, Rays(9, 16), Rays(4, 9)),
-    Resolution(126, 36, Rays(9, 4), Rays(4, 4)),
+    Resolution(32, 12, 1, Rays(4, 9), Rays(4, 9)),
+    Resolution(63, 36, 2, Rays(9, 16), Rays(4, 9)),
 )
-"""Coarse to fine: explored, then descended on. Larger photographs and hidden images are averaged
-down to the last. With fewer rays they have dips that hold a descent, millimetres from the best;
-slopes, of wide differences, need fewer."""
+"""Coarse and fine: looked over, and descended on. Larger photographs and hidden images are averaged
+down to the last. With fewer rays, where areas do not serve, it has dips that hold a descent,
+millimetres from the best; slopes, of wide differences, need fewer."""
 
-ITERATIONS = (6, 3)
-"""Of the descents, at most; the last of them gain little and take long."""
+ITERATIONS = 10
+"""Of a descent, at most; the last of them gain little and take long."""
+
+WALKS = 3
+"""From patch to patch, at most, each from where the descents after the last ended."""
 
 MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
 curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
-
-FALLEN = 0.7
-"""Part of the residual's overdispersion, or less, after a descent that makes another worthwhile."""
-
-ROUNDS = 3
-"""Of descents, at most, each with the overdispersion that the last left."""
 
 SHOWN = 100.0
 """Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
@@ -89,7 +84,7 @@ def calibrate(
     uncertain: Mapping[str, float] | None = None,
     backgrounds: Backgrounds | None = None,
     mask: NDArray[np.bool_] | None = None,
-    samples: int = 36,
+    samples: int = 144,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
@@ -98,8 +93,8 @@ def calibrate(
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
     ambient light but that it comes from afar, see `evidence`, nor of a smooth gain over the wall,
     see `SmoothGain`. Of the parameters is known what the
-    ruler says, see `Prior`. Of many points that the ruler finds likely (of a box, at a low
-    resolution, where it knows nothing) the best is where descents begin, coarse to fine.
+    ruler says, see `Prior`: there the descent begins. Where it knows nothing of one, the best of
+    many points of a box is looked for first, at a low resolution.
 
     Parameters
     ----------
@@ -169,9 +164,21 @@ def calibrate(
         if backgrounds is not None and len(backgrounds):
             small = load_scenario(path, fitted(hidden, COARSE), given)
             off = _monitor_off(backgrounds, y, small, mask, seed)
+        by_area = has_areas(load_scenario(path, fitted(hidden, COARSE), given))
         levels = [
             ResolutionLevel(
-                path, given, names, prior, y, off, mask, hidden, resolution, seed, in_front.check
+                path,
+                given,
+                names,
+                prior,
+                y,
+                off,
+                mask,
+                hidden,
+                resolution,
+                seed,
+                in_front.check,
+                by_area,
             )
             for resolution in resolutions
         ]
@@ -223,41 +230,41 @@ def calibrate_levels(
 ) -> Calibration:
     """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
 
-    The three levels, coarse to fine, are of the same photograph, parameters and prior.
+    The two levels, coarse and fine, are of the same photograph, parameters and prior.
     """
-    coarse, middle, fine = levels
+    coarse, fine = levels
     names, prior = fine.names, fine.prior
     shift = shift or ImageShift.none(len(names))
     require_effect(coarse, start, held)
-    scales, spreads = scales_and_spreads(coarse, start)
+    scales, spreads = scales_and_spreads(coarse.differing(), start)
     steps = np.minimum(scales, prior.errors)
     ruled = bool(np.isfinite(prior.errors).all())
     log = Progress(len(start), ruled, ITERATIONS, progress)
     # What a ruler leaves open is too little for a coarse level to tell.
-    rough, widths = (middle.differing(), prior.errors) if ruled else (coarse, spreads)
-    visit = log.at(rough)
-    values = explore(rough, start, widths, rough.seed, visit, likely=ruled)
+    values = start if ruled else explore(coarse, start, spreads, coarse.seed, log.at(coarse))
     _require_shadows(coarse, values)
-    onward = log.at(middle)
-    middle, end = _descend(middle, values, steps, 5 * steps, ITERATIONS[0], onward)
-    values, _ = shift.settled(middle, *settle(middle, end, steps))
     visit = log.at(fine)
-    fine, end = _descend(fine, values, steps / 2, 5 * steps, ITERATIONS[1], visit)
+    fine = _evened(fine, values)
+    fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
+    for _ in range(WALKS):
+        here = shift.settled(fine, *settle(fine, end, steps))
+        undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
+        # A row or a column of patches has no place beside it.
+        several = np.array(fine.hidden_shape[::-1]) > 1
+        patches = np.hstack([undone, shift.by_patch * several])
+        values, after, alike = walk(fine, end, *here, patches, log.looked)
+        if np.array_equal(values, here[0]):
+            break
+        fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
     if end.unphysical is not None:
         best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
         raise SceneError(
             f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
             "the one that went too far by -D"
         )
-    fine = fine.gained(end.explanation)
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
-    undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
-    # A row or a column of patches has no place beside it.
-    several = np.array(fine.hidden_shape[::-1]) > 1
-    patches = np.hstack([undone, shift.by_patch * several])
-    values, after, alike = walk(fine, end, *settle(fine, end, steps), patches, log.looked)
     before = fine.explain(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
@@ -265,12 +272,14 @@ def calibrate_levels(
     if set_back:
         values, after = start, before
     visit(values, after.evidence)
-    misfit = after.left if fine.overdispersion > STRUCTURED else 0.0
+    plain = fine.as_it_comes()
+    left_before, left = plain.explain(start), plain.explain(values)
+    misfit = left.left if fine.discrepancy > STRUCTURED else 0.0
     why = doubts(names, values, spreads, prior, gained, known, misfit)
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
     ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
-    alone, covariance = _covariances(fine, end, alike, moves, ruler, shift.alone | set_back)
+    alone, covariance = _covariances(fine, end, alike, moves, ruler, shift.alone, set_back)
     deviations = np.sqrt(np.diag(covariance))
     log.report(1.0)
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
@@ -283,15 +292,22 @@ def calibrate_levels(
         moves=moves,
         correlation=covariance / np.outer(deviations, deviations),
         path=log.path(),
-        noise_before=before.noise / fine.scale,
-        noise=after.noise / fine.scale,
-        residual_before=fine.picture(before.residuals),
-        residual=fine.picture(after.residuals),
+        noise_before=left_before.noise / fine.scale,
+        noise=left.noise / fine.scale,
+        residual_before=fine.picture(left_before.residuals),
+        residual=fine.picture(left.residuals),
         gain=fine.gain_of(after),
+        discrepancy=fine.discrepancy,
         overdispersion=fine.overdispersion,
         moved=gained,
         doubts=why,
     )
+
+
+def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
+    """Return a level whose wall's unevenness, as it shows at some values, is divided out."""
+    found = level.explain(values)
+    return level.evened(found).gained(found)
 
 
 def _require_shadows(level: ResolutionLevel, values: Values) -> None:
@@ -310,46 +326,27 @@ def _covariances(
     alike: Array,
     moves: Array,
     ruler: Values,
-    as_ruler: NDArray[np.bool_],
+    shifting: NDArray[np.bool_],
+    set_back: bool,
 ) -> tuple[Array, Array]:
     """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
 
     Both are `bounded`; `alike`, (P, K), are patches that are, see `walk`, `moves`, (P, U), those of
-    `sensitivity`.
+    `sensitivity`. Parameters that are `shifting`, (P,), the image alone are known by the ruler, and
+    so the others, which move as they do, no better: a room that is moved as a whole looks the same.
+    If `set_back`, all are the ruler's.
     """
-    scores = block_scores(level, end.explanation, end.curvature.jacobian)
-    alone = MARGIN**2 * end.curvature.covariance(scores) + alike @ alike.T
-    both = alone + moves @ moves.T
-    return bounded(alone, ruler, as_ruler), bounded(both, ruler, as_ruler)
-
-
-def _descend(
-    level: ResolutionLevel,
-    start: Values,
-    steps: Values,
-    longest: Values,
-    iterations: int,
-    visit: Visit,
-) -> tuple[ResolutionLevel, Descent]:
-    """Descend, see `descend`, and again where less is left than the residual's overdispersion said.
-
-    A misplaced scene leaves structured residuals; as it finds its place, they go. Returned is the
-    level of the last descent, by whose overdispersion its end is explained, too: evidences divided
-    by different ones do not compare. The wall's unevenness is divided out, as it shows where the
-    first descent begins.
-    """
-
-    def tempered(found: Explanation) -> ResolutionLevel:
-        gained = level.gained(found)
-        return gained.overdispersed(overdispersion(found, level.used, level.seed))
-
-    found = level.explain(start)
-    level = level.evened(found).gained(found)
-    here = tempered(level.explain(start))
-    end = descend(here, start, steps, longest, iterations, visit)
-    for _ in range(ROUNDS - 1):
-        after = tempered(end.explanation)
-        if after.overdispersion > FALLEN * here.overdispersion:
-            break
-        here, end = after, descend(after, end.values, steps, longest, iterations, visit)
-    return here, end
+    if set_back:
+        as_ruler = np.diag(ruler**2)
+        return as_ruler, bounded(as_ruler + moves @ moves.T, ruler)
+    others, about = ~shifting, end.curvature
+    found = np.zeros((len(ruler), len(ruler)))
+    scores = block_scores(level, end.explanation, about.jacobian)
+    told = about.of(others)
+    found[np.ix_(others, others)] = MARGIN**2 * told.covariance([s[:, others] for s in scores])
+    crossed = about.invertible()[np.ix_(others, shifting)]
+    following = np.zeros((len(ruler), int(shifting.sum())))
+    following[others] = -np.linalg.solve(told.invertible(), crossed)
+    following[shifting] = np.eye(int(shifting.sum()))
+    found += (following * ruler[shifting] ** 2) @ following.T + alike @ alike.T
+    return bounded(found, ruler), bounded(found + moves @ moves.T, ruler)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import Array
 
 STEP, SPREAD = 0.05, 0.4
 """Relative changes of the transport matrix: by the step of a difference, and over the half width of
@@ -14,6 +14,9 @@ the box that is searched, where shadows have moved by about their own size."""
 
 DOUBLINGS = 40
 """From a millionth of a unit: beyond, a parameter is not seen."""
+
+HALVINGS = 4
+"""Of the box that is searched, where a ruler knows a parameter, to the first move that is tried."""
 
 BOX = 3.0
 """Ruler's errors beyond which nothing is searched."""
@@ -37,14 +40,15 @@ def scales_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, V
         offset = np.zeros(len(start))
         reached, spread = 0.0, np.nan
         scale = np.nan
+        smallest = 1e-6 if np.isinf(farthest) else farthest / 2**HALVINGS
         for doubling in range(DOUBLINGS):
-            offset[k] = min(1e-6 * 2.0**doubling, farthest)
+            offset[k] = min(smallest * 2.0**doubling, farthest)
             change = _change(level, A, start, offset)
             if change is None or (reached >= STEP and change < GROWTH * reached):
                 break
             reached, spread = change, offset[k]
             if np.isnan(scale) and change >= STEP:
-                scale = offset[k]
+                scale = offset[k] if doubling else offset[k] * STEP / change
             if change >= SPREAD or offset[k] == farthest:
                 break
         if np.isfinite(farthest):
@@ -71,7 +75,9 @@ def scales_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, V
     return scales, spreads
 
 
-def _change(level: ResolutionLevel, A: Array, start: Values, offset: Values) -> float | None:
+def _change(
+    level: ResolutionLevel, A: NDArray[np.float32], start: Values, offset: Values
+) -> float | None:
     """Return the relative change of A, to either side; None where neither is physical."""
     for sign in (1, -1):
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,24 +18,25 @@ takes as a rule."""
 class Progress:
     """Keep what a calibration visits, level by level, and report how much is done.
 
-    So many parameters are free, all of them known by a ruler (`ruled`) or not; the two descents
-    have so many iterations at most. The fraction done is passed to `report`.
+    So many parameters are free, all of them known by a ruler (`ruled`) or not; the descent has so
+    many iterations at most. The fraction done is passed to `report`.
     """
 
     def __init__(
         self,
         parameters: int,
         ruled: bool,
-        iterations: Sequence[int],
+        iterations: int,
         report: Callable[[float], None] | None,
     ) -> None:
-        # In units of a rendering of the middle level for a difference; a descent's visits each
-        # stand for an iteration, and what follows the descents for one more.
-        iteration = 4 * parameters + 6
-        self._costs = (1.0 if ruled else 0.2, 1.0 * iteration, 1.6 * iteration)
-        explored = points_visited(parameters, likely=ruled)
-        points = (explored, *(count + 2 for count in iterations))
-        self._starts = [0.0, *np.cumsum(np.multiply(self._costs, points)).tolist()]
+        # In units of a rendering of the fine level for a difference; a descent's visits each stand
+        # for an iteration, and what precedes it for one more.
+        iteration = 2 * parameters + 6
+        phases = [(float(iteration), iterations + 2)]
+        if not ruled:
+            phases.insert(0, (0.2, points_visited(parameters)))
+        self._costs = [cost for cost, _ in phases]
+        self._starts = [0.0, *np.cumsum([cost * points for cost, points in phases]).tolist()]
         self._all = self._starts[-1] + LOOK * LOOKS
         self._done = 0.0
         self.report = report or (lambda _: None)

@@ -97,9 +97,12 @@ class Calibration:
     gain
         (rows, columns) what the monitor's light was multiplied by, see `SmoothGain`; 1 where
         masked.
+    discrepancy
+        How much stronger that is than white noise at the scale where it is strongest; about 1 if it
+        is noise. See the module `discrepancy`.
     overdispersion
-        How much stronger that is than white noise where it is strongest; about 1 if it is noise.
-        Errors count it, see the module `overdispersion`.
+        By how much the photograph counts for less, that being made white, since it still varies
+        more from place to place; see `Curvature.overdispersion`.
     moved
         Whether the values explain the photograph better than the start does, by more than chance;
         where they do not, and a ruler knows all of them, they are left as they were.
@@ -117,6 +120,7 @@ class Calibration:
     residual_before: Array
     residual: Array
     gain: Array
+    discrepancy: float = 1.0
     overdispersion: float = 1.0
     moved: bool = True
     doubts: tuple[str, ...] = ()

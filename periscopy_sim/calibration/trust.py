@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.fisher_information import Curvature
@@ -44,19 +43,14 @@ def is_significant(gain: float, parameters: float) -> bool:
     return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))
 
 
-def bounded(covariance: Array, ruler: Array, as_ruler: NDArray[np.bool_] | None = None) -> Array:
+def bounded(covariance: Array, ruler: Array) -> Array:
     """Return a covariance, (P, P), with standard errors of at most the ruler's, (P,).
 
-    A value comes from the ruler's, and is no worse known. `as_ruler`, (P,), are those that are
-    known as the ruler knows them, each alone: the photograph has told nothing of them.
+    A value comes from the ruler's, and is no worse known.
     """
     found = np.sqrt(np.diag(covariance))
     factors = np.minimum(found, ruler) / found
-    told = covariance * np.outer(factors, factors)
-    if as_ruler is not None:
-        told[as_ruler] = told[:, as_ruler] = 0.0
-        told[as_ruler, as_ruler] = ruler[as_ruler] ** 2
-    return np.asarray(told)
+    return np.asarray(covariance * np.outer(factors, factors))
 
 
 def doubts(
@@ -93,7 +87,7 @@ def doubts(
     if misfit > MISFIT:
         found.append(
             f"of what no smooth light explains, {100 * misfit:.0f} % stay unexplained, and are no "
-            "noise: a near lamp whose light no --background shows, a poster (--mask), or something "
-            "that the scene lacks"
+            "noise: a near lamp whose light no --background shows, a poster (--mask), a number "
+            "that the ruler has far off, or something that the scene lacks"
         )
     return tuple(found)

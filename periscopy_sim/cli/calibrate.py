@@ -252,6 +252,7 @@ def _told(found: Calibration) -> dict[str, Any]:
         },
         "unexplained_before": found.noise_before,
         "unexplained": found.noise,
+        "discrepancy": found.discrepancy,
         "overdispersion": found.overdispersion,
         "gain": {"least": found.gain.min(), "largest": found.gain.max()},
         "path": [
@@ -273,7 +274,7 @@ def _finite(value: float) -> float | None:
 
 def _say(found: Calibration, *, has_backgrounds: bool) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
-    from periscopy_sim.calibration.explanation.overdispersion import STRUCTURED
+    from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
     from periscopy_sim.reconstruction.residual.causes import ADVICE
 
     width = max(len(p.name) for p in found.parameters)
@@ -308,11 +309,11 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
             f"{found.gain.max():.2f} times the monitor's light, as a lens, bounced light or the "
             "monitor's falloff with angle makes it"
         )
-    if found.overdispersion > STRUCTURED:
+    if found.discrepancy > STRUCTURED:
         likely = "" if has_backgrounds else f"likely {ADVICE['paint']}; "
         say(
-            "not all of that is noise, so the photograph counts for "
-            f"1/{found.overdispersion:.0f} of what it would else, in values and errors: {likely}"
+            "not all of that is noise: at some scale it is "
+            f"{found.discrepancy:.0f} times as strong, which values and errors count: {likely}"
             "periscopy reconstruct with this scene maps it (residual.png) and names likely causes"
         )
     if not found.moved and all(p.value == p.start for p in found.parameters):

@@ -55,7 +55,7 @@ def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
         else:
             ax.set_axis_off()
     beneath.supylabel("value, in the scene's units", fontsize=8)
-    beneath.supxlabel("pixels of the photograph: the search goes from coarse to fine", fontsize=8)
+    beneath.supxlabel("pixels of the photograph that were looked at", fontsize=8)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     beneath.legend(
         handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False
@@ -84,14 +84,10 @@ def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) ->
 def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     """Show a parameter at all points that were visited, level by level, and where it ended."""
     parameter = calibration.parameters[k]
-    looks = {
-        "tried about the start": {"color": "#a0a0a0", "linestyle": "none"},
-        "descent": {"color": "#6baed6"},
-        "finer descent": {"color": "#08519c"},
-    }
-    for level, (visited, (label, look)) in enumerate(
-        zip(calibration.path, looks.items(), strict=True)
-    ):
+    looks = [("descent", {"color": "#08519c"})]
+    if len(calibration.path) > 1:
+        looks.insert(0, ("tried about the start", {"color": "#a0a0a0", "linestyle": "none"}))
+    for level, (visited, (label, look)) in enumerate(zip(calibration.path, looks, strict=True)):
         # A level's points take equal room, however many they are.
         place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)
         values = visited.values[:, k]
@@ -104,7 +100,7 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     ax.set_title(
         f"{parameter.name}: {parameter.value:.4g} ± {parameter.standard_error:.2g}", fontsize=9
     )
-    ax.set_xticks([0.5, 1.5, 2.5])
+    ax.set_xticks(np.arange(len(calibration.path)) + 0.5)
     ax.set_xticklabels(
         ["{} x {}".format(*visited.photograph_shape) for visited in calibration.path], fontsize=7
     )
@@ -116,11 +112,13 @@ BEST = 10
 
 
 def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
-    """Return the range of start, end, descents and the search's best; the search is wider."""
-    parameter, (search, *descents) = calibration.parameters[k], calibration.path
-    physical = np.isfinite(search.evidence)
-    best = search.values[physical][np.argsort(search.evidence[physical])[:BEST], k]
+    """Return the range of start, end, descent and a search's best; the search is wider."""
+    parameter, (*searches, descent) = calibration.parameters[k], calibration.path
     ends = parameter.value + parameter.standard_error * np.array([-1, 1])
-    shown = np.concatenate([[parameter.start], best, ends, *(d.values[:, k] for d in descents)])
+    all_shown = [np.array([parameter.start]), ends, descent.values[:, k]]
+    for search in searches:
+        physical = np.isfinite(search.evidence)
+        all_shown.append(search.values[physical][np.argsort(search.evidence[physical])[:BEST], k])
+    shown = np.concatenate(all_shown)
     margin = 0.08 * float(np.ptp(shown)) or 1.0
     return float(shown.min()) - margin, float(shown.max()) + margin

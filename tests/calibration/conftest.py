@@ -42,6 +42,7 @@ class SlatLevel:
 
     names = ("middle", "distance")
     path = "slat.xml"
+    by_area, overdispersion = False, 1.0
 
     def __init__(self, noise, seed, rendering=0.0, rows=1, grain=(1, 1)):
         random = np.random.default_rng(seed)
@@ -69,6 +70,18 @@ class SlatLevel:
         del found
         return self
 
+    def as_it_comes(self):
+        return self.overdispersed(1.0)
+
+    def whitened(self, found):
+        del found
+        return self
+
+    def overdispersed(self, overdispersion):
+        other = copy(self)
+        other.overdispersion = overdispersion
+        return other
+
     def matrix(self, values, seed=None):
         if values[1] < NEAREST or values[1] > 0.9:
             raise SceneError(f"the slat is in the wall at distance = {values[1]:.3g}")
@@ -80,7 +93,7 @@ class SlatLevel:
 
     def explain(self, values, seed=None):
         light = np.tile(LIGHT, (self.rows, 1)) / np.sqrt(self.rows)
-        return explain(self.matrix(values, seed), light, self.y, HIDDEN)
+        return explain(self.matrix(values, seed), light, self.y, HIDDEN, self.overdispersion)
 
 
 @pytest.fixture
@@ -113,6 +126,6 @@ def chair_before_a_small_image(jit):  # noqa: ARG001
     y = y + 0.005 * y.mean() * random.standard_normal(y.shape)
     level = ResolutionLevel(
         find_scene("chair"), given, ("occluder_dx", "occluder_dz", "monitor_turn"), prior, y, [],
-        None, hidden, Resolution(32, 22, Rays(4, 9), Rays(4, 9)), 0, lambda _: None,
+        None, hidden, Resolution(32, 22, 2, Rays(4, 9), Rays(4, 9)), 0, lambda _: None,
     )  # fmt: skip
     return level, scenario

@@ -18,7 +18,7 @@ def anything_goes(scenario):
 
 def level(names, path=CHAIR, photograph=None, mask=None):
     photograph = np.ones((126, 126, 3)) if photograph is None else photograph
-    resolution = Resolution(18, 6, Rays(4, 4), Rays(4, 4))
+    resolution = Resolution(18, 6, 1, Rays(4, 4), Rays(4, 4))
     return ResolutionLevel(
         path, {}, names, Prior.none(len(names)), photograph, [], mask, (29, 36), resolution, 0,
         anything_goes,

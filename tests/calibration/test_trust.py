@@ -56,12 +56,6 @@ def test_no_value_is_told_to_be_worse_known_than_by_the_ruler():
     np.testing.assert_allclose(*correlation)
 
 
-def test_what_no_photograph_finds_is_known_as_the_ruler_knows_it():
-    found = np.array([[1.0, 0.5, 0.9], [0.5, 1.0, 0.8], [0.9, 0.8, 1.0]])
-    told = bounded(found, np.array([5.0, 0.5, np.inf]), np.array([True, False, False]))
-    np.testing.assert_allclose(told, [[25, 0, 0], [0, 0.25, 0.4], [0, 0.4, 1]])
-
-
 @pytest.mark.parametrize("parameters", [1, 6])
 def test_gains_by_chance_pass_once_in_a_hundred(parameters):
     gains = chi2.rvs(parameters, size=4000, random_state=0)

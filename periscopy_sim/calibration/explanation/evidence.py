@@ -13,11 +13,11 @@ twice the negative logarithm of the evidence but for a constant; F is M less the
 are the generalized eigenvalues and vectors of (A⊥ᵀA⊥, K), z = Wᵀ A⊥ᵀ y⊥, ⊥ stands for range(B)
 projected out. Each α_c is where E_c is least.
 
-That is so where errors n are white. Errors that neighbours share, of paint or bounced light, tell
-less: if they are κ times as strong as white ones at the scale at which they are strongest
-(`overdispersion`), the evidence counts for 1/κ of that, beside the prior of the parameters (a
-composite likelihood adjusted in magnitude: Ribatet, Cooley and Davison, Statistica Sinica 22,
-2012). σ_c and α_c stay: were κ taken for noise, blurred shadows would explain a photograph best.
+That is so where errors n are white. Errors that neighbours share, of paint, bounced light or a
+misplaced scene, are strong at some scales. There y, A and B are divided by how strong, see
+`discrepancy`, which makes what is left white. If it still is κ times as strong as white errors at
+some scale, the evidence counts for 1/κ of that, beside the prior of the parameters (a composite
+likelihood adjusted in magnitude: Ribatet, Cooley and Davison, Statistica Sinica 22, 2012).
 
 Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
 f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
@@ -26,6 +26,7 @@ more often than a right one; without this the wrong one may win.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -40,6 +41,7 @@ from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
 from periscopy_sim.reconstruction.noise_aware.wall_gain import SPREAD
 
 Array = NDArray[np.float64]
+Filter = Callable[[NDArray[np.floating[Any]]], NDArray[np.floating[Any]]]
 
 ROUGHNESS = 0.01
 """ε: all that the prior says of how bright an image is, as against how rough."""
@@ -84,6 +86,7 @@ class Explanation:
     _weights: Array
     _W: Array
     _hessians: tuple[Array, ...]
+    whitening: Filter | None = None  # of errors, before all else
     gain: SmoothGain | None = None
     # How the photograph moves with the gain, beyond images, over σ κ^½, and the gain's covariance.
     gain_terms: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))  # (K, M, 3)
@@ -104,11 +107,21 @@ class Explanation:
     def _volume(self) -> Array:
         """(M, N) g A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
         inverse = (self._W * self._weights.sum(axis=1)) @ self._W.T
-        return np.asarray(self._gained(self._projected @ inverse))
+        # The filter is symmetric.
+        found = self._gained(self._whitened(self._projected @ inverse))
+        return np.asarray(found, np.float32)
 
-    def _gained(self, light: Array) -> Array:
+    def _gained(self, light: NDArray[np.floating[Any]]) -> Array:
         """Return light, (M, ...), as the gain makes it."""
-        return light if self.gain is None else self.gain.field[:, None] * light
+        return np.asarray(light if self.gain is None else self.gain.field[:, None] * light)
+
+    def _whitened(self, errors: Array) -> Array:
+        """Return errors, (..., M, K), as white as they get."""
+        if self.whitening is None:
+            return errors
+        if errors.ndim > 2:
+            return np.array([self._whitened(each) for each in errors])
+        return np.asarray(self.whitening(errors))
 
     def without_background(self, light: Array) -> Array:
         """Return light, (..., M, 3), with range(B) projected out."""
@@ -123,29 +136,31 @@ class Explanation:
             for on, H in zip(positive, self._hessians, strict=True)
         ]
 
-    def slope(self, change: Array) -> float:
+    def slope(self, change: NDArray[np.floating[Any]]) -> float:
         """Return the derivative of the evidence along a change dA of the matrix, (M, N).
 
         dE = Σ_c (−2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩) / κ, the α_c held; r and A⊥
         have no part in range(B), so dA's own does not matter.
         """
-        moved = self._gained(change @ self.images)
+        moved = self._whitened(self._gained(change @ self.images.astype(change.dtype)))
         misfit = np.einsum("mc,mc,c->", self.residuals, moved, self.deviations**-2)
         return float(2 * (np.vdot(self._volume, change) / self.overdispersion - misfit))
 
     @property
     def gradient(self) -> Array:
         """(M, N) the derivatives of the evidence by each entry of the matrix, see `slope`."""
-        misfit = self._gained(self.residuals / self.deviations**2) @ self.images.T
+        errors = self._gained(self._whitened(self.residuals / self.deviations**2))
+        misfit = errors @ self.images.T
         return np.asarray(2 * (self._volume / self.overdispersion - misfit))
 
-    def jacobian(self, change: Array) -> Array:
+    def jacobian(self, change: NDArray[np.floating[Any]]) -> Array:
         """Return how the photograph moves along dA, J = dA f̂: J⊥ / (σ κ^½), (M, 3)."""
-        return self.moved(change @ self.images)
+        return self.moved(change @ self.images.astype(change.dtype))
 
-    def moved(self, light: Array) -> Array:
+    def moved(self, light: NDArray[np.floating[Any]]) -> Array:
         """Return how the photograph moves with more light on the wall, (..., M, 3): over σ κ^½."""
-        return np.asarray(self.without_background(self._gained(light)) / self.deviations)
+        whitened = self._whitened(self._gained(light))
+        return np.asarray(self.without_background(whitened) / self.deviations)
 
     def information(self, moved: Array) -> Array:
         """Return the Fisher information, (K, K), on how much of some moves, (K, M, 3), there is.
@@ -162,7 +177,7 @@ class Explanation:
             total += J.T @ J - followed.T @ followed
         return total
 
-    def projected_jacobian(self, change: Array) -> Array:
+    def projected_jacobian(self, change: NDArray[np.floating[Any]]) -> Array:
         """Return how it moves along dA, beyond what image, light and gain could follow.
 
         (M, 3) J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0, and of
@@ -210,8 +225,8 @@ class Explanation:
         """
         if not (self.noise > 0).all():
             return self
-        light = A @ self.images
-        terms = self.without_background(near.terms[:, :, None] * light) / self.deviations
+        light = self._whitened(near.terms[:, :, None] * (A @ self.images))
+        terms = self.without_background(light) / self.deviations
         beyond = np.array([self.beyond_image(term) for term in terms])
         residuals = self.residuals / self.deviations
         by_channel = np.einsum("jmc,kmc->cjk", beyond, terms, optimize=True)
@@ -278,13 +293,16 @@ def explain(
     y: Array,
     hidden_shape: tuple[int, int],
     overdispersion: float = 1.0,
+    whitening: Filter | None = None,
 ) -> Explanation:
     """Explain a photograph y, (M, 3) of any unit, by a transport matrix A, (M, N), with N = R C.
 
-    The background is an orthonormal basis of range(B), (M, r); the overdispersion is κ, 1 of white
-    errors.
+    The background is an orthonormal basis of range(B), (M, r), the overdispersion κ, 1 of white
+    errors. All are as a symmetric filter, `whitening`, leaves them, A as it comes.
     """
     Q = background
+    if whitening is not None:
+        A = whitening(A)
     projected = A - Q @ (Q.T @ A)
     rest = y - Q @ (Q.T @ y)
     K = laplacian(hidden_shape)
@@ -318,6 +336,7 @@ def explain(
         noise=np.sqrt(misfit / freedom),
         overdispersion=overdispersion,
         residuals=rest - projected @ images,
+        whitening=whitening,
         freedom=freedom,
         _projected=projected,
         _background=Q,

@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.reconstruction.residual.overdispersion import overdispersion_of
 
-STRUCTURED = 3.0
-"""From so much on, what is left is no noise, and the user is told."""
-
 
 def overdispersion(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> float:
     """Return κ of what an explanation leaves of the pixels used; see `overdispersion_of`."""

@@ -6,11 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.calibration.explanation.discrepancy import Whitening, discrepancy
 from periscopy_sim.calibration.explanation.evidence import Explanation, explain
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
@@ -45,7 +48,8 @@ class Resolution:
 
     photograph: int  # longest side, in pixels, see `fitted`
     hidden: int  # longest side, in patches
-    rays: Rays
+    finer: int  # wall points along each side of a pixel, see `area_transport`
+    rays: Rays  # where areas do not serve
     slope_rays: Rays  # of the differences of which derivatives are made
 
 
@@ -55,8 +59,9 @@ class ResolutionLevel:
     Those in `names` vary, with a `prior`; those in `fixed` stay. The seed, of the rays, is the same
     for all values, so that noise does not hide differences. `check` raises a SceneError for a
     scenario that is not physical. Backgrounds, (rows, columns, 3) each, are photographs with the
-    monitor off. `used` are the coarse pixels that the mask leaves, `scale` is the photograph's root
-    mean square there, `overdispersion` is that of what is left unexplained, see there.
+    monitor off. With `by_area` there are no rays, see `area_transport`. `used` are the coarse
+    pixels that the mask leaves, `scale` is the photograph's root mean square there,
+    `overdispersion` that of what is left unexplained, see `Explanation`.
     """
 
     overdispersion = 1.0
@@ -74,7 +79,9 @@ class ResolutionLevel:
         resolution: Resolution,
         seed: int,
         check: Callable[[Scenario], None],
+        by_area: bool = False,
     ) -> None:
+        self.by_area = by_area
         self.path, self.names, self.prior = path, names, prior
         self.resolution, self.seed = resolution, seed
         self._fixed, self._check = dict(fixed), check
@@ -82,8 +89,8 @@ class ResolutionLevel:
         self.photograph_shape = fitted((rows, columns), resolution.photograph)
         self.hidden_shape = fitted(hidden, resolution.hidden)
         # The larger the pixels of a small photograph, the more of their area counts.
-        self._finer = (resolution.photograph // max(self.photograph_shape)) ** 2
-        self._rays = resolution.rays
+        self._larger = resolution.photograph // max(self.photograph_shape)
+        self._finer, self._rays = resolution.finer, resolution.rays
         mask = np.ones((rows, columns), bool) if mask is None else mask
         coverage = area_average(mask[..., None], self.photograph_shape)
         self.used = coverage[..., 0] > COVERED
@@ -98,6 +105,7 @@ class ResolutionLevel:
         self._smooth: Array | None = None
         self._background: Array | None = None
         self._gain = SmoothGain.none(self.used)
+        self._whitening: Whitening | None = None
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
         """Return the same level with other parameters that vary."""
@@ -123,6 +131,26 @@ class ResolutionLevel:
         other.overdispersion = overdispersion
         return other
 
+    def as_it_comes(self) -> ResolutionLevel:
+        """Return the same level, all errors taken for white noise."""
+        other = self.overdispersed(1.0)
+        other._whitening = None
+        return other
+
+    def whitened(self, found: Explanation) -> ResolutionLevel:
+        """Return the same level, errors of the spectrum that an explanation leaves made white.
+
+        The explanation is that of a level `as_it_comes`.
+        """
+        other = copy(self)
+        other._whitening = Whitening(self.used, discrepancy(found, self.used, self.seed))
+        return other
+
+    @property
+    def discrepancy(self) -> float:
+        """How much stronger errors are than white noise at the scale where they are strongest."""
+        return 1.0 if self._whitening is None else self._whitening.discrepancy
+
     def evened(self, found: Explanation) -> ResolutionLevel:
         """Return the same level with the photograph as an even wall would have shown it.
 
@@ -146,12 +174,17 @@ class ResolutionLevel:
         other._gain = found.gain or self._gain
         return other
 
-    def scenario(self, values: Values) -> Scenario:
-        """Load the scene at some values; a SceneError says that they are not physical."""
+    def scenario(self, values: Values, finer: int = 1) -> Scenario:
+        """Load the scene at some values; a SceneError says that they are not physical.
+
+        Its photograph is that much finer than the level's.
+        """
         given = {name: f"{value:.17g}" for name, value in zip(self.names, values, strict=True)}
+        rows, columns = self.photograph_shape
         scenario = load_scenario(
-            self.path, self.hidden_shape, self._fixed | given, photograph=self.photograph_shape
-        )
+            self.path, self.hidden_shape, self._fixed | given,
+            photograph=(finer * rows, finer * columns),
+        )  # fmt: skip
         if scenario.wall_texture is not None:  # it moves in the photograph as the camera does
             raise SceneError(
                 f"scene '{self.path}': the wall is textured, which calibrate does not treat; mask "
@@ -160,18 +193,22 @@ class ResolutionLevel:
         self._check(scenario)
         return scenario
 
-    def matrix(self, values: Values, seed: int | None = None) -> Array:
+    def matrix(self, values: Values, seed: int | None = None) -> NDArray[np.float32]:
         """Return the transport matrix at some values, (used pixels, N); by the level's own rays.
 
         A SceneError says that they are not physical, or that no light reaches the wall.
         """
-        A = render_penumbrae(
-            self.scenario(values),
-            samples=self._rays.samples,
-            pixel_samples=self._rays.pixel_samples * self._finer,
-            seed=self.seed if seed is None else seed,
-        )
-        return A[self.used.ravel()].astype(np.float64)
+        if self.by_area:
+            finer = self._finer * self._larger
+            A = area_transport(self.scenario(values, finer), finer)
+        else:
+            A = render_penumbrae(
+                self.scenario(values),
+                samples=self._rays.samples,
+                pixel_samples=self._rays.pixel_samples * self._larger**2,
+                seed=self.seed if seed is None else seed,
+            )
+        return A if self.used.all() else A[self.used.ravel()]
 
     def background(self, values: Values) -> Array:
         """Return an orthonormal basis of range(B), of ambient light, (used pixels, r).
@@ -201,11 +238,15 @@ class ResolutionLevel:
         """
         return self.explained_by(self.matrix(values, seed), values)
 
-    def explained_by(self, A: Array, values: Values) -> Explanation:
+    def explained_by(self, A: NDArray[np.floating[Any]], values: Values) -> Explanation:
         """Explain the photograph by a transport matrix, (used pixels, N), at some values."""
+        Q, y = self.background(values), self._y
+        if self._whitening is not None:
+            Q = np.linalg.qr(self._whitening(Q))[0]
+            y = np.asarray(self._whitening(y), np.float64)
         found = explain(
-            self._gain.field[:, None] * A,
-            self.background(values), self._y, self.hidden_shape, self.overdispersion,
+            self._gain.field[:, None] * A, Q, y,
+            self.hidden_shape, self.overdispersion, self._whitening,
         )  # fmt: skip
         found = found.with_gain(self._gain, A)
         return replace(found, evidence=found.evidence + self.prior.penalty(values))

@@ -8,7 +8,8 @@ follow (Gauss and Newton's approximation; Kaufman, BIT 15, 1975).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,15 @@ from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
+Matrix = NDArray[np.floating[Any]]
+
 UNSEEN = 1e-4
 """Part of the information below which a direction of the parameters counts as unknown."""
+
+SHORT = 2e-3
+"""Part of a difference that is taken where there are no rays, to one side. By ten times as much,
+what two parameters can hardly be told by was overrated tenfold, as shadows' edges passed patches'
+in between; by a tenth, rounding tells them apart."""
 
 BLOCKS = 10
 """Along each side of the photograph: what stays unexplained is independent between blocks."""
@@ -31,15 +39,16 @@ LARGER = (2, 3)
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
-    """Derivatives by each parameter, each rendered with two independent sets of rays.
+    """Derivatives by each parameter, each rendered with S independent sets of rays: two, or none.
 
     Hidden image and light could follow nearly all of how the photograph moves. In the little that
-    is left the noise of one rendering, multiplied by itself, would pass for information.
+    is left the noise of one rendering, multiplied by itself, would pass for information. By areas,
+    which have no noise, there is one set, S = 1.
     """
 
-    slopes: Array  # (2, P) of half the evidence
-    moved: Array  # (2, P, M, 3) of the photograph over its noise, range(B) projected out
-    projected: Array  # (2, P, M, 3) the part of it that the hidden image cannot follow
+    slopes: Array  # (S, P) of half the evidence
+    moved: Array  # (S, P, M, 3) of the photograph over its noise, range(B) projected out
+    projected: Array  # (S, P, M, 3) the part of it that the hidden image cannot follow
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +99,48 @@ class Curvature:
         """Gain in evidence that the slope predicts for a whole step, undamped."""
         return float(self.slope @ np.linalg.solve(self.invertible(), self.slope))
 
+    def overdispersion(self, partitions: Sequence[Array]) -> float:
+        """Return how much more the slope varies than by white noise, from the `block_scores`, or 1.
+
+        It is the mean over what the photograph tells of the parameters, tr(H⁻¹J)/tr(H⁻¹I), by which
+        a likelihood is tempered (Ribatet, Cooley and Davison, Statistica Sinica 22, 2012): J is the
+        spread of the scores, I the information, H both that and the prior's. The partition into
+        blocks with the largest spread counts.
+        """
+        inverse = np.linalg.inv(self.invertible())
+        white = np.trace(inverse @ (self.invertible() - np.diag(self.prior.precision)))
+        spreads = [np.trace(inverse @ (scores.T @ scores)) for scores in partitions]
+        return max(1.0, float(max(spreads) / white)) if white > 0 else 1.0
+
+    def of(self, some: NDArray[np.bool_]) -> Curvature:
+        """Return what the photograph tells of some parameters, (P,), where the others are known."""
+        jacobian = Jacobian(*(each[:, some] for each in vars(self.jacobian).values()))
+        return Curvature(
+            jacobian,
+            self.slope[some],
+            self.information[np.ix_(some, some)],
+            self.noisy_diagonal[some],
+            self.slope_errors[some],
+            Prior(self.prior.centers[some], self.prior.errors[some]),
+        )
+
+    def tempered(self, overdispersion: float) -> Curvature:
+        """Return what the photograph tells where it counts for so much less, the prior as it is."""
+        κ, ruler = overdispersion, self.slope - self.jacobian.slopes.mean(axis=0)
+        jacobian = Jacobian(
+            self.jacobian.slopes / κ,
+            self.jacobian.moved / np.sqrt(κ),
+            self.jacobian.projected / np.sqrt(κ),
+        )
+        return replace(
+            self,
+            jacobian=jacobian,
+            slope=jacobian.slopes.mean(axis=0) + ruler,
+            information=self.information / κ,
+            noisy_diagonal=self.noisy_diagonal / κ,
+            slope_errors=self.slope_errors / κ,
+        )
+
     def covariance(self, partitions: Sequence[Array]) -> Array:
         """Return the parameters' covariance, (P, P), from the `block_scores`.
 
@@ -119,19 +170,34 @@ def differentiate(
     The explanation is the level's at those values. Each row of the offsets, (K, P), moves one
     parameter to either side; where neither is physical, a SceneError is raised.
     """
-    shape = (2, len(offsets), *explanation.residuals.shape)
+    sets = 1 if level.by_area else 2
+    shape = (sets, len(offsets), *explanation.residuals.shape)
     slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)
-    differing = level.differing()
+    here = level.matrix(values) if level.by_area else None
     for k, offset in enumerate(offsets):
-        for s in (0, 1):
-            change = _difference(differing, values, offset, level.seed + s) / offset.sum()
+        for s in range(sets):
+            if here is not None:
+                change = _short_difference(level, values, SHORT * offset, here)
+            else:
+                change = _difference(level.differing(), values, offset, level.seed + s)
+            change = change / (offset.sum() * (SHORT if level.by_area else 1))
             slopes[s, k] = explanation.slope(change) / 2
             moved[s, k] = explanation.jacobian(change)
             projected[s, k] = explanation.projected_jacobian(change)
     return Jacobian(slopes, moved, projected)
 
 
-def _difference(level: ResolutionLevel, values: Values, offset: Values, seed: int) -> Array:
+def _short_difference(
+    level: ResolutionLevel, values: Values, offset: Values, here: Matrix
+) -> Matrix:
+    """Return the change of A to one side; to the other where that is not physical."""
+    try:
+        return np.asarray(level.matrix(values + offset) - here)
+    except SceneError:
+        return np.asarray(here - level.matrix(values - offset))
+
+
+def _difference(level: ResolutionLevel, values: Values, offset: Values, seed: int) -> Matrix:
     """Return half the change of A between the sides; all of it where one is not physical."""
     sides = []
     for sign in (1, -1):
@@ -149,8 +215,8 @@ def _difference(level: ResolutionLevel, values: Values, offset: Values, seed: in
 
 def information(one: Jacobian, other: Jacobian) -> Array:
     """Return the Fisher information on pairs of parameters, (P, K), from products of other rays."""
-    forward = np.einsum("imc,jmc->ij", one.projected[0], other.moved[1])
-    backward = np.einsum("imc,jmc->ij", other.projected[0], one.moved[1])
+    forward = np.einsum("imc,jmc->ij", one.projected[0], other.moved[-1])
+    backward = np.einsum("imc,jmc->ij", other.projected[0], one.moved[-1])
     return np.asarray((forward + backward.T) / 2)
 
 
@@ -173,7 +239,7 @@ def curvature(
             ],
             axis=0,
         ),
-        slope_errors=(jacobian.slopes[0] - jacobian.slopes[1]) / 2,
+        slope_errors=(jacobian.slopes[0] - jacobian.slopes[-1]) / 2,
         prior=level.prior,
     )
 

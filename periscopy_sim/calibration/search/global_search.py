@@ -11,26 +11,21 @@ from periscopy_sim.scenario import Array
 ELITE = 10
 """Points of a generation from which the next is drawn."""
 
-EVERYWHERE, LIKELY = (256, 64, 4), (64, 32, 2)
-"""Points of the first generation and of each later one, and how many later ones there are: in a box
-of which nothing more is known, and where a ruler tells what is likely."""
+FIRST, LATER, GENERATIONS = 256, 64, 4
+"""Points of the first generation and of each later one, and how many later ones there are."""
 
 FEW = 3
 """Parameters for which half of the first generation does."""
 
 
-def population(parameters: int, *, likely: bool) -> tuple[int, int, int]:
-    """Return how many points the first generation has, each later one, and how many come later."""
-    if likely:
-        return LIKELY
-    first, later, generations = EVERYWHERE
-    return (first // 2 if parameters <= FEW else first), later, generations
+def first_generation(parameters: int) -> int:
+    """Return how many points the first generation has."""
+    return FIRST // 2 if parameters <= FEW else FIRST
 
 
-def points_visited(parameters: int, *, likely: bool) -> int:
+def points_visited(parameters: int) -> int:
     """Return how many points `explore` visits."""
-    first, later, generations = population(parameters, likely=likely)
-    return first + generations * later
+    return first_generation(parameters) + GENERATIONS * LATER
 
 
 def explore(
@@ -39,18 +34,14 @@ def explore(
     widths: Values,
     seed: int,
     visit: Visit,
-    *,
-    likely: bool = False,
 ) -> Values:
     """Return the best, (P,), of many points, generation by generation; each is passed to `visit`.
 
     The first generation is spread evenly (Sobol's sequence) over a box about the start, (P,), which
-    is one of its points, with half widths `widths`, (P,); if `likely`, as normal distributions with
-    these standard deviations are. Each later one is drawn from the normal distribution of the best
-    points so far (the cross-entropy method: Rubinstein, Methodol. Comput. Appl. Probab. 1, 1999).
-    Points that are not physical lose.
+    is one of its points, with half widths `widths`, (P,). Each later one is drawn from the normal
+    distribution of the best points so far (the cross-entropy method: Rubinstein, Methodol. Comput.
+    Appl. Probab. 1, 1999). Points that are not physical lose.
     """
-    from scipy.special import ndtri
     from scipy.stats import qmc
 
     def evidence(point: Values) -> float:
@@ -59,17 +50,16 @@ def explore(
         return value
 
     random = np.random.default_rng(seed)
-    first, later, generations = population(len(start), likely=likely)
+    first = first_generation(len(start))
     even = qmc.Sobol(len(start), rng=random).random(first)[1:]
-    offsets = ndtri(np.maximum(even, 1 / (2 * first))) if likely else 2 * even - 1
-    points: Array = np.concatenate([start[None], start + widths * offsets])
+    points: Array = np.concatenate([start[None], start + widths * (2 * even - 1)])
     values: NDArray[np.float64] = np.array([evidence(point) for point in points])
-    for _ in range(generations):
+    for _ in range(GENERATIONS):
         best = np.argsort(values)[:ELITE]
         points, values = points[best], values[best]
         # A little width of its own keeps the generations from freezing where they agreed early.
         covariance = np.atleast_2d(np.cov(points.T)) + np.diag((0.01 * widths) ** 2)
-        drawn = random.multivariate_normal(points.mean(axis=0), covariance, later)
+        drawn = random.multivariate_normal(points.mean(axis=0), covariance, LATER)
         points = np.concatenate([points, drawn])
         values = np.append(values, [evidence(point) for point in drawn])
     best_point: Values = points[np.argmin(values)]

@@ -8,7 +8,12 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
-from periscopy_sim.calibration.search.fisher_information import UNSEEN, Curvature, curvature
+from periscopy_sim.calibration.search.fisher_information import (
+    UNSEEN,
+    Curvature,
+    block_scores,
+    curvature,
+)
 from periscopy_sim.errors import SceneError
 
 DAMPING = 1e-3
@@ -17,8 +22,8 @@ DAMPING = 1e-3
 NEGLIGIBLE_GAIN = 0.5
 """In evidence, predicted or made, that is not worth a step: of at most 0.7 standard errors."""
 
-DOUBLINGS = 3
-"""Of a step, at most."""
+DOUBLINGS, SHORTENED = 3, 0.99
+"""Of a step, at most, and from which part of the longest on it is doubled."""
 
 TRIALS = 5
 """Steps tried, each shorter, before a point is called the best."""
@@ -44,22 +49,21 @@ def descend(
     longest: Values,
     iterations: int,
     visit: Visit,
-) -> Descent:
+) -> tuple[ResolutionLevel, Descent]:
     """Walk downhill from a start, (P,), until nothing is gained; each is passed to `visit`.
 
     Slopes are taken by differences `steps`, (P,). A step goes no farther than `longest`, (P,),
     before it is doubled. Each iteration has rays of its own: a place that was chosen by some rays
-    looks better by them than it is. It begins with the gain over the wall that is found there. A
-    SceneError is raised if the start is not physical.
+    looks better by them than it is. It begins with the gain over the wall and the discrepancy that
+    are found there: a misplaced scene leaves a structured one, which goes as the scene finds its
+    place. Evidences by different discrepancies do not compare: returned is also the level, of the
+    rays given, that has the last. A SceneError is raised if the start is not physical.
     """
     values, damping, gain, unphysical = start, DAMPING, np.inf, None
     for iteration in range(iterations + 1):
-        drawn = level.reseeded(level.seed + SEEDS * iteration)
-        drawn = drawn.gained(drawn.explain(values))
-        here = drawn.explain(values)
+        drawn, here, about = _looked(level.reseeded(level.seed + SEEDS * iteration), values, steps)
         if not iteration:
             visit(values, here.evidence)
-        about = curvature(drawn, values, here, steps)
         if iteration == iterations or min(gain, about.predicted_gain) < NEGLIGIBLE_GAIN:
             break
         gain, unphysical = 0.0, None
@@ -71,7 +75,8 @@ def descend(
                 unphysical = error if trial == 0 else unphysical
             else:
                 if tried.evidence < here.evidence:
-                    step, tried = _extended(drawn, values, step, tried)
+                    if (np.abs(step) > SHORTENED * longest).any():
+                        step, tried = _extended(drawn, values, step, tried)
                     gain = here.evidence - tried.evidence
                     values = values + step
                     visit(values, tried.evidence)
@@ -80,7 +85,22 @@ def descend(
             damping = max(damping, DAMPING) * 10
         else:
             break
-    return Descent(values, here, about, unphysical if gain < NEGLIGIBLE_GAIN else None)
+        level = drawn.gained(tried).reseeded(level.seed)
+    ended = drawn.reseeded(level.seed)
+    return ended, Descent(values, here, about, unphysical if gain < NEGLIGIBLE_GAIN else None)
+
+
+def _looked(
+    level: ResolutionLevel, values: Values, steps: Values
+) -> tuple[ResolutionLevel, Explanation, Curvature]:
+    """Return a level for the discrepancy that some values leave, and what is seen there by it."""
+    level = level.as_it_comes()
+    level = level.gained(found := level.explain(values)).whitened(found)
+    white = level.explain(values)
+    about = curvature(level, values, white, steps)
+    overdispersion = about.overdispersion(block_scores(level, white, about.jacobian))
+    level = level.overdispersed(overdispersion)
+    return level, level.explain(values), about.tempered(overdispersion)
 
 
 def _extended(
@@ -109,9 +129,14 @@ def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Value
     place differs by far more than that of places beside each other by the same.
     """
     there, other = end.values + end.curvature.step(UNSEEN, longest), level.seed + 2
+    here = level.explain(end.values)
     try:
         reached = level.explain(there)
-        better = level.explain(there, other).evidence < level.explain(end.values, other).evidence
+        if level.by_area:
+            better = reached.evidence < here.evidence
+        else:
+            by_others = (level.explain(at, other).evidence for at in (there, end.values))
+            better = next(by_others) < next(by_others)
     except SceneError:
         better = False
-    return (there, reached) if better else (end.values, level.explain(end.values))
+    return (there, reached) if better else (end.values, here)

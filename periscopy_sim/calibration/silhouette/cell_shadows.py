@@ -37,7 +37,7 @@ class CellShadows:
     `light`[e] is A_k[i, j] where `entry`[e] is i N + j and `cell`[e] is k.
     """
 
-    open: Array  # (M, N) A₀
+    open: NDArray[np.floating[Any]]  # (M, N) A₀
     cells: int  # K
     entry: NDArray[np.int64]
     cell: NDArray[np.int32]
@@ -46,7 +46,7 @@ class CellShadows:
     @classmethod
     def of(
         cls,
-        A: Array,
+        A: NDArray[np.floating[Any]],
         scenario: Scenario,
         plane: MaskPlane,
         cells: tuple[int, int],

@@ -61,9 +61,9 @@ from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
-COARSE = Resolution(32, 12, Rays(4, 9), Rays(4, 9))
-MIDDLE = Resolution(48, 22, Rays(4, 9), Rays(4, 9))
-FINE = Resolution(63, 36, Rays(9, 4), Rays(4, 4))
+COARSE = Resolution(32, 12, 1, Rays(4, 9), Rays(4, 9))
+MIDDLE = Resolution(48, 22, 1, Rays(4, 9), Rays(4, 9))
+FINE = Resolution(63, 36, 2, Rays(9, 4), Rays(4, 4))
 
 STARTS = 6
 """Masks that the search begins with: half opaque everywhere, and random ones."""

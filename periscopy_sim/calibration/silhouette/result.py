@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.explanation.overdispersion import STRUCTURED
+from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
 from periscopy_sim.scenario import Array
 

@@ -6,7 +6,7 @@ from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.shipped import find_scene
 
 NAMES = ("occluder_dx", "occluder_dz")
-COARSE = Resolution(18, 6, Rays(4, 4), Rays(4, 4))
+COARSE = Resolution(18, 6, 1, Rays(4, 4), Rays(4, 4))
 
 
 def anything_goes(scenario):
@@ -49,11 +49,11 @@ def test_the_evidence_holds_the_rulers_penalty(photograph):
 @pytest.mark.usefixtures("jit")
 def test_pixels_of_a_small_photograph_are_averaged_as_finely_as_those_of_a_large_one(photograph):
     coarse, fine = (
-        level(photograph, resolution=Resolution(longest, 6, Rays(1, 1), Rays(1, 1)))
+        level(photograph, resolution=Resolution(longest, 6, 1, Rays(1, 1), Rays(1, 1)))
         for longest in (36, 144)
     )
     assert coarse.photograph_shape == fine.photograph_shape == (36, 36)
-    exact = level(photograph, resolution=Resolution(36, 6, Rays(16, 64), Rays(16, 64))).matrix(
+    exact = level(photograph, resolution=Resolution(36, 6, 1, Rays(16, 64), Rays(16, 64))).matrix(
         np.zeros(2)
     )
     errors = [np.linalg.norm(each.matrix(np.zeros(2)) - exact) for each in (coarse, fine)]
@@ -76,7 +76,7 @@ def test_overdispersion_tempers_the_likelihood_not_the_ruler(photograph):
 @pytest.mark.usefixtures("jit")
 def test_paint_that_a_photograph_with_the_monitor_off_shows_is_divided_out():
     values, random = np.zeros(2), np.random.default_rng(3)
-    resolution = Resolution(36, 6, Rays(4, 4), Rays(4, 4))
+    resolution = Resolution(36, 6, 1, Rays(4, 4), Rays(4, 4))
     A = level(np.ones((36, 36, 3)), resolution=resolution).matrix(values)
     signal = (A @ (1 + random.random((A.shape[1], 3)))).reshape(36, 36, 3)
     signal /= signal.mean()

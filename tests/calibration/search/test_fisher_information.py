@@ -221,7 +221,7 @@ def test_standard_errors_cover_the_truth(slat_level, rows, grain, noise):
     for seed in range(30):
         level = slat_level(noise, seed, rows=rows, grain=grain)
         start = TRUTH + 0.01 * np.random.default_rng(seed).standard_normal(2)
-        end = descend(level, start, STEPS / 4, LONGEST, 20, ignore)
+        _, end = descend(level, start, STEPS / 4, LONGEST, 20, ignore)
         values, _ = settle(level, end, LONGEST)
         told = covariance(level, end.explanation, end.curvature)
         errors.append((values - TRUTH) / np.sqrt(np.diag(told)))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.search.global_search import explore, points_visited, population
+from periscopy_sim.calibration.search.global_search import explore, first_generation, points_visited
 
 
 class Valley:
@@ -63,21 +63,9 @@ def test_the_same_seed_visits_the_same_points():
 def test_the_first_points_fill_the_box_evenly(parameters):
     level = Valley(0, parameters)
     points = np.array(visited(level, 0))[:, :-1]
-    assert len(points) == points_visited(parameters, likely=False)
-    first = level.part(points[1 : population(parameters, likely=False)[0]])
+    assert len(points) == points_visited(parameters)
+    first = level.part(points[1 : first_generation(parameters)])
     counts = [np.histogram(column, 8, (-1, 1))[0] for column in first.T]
     # All are within, as many in each eighth but for the one that the start takes the place of.
     assert np.sum(counts) == first.size and np.ptp(counts) <= 1
     assert len(first) + 1 == (128 if parameters == 3 else 256)
-
-
-def test_what_a_ruler_finds_likely_is_searched_as_its_errors_are_spread():
-    level = Valley(0, 6)
-    points = []
-    explore(level, level.start, level.spreads, 0, lambda v, _: points.append(v), likely=True)
-    assert len(points) == points_visited(6, likely=True)
-    first = level.part(points[: population(6, likely=True)[0]])
-    assert not first[0].any()  # the ruler's own place
-    # Random ones would be off by 0.13 and 0.09, one standard error.
-    np.testing.assert_allclose(first[1:].mean(axis=0), 0, atol=0.06)
-    np.testing.assert_allclose(first[1:].std(axis=0), 1, atol=0.06)

@@ -122,7 +122,7 @@ def test_a_chair_that_a_descent_left_a_patch_aside_is_walked_back(chair_before_a
     here = level.explain(truth)
     about = curvature(level, truth, here, steps)
     start = shift.undone(here, about, level.hidden_shape)[:, 1]
-    end = descend(level, start, steps, steps / 10, 1, lambda *_: None)
+    level, end = descend(level, start, steps, steps / 10, 1, lambda *_: None)
     assert abs(end.values[0]) > 0.005
     seen = level.explain(end.values)
     undone = shift.undone(end.explanation, end.curvature, level.hidden_shape)

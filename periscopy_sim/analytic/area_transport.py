@@ -1,0 +1,141 @@
+"""The light transport matrix A by areas: what each wall point sees of each patch, without rays.
+
+    A[i, j] = ρ/π ∫_patch j E(q → i) V(i, q) cos θ_i cos θ_q / ‖q − i‖² dq
+
+with the wall's albedo ρ, the monitor's angular profile E and the visibility V, over the lit part of
+the patch, see `scanline`. Where rays leave noise that differs from place to place, this moves
+smoothly with the scene: what descends on a scene's parameters needs that.
+"""
+
+from __future__ import annotations
+
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.analytic.borders import Borders, borders_of
+from periscopy_sim.analytic.closed_form import (
+    emission_and_reflectance,
+    monitor_axes,
+    refusal,
+    wall_plane,
+)
+from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.threads import ahead, ranges
+from periscopy_sim.scenario import Array, Scenario
+
+SQUARE = 1e-6
+"""Cosine of the angle between a patch's edges, up to which they count as perpendicular."""
+
+NEAR = 1e-6
+"""Part of the way from the monitor to the wall that occluders must leave free at either end."""
+
+
+def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
+    """Compute the light transport matrix by areas.
+
+    Parameters
+    ----------
+    scenario
+        A scene with a planar diffuse wall, a monitor that is a planar grid of rectangles of known
+        angular profile, and occluders of triangles between the two.
+    finer
+        Wall points along each side of a pixel, over which A is averaged: the scenario's
+        photograph has so many times the rows and columns that A is for.
+
+    Returns
+    -------
+    ndarray
+        A, (M, N) float32, M a `finer`² part of the scenario's; as `render_transport` makes it.
+
+    Raises
+    ------
+    SceneError
+        If the scene is not of that kind; the message names the shape.
+    """
+    emission, reflectance = emission_and_reflectance(scenario)
+    wall_plane(scenario)
+    axes = monitor_axes(scenario)
+    if abs(axes[0] @ axes[1]) > SQUARE:
+        raise refusal(scenario, "monitor", "has patches that are not rectangular")
+    width, height = (
+        float(np.linalg.norm(edge[0])) for edge in (scenario.patch_across, scenario.patch_up)
+    )
+    first = scenario.patch_centers[0] - scenario.patch_across[0] / 2 + scenario.patch_up[0] / 2
+    turned = np.stack([axes[0], -axes[1], axes[2]]).T
+    cells = np.array([width, height])
+    unit = np.array([width, height, 1.0])
+    points = _blocks((scenario.wall_points - first) @ turned / unit, scenario, finer)
+    normals = _blocks(scenario.wall_normals @ turned, scenario, finer)
+    meshes = []
+    for occluder in scenario.occluders:
+        if occluder.vertices is None or occluder.faces is None:
+            raise refusal(scenario, occluder.name, "has no triangles; replace it by a mesh")
+        vertices = (occluder.vertices - first) @ turned / unit
+        meshes.append((vertices, occluder.faces))
+        _check_between(scenario, occluder.name, vertices, float(points[..., 2].min()))
+    exponents = np.array([emission.vertical, emission.horizontal])
+    borders = borders_of(meshes)
+    A = _light(points, normals, cells, exponents, borders, scenario.hidden_shape)
+    A *= reflectance / np.pi * width * height
+    return A
+
+
+def has_areas(scenario: Scenario) -> bool:
+    """Return whether a scene is of the kind that `area_transport` takes."""
+    try:
+        area_transport(scenario)
+    except SceneError:
+        return False
+    return True
+
+
+def _light(
+    points: Array,
+    normals: Array,
+    cells: Array,
+    exponents: Array,
+    borders: Borders,
+    hidden: tuple[int, int],
+) -> NDArray[np.float32]:
+    from periscopy_sim.analytic.scanline import light_rows
+
+    A = np.empty((len(points), hidden[0] * hidden[1]), np.float32)
+    stopped = Event()
+
+    def part(rows: tuple[int, int]) -> None:
+        if not stopped.is_set():
+            at = slice(*rows)
+            light_rows(
+                points[at], normals[at], cells, exponents, *borders.arrays, np.array(hidden), A[at]
+            )
+
+    try:
+        for _ in ahead(part, ranges(len(points))):
+            pass
+    finally:
+        stopped.set()  # after an interrupt, no thread goes on
+    return A
+
+
+def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:
+    """Return what wall points have, (M, K, 3), by the pixels that they are averaged over."""
+    rows, columns = (size // finer for size in scenario.photograph_shape)
+    laid = values.reshape(rows, finer, columns, finer, 3).transpose(0, 2, 1, 3, 4)
+    return np.ascontiguousarray(laid.reshape(rows * columns, finer**2, 3))
+
+
+def _check_between(scenario: Scenario, name: str, vertices: Array, nearest: float) -> None:
+    """Check that an occluder lies before the monitor's plane and that of the wall's nearest point.
+
+    Heights are above the monitor's plane; `nearest` is that of the wall point nearest to it.
+    """
+    if vertices[:, 2].min() <= NEAR * nearest:
+        raise refusal(
+            scenario, name, "reaches the monitor's plane or behind; move it towards the wall"
+        )
+    if vertices[:, 2].max() >= (1 - NEAR) * nearest:
+        raise refusal(
+            scenario, name, "reaches as far as the wall's nearest point; move it away from the wall"
+        )

@@ -1,0 +1,126 @@
+"""How strong what a scene leaves unexplained of a photograph is at each scale, over white noise.
+
+Bounced light, uneven paint, a seam, a misplaced chair: errors that neighbours share are strong at
+low spatial frequencies, where pixels' own noise is not. Who takes them for white noise believes the
+coarse shadows too much and the sharp ones too little. A filter that divides by the root of their
+spectrum makes them white (Whittle's likelihood: Ark. Mat. 2, 1953).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.scenario import Array
+
+STRUCTURED = 3.0
+"""From so many times white noise on, what is left is no noise, and the user is told."""
+
+DIRECTIONS = 3
+"""Sectors of a quarter circle of directions: a seam has one direction."""
+
+LOWEST = 4
+"""Cycles along the longer side of the photograph from which directions are told apart."""
+
+PROBES = 12
+"""Draws of white noise with which the residual is compared."""
+
+LEAST_LEFT = 0.1
+"""Part of white noise that image and light must leave in a band for it to tell of the residual."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """The filter that makes errors of a spectrum white, over the pixels used of a photograph."""
+
+    used: NDArray[np.bool_]  # (rows, columns)
+    spectrum: Array  # (rows, columns) of cosines, over that of white noise
+
+    def __call__(self, errors: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """Return pixels' errors, (M, K), filtered; those of pixels that are not used count as 0."""
+        (down, across), shape = self._cosines, self.used.shape
+        laid = np.zeros((self.used.size, errors.shape[1]), errors.dtype)
+        laid[self.used.ravel()] = errors
+        laid = np.matmul(across, laid.reshape(*shape, -1))
+        found = (down @ laid.reshape(shape[0], -1)).reshape(*shape, -1)
+        found *= (1 / np.sqrt(self.spectrum))[..., None].astype(errors.dtype)
+        found = np.matmul(across.T, found)
+        found = (down.T @ found.reshape(shape[0], -1)).reshape(self.used.size, -1)
+        return np.asarray(found[self.used.ravel()])
+
+    @property
+    def discrepancy(self) -> float:
+        """How much stronger errors are than white noise of the same energy, at most."""
+        return float(self.spectrum.max())
+
+    @cached_property
+    def _cosines(self) -> tuple[Array, Array]:
+        """The transforms along either axis, orthogonal."""
+        from scipy import fft
+
+        rows, columns = self.used.shape
+        return tuple(fft.dct(np.eye(n), axis=0, norm="ortho") for n in (rows, columns))
+
+
+def discrepancy(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> Array:
+    """Return the residual's power over that of white noise, (rows, columns) of cosines, 1 or so.
+
+    `used` are the pixels, (rows, columns), of the explanation. Powers are means over octaves of
+    spatial frequency in some directions, in each of the strongest mixture of the three channels:
+    errors that they share count threefold. Both are compared after image and light have absorbed
+    what they can: of white noise that is found out by drawing some, from the seed. Where they
+    absorb nearly all nothing can be said, and the strongest elsewhere is taken.
+    """
+    from scipy import fft
+
+    bands = _bands(used.shape)
+
+    def strengths(errors: Array) -> tuple[Array, Array]:
+        laid = np.zeros((*used.shape, 3))
+        laid[used] = errors
+        spectrum = fft.dctn(laid, axes=(0, 1), norm="ortho")
+        crossed = np.einsum("ijc,ijd->ijcd", spectrum, spectrum)
+        means = np.array([crossed[band].mean(axis=0) for band in bands])
+        return np.linalg.eigvalsh(means)[:, -1], np.trace(means, axis1=1, axis2=2) / 3
+
+    random = np.random.default_rng(seed)
+    usual, left = np.zeros(len(bands)), np.zeros(len(bands))
+    for _ in range(PROBES):
+        strongest, mean = strengths(explanation.left_of(random.standard_normal((used.sum(), 3))))
+        usual += strongest / PROBES
+        left += mean / PROBES / used.mean()
+    noise = np.where(explanation.noise > 0, explanation.noise, np.inf)
+    telling = left > LEAST_LEFT
+    spectrum = np.ones(used.shape)
+    if telling.any():
+        found = strengths(explanation.residuals / noise)[0][telling] / usual[telling]
+        spectrum[:] = found.max()
+        for band, strength in zip(np.array(bands)[telling], found, strict=True):
+            spectrum[band] = strength
+    return spectrum
+
+
+def _bands(shape: tuple[int, int]) -> list[NDArray[np.bool_]]:
+    """Return octaves of spatial frequency in sectors of directions, each (rows, columns).
+
+    The lowest frequencies are too few to be told apart: they are one band.
+    """
+    down, across = np.meshgrid(
+        *(np.arange(size) * max(shape) / (2 * size) for size in shape), indexing="ij"
+    )
+    frequency = np.hypot(down, across)
+    octave = np.log2(np.maximum(frequency, LOWEST / 2) / LOWEST).astype(int)
+    sector = np.arctan2(down, across) * DIRECTIONS * 2 / np.pi
+    sector = np.minimum(sector.astype(int), DIRECTIONS - 1)
+    low = frequency < LOWEST
+    bands = [
+        ~low & (octave == o) & (sector == s)
+        for o in range(octave.max() + 1)
+        for s in range(DIRECTIONS)
+    ]
+    return [band for band in (low, *bands) if band.any()]

@@ -1,0 +1,156 @@
+"""A by areas is A: as by boxes' half-spaces, as by projected shadows, as by rays; and smooth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import area_transport, has_areas
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.scenario import EmissionProfile, Occluder
+from tests.analytic.test_transport import (
+    LAMBERTIAN,
+    LCD,
+    Box,
+    make_scenario,
+    merged,
+    move,
+    oracle,
+    soup,
+    welded,
+)
+
+PLATE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+TWO_TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def relative(found, expected):
+    return np.linalg.norm(found - expected) / np.linalg.norm(expected)
+
+
+def plate(corner, size):
+    """A rectangle without thickness, parallel to wall and monitor."""
+    across, up = (PLATE * size).T
+    vertices = np.array(corner) + np.stack([across, 0 * across, up], axis=1)
+    return Occluder("plate", vertices, TWO_TRIANGLES)
+
+
+@pytest.mark.parametrize("emission", [LCD, LAMBERTIAN, EmissionProfile(2.5, 0.5)])
+def test_without_occluders_it_is_the_integral(emission):
+    scenario = make_scenario(emission=emission)
+    assert relative(area_transport(scenario), oracle(scenario, (30, 30))) < 4e-4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_anywhere_hide_what_their_half_spaces_hide(seed):
+    rng = np.random.default_rng(seed)
+    boxes = [Box.random(rng) for _ in range(3)]  # they may overlap, and part of it is aside
+    scenario = make_scenario([box.occluder(f"box{k}") for k, box in enumerate(boxes)])
+    # Of 900 samples a shadow's border crosses some 60, each half wrong.
+    assert relative(area_transport(scenario), oracle(scenario, (30, 30), boxes)) < 6e-3
+
+
+def test_it_is_its_twin_by_projected_shadows():
+    scenario = ps.load_scenario("chair", (8, 9), photograph=(20, 22))
+    assert relative(area_transport(scenario), ps.analytic_transport(scenario, samples=400)) < 0.012
+
+
+@pytest.mark.parametrize("scene", ["chair", "plate", "plant"])
+def test_it_is_what_rays_make(scene):
+    use_variant()
+    if not is_vectorized():
+        pytest.skip("needs LLVM or CUDA")
+    scenario = ps.load_scenario(scene, (8, 9), photograph=(14, 18))
+    by_rays = ps.render_transport(scenario, samples=256)
+    assert by_rays.sum() == pytest.approx(area_transport(scenario).sum(), rel=1e-3)
+    # Stratified in 16 x 16, a border leaves the 256th part of a patch per stratum that it crosses.
+    assert relative(area_transport(scenario), by_rays) < 6e-3
+
+
+def test_a_pixel_is_the_mean_of_its_wall_points():
+    fine = ps.load_scenario("chair", (4, 5), photograph=(12, 15))
+    A = area_transport(fine).reshape(4, 3, 5, 3, 20).mean(axis=(1, 3)).reshape(20, 20)
+    np.testing.assert_allclose(area_transport(fine, 3), A, rtol=1e-5)
+
+
+def test_a_plate_without_thickness_hides_from_either_side():
+    there = make_scenario([plate((0.4, 0.5, 0.2), (0.1, 0.1))])
+    back = make_scenario([replace(there.occluders[0], faces=TWO_TRIANGLES[:, ::-1])])
+    mixed = make_scenario([replace(there.occluders[0], faces=np.array([[0, 1, 2], [0, 3, 2]]))])
+    thin = Box((0.45, 0.5, 0.25), (0.1, 1e-9, 0.1))
+    A = area_transport(there)
+    errors = [relative(A, oracle(there, (n, n), [thin])) for n in (20, 40, 80)]
+    assert errors[1] < 0.6 * errors[0] and errors[2] < 0.6 * errors[1]  # those of the samples
+    for other in (back, mixed):
+        np.testing.assert_allclose(area_transport(other), A, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("change", [soup, welded, merged])
+def test_how_a_mesh_shares_its_vertices_does_not_matter(change):
+    box = Box((0.45, 0.55, 0.25), (0.1, 0.08, 0.12), Rotation.from_rotvec([0.3, 0.2, 0.5]))
+    A = area_transport(make_scenario([box.occluder()]))
+    changed = make_scenario([change(box.occluder())])
+    np.testing.assert_allclose(area_transport(changed), A, rtol=1e-5, atol=1e-9)
+
+
+def test_boxes_that_touch_or_lie_in_each_other_hide_once():
+    left, right = Box((0.4, 0.5, 0.25), (0.1, 0.05, 0.1)), Box((0.5, 0.5, 0.25), (0.1, 0.05, 0.1))
+    whole, within = Box((0.45, 0.5, 0.25), (0.2, 0.05, 0.1)), Box((0.45, 0.5, 0.25), (0.1,) * 3)
+    within = Box(within.center, (0.1, 0.03, 0.05))
+    A = area_transport(make_scenario([whole.occluder()]))
+    for boxes in ([left, right], [whole, within], [whole, whole]):
+        occluders = [box.occluder(str(k)) for k, box in enumerate(boxes)]
+        for scene in (occluders, [welded(merged(*occluders))]):
+            np.testing.assert_allclose(
+                area_transport(make_scenario(scene)), A, rtol=5e-3, atol=2e-3 * A.max()
+            )
+
+
+def test_the_whole_room_may_be_turned_and_moved():
+    scenario = make_scenario([Box((0.45, 0.55, 0.25), (0.1, 0.08, 0.12)).occluder()])
+    turned = move(scenario, Rotation.from_rotvec([0.5, -1.0, 2.0]).as_matrix(), [3.0, -2.0, 1.0])
+    np.testing.assert_allclose(area_transport(turned), area_transport(scenario), rtol=2e-4)
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_it_moves_smoothly_with_an_edge_along_a_patch(axis):
+    """A plate's straight edge, along rows or columns, takes light in proportion to its way."""
+
+    def light(moved):
+        corner = np.array([0.3, 0.4, 0.2])
+        corner[axis] += moved
+        return float(area_transport(make_scenario([plate(corner, (0.2, 0.2))])).sum())
+
+    step = 2e-5
+    ways = np.array([light(k * step) for k in range(24)])
+    slopes = np.diff(ways)
+    assert np.abs(slopes).max() > 1e-6 * ways[0]
+    np.testing.assert_allclose(slopes, slopes.mean(), atol=0.05 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize(
+    ("occluder", "message"),
+    [
+        (Occluder("ball", None, None), "shape 'ball' has no triangles"),
+        (Box((0.4, 0.0, 0.2), (0.1, 0.1, 0.1)).occluder("near"), "'near' reaches the monitor's"),
+        (Box((0.7, 1.0, 0.2), (0.1, 0.1, 0.1)).occluder("far"), "'far' reaches as far as the wall"),
+    ],
+)
+def test_scenes_of_another_kind_are_refused(occluder, message):
+    scenario = make_scenario([occluder])
+    assert not has_areas(scenario) and has_areas(make_scenario())
+    with pytest.raises(SceneError, match=message):
+        area_transport(scenario)
+
+
+def test_patches_that_are_no_rectangles_are_refused():
+    scenario = make_scenario()
+    up = scenario.patch_up + 0.1 * scenario.patch_across
+    row = np.arange(6) // 3
+    centers = scenario.patch_centers[0] + (np.arange(6) % 3)[:, None] * scenario.patch_across
+    sheared = replace(scenario, patch_up=up, patch_centers=centers - row[:, None] * up)
+    with pytest.raises(SceneError, match="patches that are not rectangular"):
+        area_transport(sheared)
