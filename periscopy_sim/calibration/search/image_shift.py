@@ -37,8 +37,8 @@ SAME = 1e-6
 """Of the largest coordinate: within it points are the same, known to single precision."""
 
 BETWEEN_PATCHES = 0.1
-"""Part of a likelihood by which it counts between whole patches. Bounced light and near lamps lent
-wrong patches up to 40 of evidence, as much as was right elsewhere (`experiments.laboratories`)."""
+"""Part of a likelihood by which it counts between whole patches. Wrong patches were found better by
+up to 40 of evidence, as much as right ones elsewhere (`experiments.laboratories`)."""
 
 NEGLIGIBLE = 5.0
 """Difference of evidence for which nobody moves: the rays change it by more."""
@@ -98,7 +98,7 @@ class ImageShift:
     def by_patch(self) -> Array:
         """(P, 2) how far parameters move to shift the image by a patch, across and up.
 
-        0 where they cannot but shift it otherwise.
+        0 along an axis along which they cannot shift it alone.
         """
         moves = np.linalg.pinv(self.patches)
         return np.where(np.abs(np.diag(self.patches @ moves) - 1) < WHOLE, moves, 0.0)

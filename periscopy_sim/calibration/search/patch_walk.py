@@ -1,7 +1,8 @@
 """The same photograph one patch on: the evidence has a dip at each, and a descent is held by one.
 
 Where an occluder moves shadows as a shift of the image does (`ImageShift.undone`), there is a place
-for each whole patch that explains nearly as much; between them the image, on a grid, cannot follow.
+for each whole patch that explains nearly as much, as there is where the monitor itself moves
+(`ImageShift.by_patch`); between them the image, on a grid, cannot follow.
 Slopes tell of these walls, not of how the dips compare, so the dips beside a descent's end are
 looked at. One patch on the photograph looks the same, and so do its derivatives: a few renderings
 find the bottom of a dip.
