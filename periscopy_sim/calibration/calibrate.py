@@ -64,7 +64,7 @@ ITERATIONS = 10
 """Of a descent, at most; the last of them gain little and take long."""
 
 WALKS = 3
-"""From patch to patch, at most, each from where the descents after the last ended."""
+"""From patch to patch after which a descent follows, at most; the last one has none."""
 
 MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
@@ -246,14 +246,14 @@ def calibrate_levels(
     visit = log.at(fine)
     fine = _evened(fine, values)
     fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
-    for _ in range(WALKS):
+    for walked in range(WALKS + 1):
         here = shift.settled(fine, *settle(fine, end, steps))
         undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
         # A row or a column of patches has no place beside it.
         several = np.array(fine.hidden_shape[::-1]) > 1
         patches = np.hstack([undone, shift.by_patch * several])
         values, after, alike = walk(fine, end, *here, patches, log.looked)
-        if np.array_equal(values, here[0]):
+        if np.array_equal(values, here[0]) or walked == WALKS:
             break
         fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
     if end.unphysical is not None:

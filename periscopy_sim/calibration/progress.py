@@ -52,7 +52,8 @@ class Progress:
 
         def visit(values: Values, evidence: float) -> None:
             points.append((values, evidence))
-            self._done = min(self._done + cost, end)
+            # A descent after a walk finds more done than its own level ends with.
+            self._done = max(self._done, min(self._done + cost, end))
             self.report(self._done / self._all)
 
         return visit
