@@ -28,6 +28,10 @@ class SceneError(PeriscopyError):
     """A scene file that breaks the id contract or that a model cannot treat."""
 
 
+class ClosedFormError(SceneError):
+    """A scene has no closed form; rays treat it as it is."""
+
+
 class PhotographError(PeriscopyError):
     """A photograph or an image that cannot be read or does not fit the scene."""
 

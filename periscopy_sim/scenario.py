@@ -98,6 +98,9 @@ class Scenario:
     wall_texture
         (M,) how much each pixel of a textured wall reflects, channels averaged, over their mean; A
         and B have it in their rows. None of a wall that is the same everywhere.
+    wall_relief
+        How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
+        in metres: there it might cast shadows.
     """
 
     path: Path
@@ -117,6 +120,7 @@ class Scenario:
     occluders: tuple[Occluder, ...] = field(repr=False)
     blur: float = 0.0
     wall_texture: Array | None = field(default=None, repr=False)
+    wall_relief: float = 0.0
 
     def __repr__(self) -> str:
         """Return its file, sizes and parameters on one line."""

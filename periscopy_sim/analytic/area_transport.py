@@ -9,6 +9,7 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from threading import Event
 
 import numpy as np
@@ -21,12 +22,15 @@ from periscopy_sim.analytic.closed_form import (
     refusal,
     wall_plane,
 )
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.threads import ahead, ranges
 from periscopy_sim.scenario import Array, Scenario
 
 SQUARE = 1e-6
 """Cosine of the angle between a patch's edges, up to which they count as perpendicular."""
+
+RELIEF = 1e-4
+"""Of the field of view's width: how far the wall may stand out of its plane anywhere."""
 
 NEAR = 1e-6
 """Part of the way from the monitor to the wall that occluders must leave free at either end."""
@@ -51,11 +55,44 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
 
     Raises
     ------
-    SceneError
+    ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
-    emission, reflectance = emission_and_reflectance(scenario)
-    wall_plane(scenario)
+    view = _view(scenario, finer)
+    A = np.empty((len(view.points), np.prod(scenario.hidden_shape)), np.float32)
+    _fill(A, view)
+    A *= view.scale
+    return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
+
+
+def has_areas(scenario: Scenario, finer: int = 1) -> bool:
+    """Return whether a scene is of the kind that `area_transport` takes."""
+    try:
+        _view(scenario, finer)
+    except ClosedFormError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What `light_rows` takes of a scene."""
+
+    points: Array  # (M, K, 3)
+    normals: Array  # (M, K, 3)
+    cells: Array  # (2,)
+    exponents: Array  # (2,)
+    borders: Borders
+    hidden: NDArray[np.int64]  # (2,)
+    scale: float
+
+
+def _view(scenario: Scenario, finer: int) -> _View:
+    """Bring a scene into the monitor's coordinates; a ClosedFormError says that it cannot."""
+    emission, reflectance = emission_and_reflectance(scenario, finer)
+    wall = wall_plane(scenario)
+    if scenario.wall_relief > RELIEF * np.ptp(scenario.wall_points @ wall.across):
+        raise refusal(scenario, "wall", "has parts that stand out of the plane that is seen")
     axes = monitor_axes(scenario)
     if abs(axes[0] @ axes[1]) > SQUARE:
         raise refusal(scenario, "monitor", "has patches that are not rectangular")
@@ -68,6 +105,8 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
     unit = np.array([width, height, 1.0])
     points = _blocks((scenario.wall_points - first) @ turned / unit, scenario, finer)
     normals = _blocks(scenario.wall_normals @ turned, scenario, finer)
+    if points[..., 2].min() <= 0:
+        raise refusal(scenario, "monitor", "does not face all of the wall that the camera sees")
     meshes = []
     for occluder in scenario.occluders:
         if occluder.vertices is None or occluder.faces is None:
@@ -76,47 +115,28 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
         meshes.append((vertices, occluder.faces))
         _check_between(scenario, occluder.name, vertices, float(points[..., 2].min()))
     exponents = np.array([emission.vertical, emission.horizontal])
-    borders = borders_of(meshes)
-    A = _light(points, normals, cells, exponents, borders, scenario.hidden_shape)
-    A *= reflectance / np.pi * width * height
-    return A
+    hidden, scale = np.array(scenario.hidden_shape), reflectance / np.pi * width * height
+    return _View(points, normals, cells, exponents, borders_of(meshes), hidden, scale)
 
 
-def has_areas(scenario: Scenario) -> bool:
-    """Return whether a scene is of the kind that `area_transport` takes."""
-    try:
-        area_transport(scenario)
-    except SceneError:
-        return False
-    return True
-
-
-def _light(
-    points: Array,
-    normals: Array,
-    cells: Array,
-    exponents: Array,
-    borders: Borders,
-    hidden: tuple[int, int],
-) -> NDArray[np.float32]:
+def _fill(A: NDArray[np.float32], view: _View) -> None:
     from periscopy_sim.analytic.scanline import light_rows
 
-    A = np.empty((len(points), hidden[0] * hidden[1]), np.float32)
     stopped = Event()
 
     def part(rows: tuple[int, int]) -> None:
         if not stopped.is_set():
             at = slice(*rows)
             light_rows(
-                points[at], normals[at], cells, exponents, *borders.arrays, np.array(hidden), A[at]
-            )
+                view.points[at], view.normals[at], view.cells, view.exponents,
+                *view.borders.arrays, view.hidden, A[at],
+            )  # fmt: skip
 
     try:
-        for _ in ahead(part, ranges(len(points))):
+        for _ in ahead(part, ranges(len(A))):
             pass
     finally:
         stopped.set()  # after an interrupt, no thread goes on
-    return A
 
 
 def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:

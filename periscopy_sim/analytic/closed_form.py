@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.scenario import Array, EmissionProfile, Scenario, WallFrame, wall_frame
 
 FLATNESS = 1e-6
@@ -14,13 +14,16 @@ SHARP = 0.5
 """Largest blur by the camera's lens, in pixels, that the pixels' centres stand for."""
 
 
-def emission_and_reflectance(scenario: Scenario) -> tuple[EmissionProfile, float]:
-    """Return the monitor's angular profile and the wall's albedo; else raise a SceneError."""
+def emission_and_reflectance(scenario: Scenario, finer: int = 1) -> tuple[EmissionProfile, float]:
+    """Return the monitor's angular profile and the wall's albedo; else raise a `ClosedFormError`.
+
+    The pixels, that a lens may blur, have so many of the scenario's along each side.
+    """
     if scenario.wall_texture is not None:
         raise refusal(scenario, "wall", "is textured; give it one reflectance")
     if scenario.wall_reflectance is None:
         raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
-    if scenario.blur > SHARP * _pixel_side(scenario):
+    if scenario.blur > SHARP * finer * _pixel_side(scenario):
         raise refusal(
             scenario, "wall", f"is blurred by {scenario.blur:.2g} m; focus the camera on it"
         )
@@ -85,9 +88,9 @@ def tolerance(points: Array) -> float:
     return float(FLATNESS * extent + np.finfo(np.float32).eps * np.abs(points).max())
 
 
-def refusal(scenario: Scenario, shape: str, reason: str) -> SceneError:
+def refusal(scenario: Scenario, shape: str, reason: str) -> ClosedFormError:
     """Return the error that says why a shape has no closed form."""
-    return SceneError(
+    return ClosedFormError(
         f"scene '{scenario.path}': for the analytic model, shape '{shape}' {reason}; the rendered "
         "model (render_transport) treats it as it is"
     )

@@ -216,13 +216,14 @@ def _remove_shadow(
             c = int(left)
             while left < right:
                 end = min(right, c + 1.0)
-                middle = (left + end) / 2
-                x = (middle - p[0]) * cells[0]
-                towards = max(normal[0] * x + ahead, 0.0)
-                distance = x * x + squared
-                falloff = across[c] + (middle - c) * (across[c + 1] - across[c])
-                light = strength * falloff * towards / (distance * distance)
-                out[first + c] -= light * (end - left)
+                for side in (-GAUSS, GAUSS):
+                    u = (left + end) / 2 + side * (end - left)
+                    x = (u - p[0]) * cells[0]
+                    towards = max(normal[0] * x + ahead, 0.0)
+                    distance = x * x + squared
+                    falloff = across[c] + (u - c) * (across[c + 1] - across[c])
+                    light = strength * falloff * towards / (distance * distance)
+                    out[first + c] -= light * (end - left) / 2
                 left = end
                 c += 1
 

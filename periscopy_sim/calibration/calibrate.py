@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.consider_analysis import (
     UncertainParameters,
@@ -31,7 +30,7 @@ from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.progress import Progress
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.search.fisher_information import block_scores
+from periscopy_sim.calibration.search.fisher_information import SHORT, block_scores
 from periscopy_sim.calibration.search.global_search import explore
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
@@ -121,7 +120,7 @@ def calibrate(
     mask
         (rows, columns) pixels to use; None for all.
     samples
-        Rays from a pixel to a patch, at the finest level.
+        Rays from a pixel to a patch, where the matrix cannot be had by areas, see `area_transport`.
     seed
         Of the draws and the rays.
     progress
@@ -164,7 +163,6 @@ def calibrate(
         if backgrounds is not None and len(backgrounds):
             small = load_scenario(path, fitted(hidden, COARSE), given)
             off = _monitor_off(backgrounds, y, small, mask, seed)
-        by_area = has_areas(load_scenario(path, fitted(hidden, COARSE), given))
         levels = [
             ResolutionLevel(
                 path,
@@ -178,10 +176,12 @@ def calibrate(
                 resolution,
                 seed,
                 in_front.check,
-                by_area,
+                by_area=True,
             )
             for resolution in resolutions
         ]
+        if not all(level.has_areas(start) for level in levels):
+            levels = [level.by_rays() for level in levels]
         levels[0].background(start)  # too few pixels are told of before anything is rendered
         shift = ImageShift.of(path, levels[-1].hidden_shape, given, names, prior)
         return calibrate_levels(levels, start, held, progress, shift=shift)
@@ -238,6 +238,7 @@ def calibrate_levels(
     require_effect(coarse, start, held)
     scales, spreads = scales_and_spreads(coarse.differing(), start)
     steps = np.minimum(scales, prior.errors)
+    differences = np.minimum(SHORT * scales, prior.errors) if fine.by_area else steps
     ruled = bool(np.isfinite(prior.errors).all())
     log = Progress(len(start), ruled, ITERATIONS, progress)
     # What a ruler leaves open is too little for a coarse level to tell.
@@ -245,7 +246,7 @@ def calibrate_levels(
     _require_shadows(coarse, values)
     visit = log.at(fine)
     fine = _evened(fine, values)
-    fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
+    fine, end = descend(fine, values, differences, 5 * steps, ITERATIONS, visit)
     for walked in range(WALKS + 1):
         here = shift.settled(fine, *settle(fine, end, steps))
         undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
@@ -255,7 +256,7 @@ def calibrate_levels(
         values, after, alike = walk(fine, end, *here, patches, log.looked)
         if np.array_equal(values, here[0]) or walked == WALKS:
             break
-        fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
+        fine, end = descend(fine, values, differences, 5 * steps, ITERATIONS, visit)
     if end.unphysical is not None:
         best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
         raise SceneError(

@@ -18,7 +18,7 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import start_values
-from periscopy_sim.calibration.search.fisher_information import differentiate, information
+from periscopy_sim.calibration.search.fisher_information import SHORT, differentiate, information
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -81,12 +81,12 @@ def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainP
 
 def sensitivity(level: ResolutionLevel, end: Descent, uncertain: UncertainParameters) -> Array:
     """Return δθ of the module, (P, U), δ being a standard error of each uncertain parameter."""
-    errors = uncertain.standard_errors
+    errors, part = uncertain.standard_errors, SHORT if level.by_area else 1.0
     jacobian = differentiate(
         level.varying((*level.names, *uncertain.names)),
         np.concatenate([end.values, uncertain.values]),
         end.explanation,
-        np.hstack([np.zeros((len(errors), len(end.values))), np.diag(errors)]),
+        np.hstack([np.zeros((len(errors), len(end.values))), np.diag(part * errors)]),
     )
     shared = information(end.curvature.jacobian, jacobian)
     return np.asarray(-np.linalg.solve(end.curvature.invertible(), shared) * errors)

@@ -11,7 +11,7 @@ from periscopy_sim.calibration.result import Visited
 from periscopy_sim.calibration.search.global_search import points_visited
 
 LOOK, LOOKS = 3.0, 28
-"""What a look of the walk costs, in renderings of the middle level for a difference; how many it
+"""What a look of the walk costs, in renderings of the fine level for a difference; how many it
 takes as a rule."""
 
 

@@ -98,8 +98,8 @@ class Calibration:
         (rows, columns) what the monitor's light was multiplied by, see `SmoothGain`; 1 where
         masked.
     discrepancy
-        How much stronger that is than white noise at the scale where it is strongest; about 1 if it
-        is noise. See the module `discrepancy`.
+        How much stronger what is left is than white noise at the scale where it is strongest; about
+        1 if it is noise. See the module `discrepancy`.
     overdispersion
         By how much the photograph counts for less, that being made white, since it still varies
         more from place to place; see `Curvature.overdispersion`.

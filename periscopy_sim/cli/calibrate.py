@@ -105,7 +105,7 @@ def calibrate(
             "Cells of --silhouette. Default: 16 along the rectangle's longer side.",
         ),
     ] = None,
-    samples: arguments.Samples = 36,
+    samples: arguments.Samples = 144,
     background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
@@ -313,7 +313,8 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
         likely = "" if has_backgrounds else f"likely {ADVICE['paint']}; "
         say(
             "not all of that is noise: at some scale it is "
-            f"{found.discrepancy:.0f} times as strong, which values and errors count: {likely}"
+            f"{found.discrepancy:.0f} times as strong as noise, for which values and errors allow: "
+            f"{likely}"
             "periscopy reconstruct with this scene maps it (residual.png) and names likely causes"
         )
     if not found.moved and all(p.value == p.start for p in found.parameters):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -100,7 +101,7 @@ def reconstruct(
         defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
-        with timed("uncertain scene"):
+        with timed("uncertain scene") if doubted or uncertain else nullcontext():
             rendered = matrix is None and model is inputs.Model.rendered
             moved, untold = _uncertain_transport(
                 doubted, uncertain, method, scenario, scene, samples, seed, linear=not rendered

@@ -9,7 +9,6 @@ spectrum makes them white (Whittle's likelihood: Ark. Mat. 2, 1953).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.scenario import Array
+
+FLOOR = 0.1
+"""Of the median band's strength: in one without noise, as JPEG leaves, no error is told."""
 
 STRUCTURED = 3.0
 """From so many times white noise on, what is left is no noise, and the user is told."""
@@ -43,7 +45,7 @@ class Whitening:
 
     def __call__(self, errors: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """Return pixels' errors, (M, K), filtered; those of pixels that are not used count as 0."""
-        (down, across), shape = self._cosines, self.used.shape
+        (down, across), shape = self._cosines(errors.dtype), self.used.shape
         laid = np.zeros((self.used.size, errors.shape[1]), errors.dtype)
         laid[self.used.ravel()] = errors
         laid = np.matmul(across, laid.reshape(*shape, -1))
@@ -58,13 +60,11 @@ class Whitening:
         """How much stronger errors are than white noise of the same energy, at most."""
         return float(self.spectrum.max())
 
-    @cached_property
-    def _cosines(self) -> tuple[Array, Array]:
-        """The transforms along either axis, orthogonal."""
+    def _cosines(self, kind: Any) -> list[NDArray[np.floating[Any]]]:
+        """Return the transforms along either axis, orthogonal, in some precision."""
         from scipy import fft
 
-        rows, columns = self.used.shape
-        return tuple(fft.dct(np.eye(n), axis=0, norm="ortho") for n in (rows, columns))
+        return [fft.dct(np.eye(n), axis=0, norm="ortho").astype(kind) for n in self.used.shape]
 
 
 def discrepancy(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> Array:
@@ -99,6 +99,7 @@ def discrepancy(explanation: Explanation, used: NDArray[np.bool_], seed: int) ->
     spectrum = np.ones(used.shape)
     if telling.any():
         found = strengths(explanation.residuals / noise)[0][telling] / usual[telling]
+        found = np.maximum(found, FLOOR * np.median(found))
         spectrum[:] = found.max()
         for band, strength in zip(np.array(bands)[telling], found, strict=True):
             spectrum[band] = strength

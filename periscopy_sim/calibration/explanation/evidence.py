@@ -15,9 +15,10 @@ projected out. Each α_c is where E_c is least.
 
 That is so where errors n are white. Errors that neighbours share, of paint, bounced light or a
 misplaced scene, are strong at some scales. There y, A and B are divided by how strong, see
-`discrepancy`, which makes what is left white. If it still is κ times as strong as white errors at
-some scale, the evidence counts for 1/κ of that, beside the prior of the parameters (a composite
-likelihood adjusted in magnitude: Ribatet, Cooley and Davison, Statistica Sinica 22, 2012).
+`discrepancy`, which makes what is left white. If its slopes still vary κ times as much as those of
+white errors (`Curvature.overdispersion`), the evidence counts for 1/κ of that, beside the prior of
+the parameters (a composite likelihood adjusted in magnitude: Ribatet, Cooley and Davison,
+Statistica Sinica 22, 2012).
 
 Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
 f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,19 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.explanation.discrepancy import Whitening, discrepancy
 from periscopy_sim.calibration.explanation.evidence import Explanation, explain
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
 from periscopy_sim.photographs.checking import blackened
 from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
 from periscopy_sim.reconstruction.observation import Observation
 from periscopy_sim.reconstruction.unevenness import Unevenness
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
+from periscopy_sim.rendering.transport.shadow_rays import require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.storage.pictures import area_average
 
@@ -50,7 +52,7 @@ class Resolution:
     hidden: int  # longest side, in patches
     finer: int  # wall points along each side of a pixel, see `area_transport`
     rays: Rays  # where areas do not serve
-    slope_rays: Rays  # of the differences of which derivatives are made
+    slope_rays: Rays  # there, of the differences of which derivatives are made
 
 
 class ResolutionLevel:
@@ -200,15 +202,29 @@ class ResolutionLevel:
         """
         if self.by_area:
             finer = self._finer * self._larger
-            A = area_transport(self.scenario(values, finer), finer)
-        else:
-            A = render_penumbrae(
-                self.scenario(values),
-                samples=self._rays.samples,
-                pixel_samples=self._rays.pixel_samples * self._larger**2,
-                seed=self.seed if seed is None else seed,
-            )
+            with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
+                scenario = self.scenario(values, finer)
+                A = area_transport(scenario, finer)
+                require_light(A, scenario)
+                return A if self.used.all() else A[self.used.ravel()]
+        A = render_penumbrae(
+            self.scenario(values),
+            samples=self._rays.samples,
+            pixel_samples=self._rays.pixel_samples * self._larger**2,
+            seed=self.seed if seed is None else seed,
+        )
         return A if self.used.all() else A[self.used.ravel()]
+
+    def has_areas(self, values: Values) -> bool:
+        """Return whether the scene at some values needs no rays."""
+        finer = self._finer * self._larger
+        return has_areas(self.scenario(values, finer), finer)
+
+    def by_rays(self) -> ResolutionLevel:
+        """Return the same level, its matrices rendered by rays."""
+        other = copy(self)
+        other.by_area = False
+        return other
 
     def background(self, values: Values) -> Array:
         """Return an orthonormal basis of range(B), of ambient light, (used pixels, r).

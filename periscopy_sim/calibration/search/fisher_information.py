@@ -26,9 +26,9 @@ UNSEEN = 1e-4
 """Part of the information below which a direction of the parameters counts as unknown."""
 
 SHORT = 2e-3
-"""Part of a difference that is taken where there are no rays, to one side. By ten times as much,
-what two parameters can hardly be told by was overrated tenfold, as shadows' edges passed patches'
-in between; by a tenth, rounding tells them apart."""
+"""Part of a parameter's scale by which differences are taken where there are no rays, to one side.
+By ten times as much, what two parameters can hardly be told by was overrated tenfold, as shadows'
+edges passed patches' in between; by a tenth, rounding tells them apart."""
 
 BLOCKS = 10
 """Along each side of the photograph: what stays unexplained is independent between blocks."""
@@ -177,10 +177,10 @@ def differentiate(
     for k, offset in enumerate(offsets):
         for s in range(sets):
             if here is not None:
-                change = _short_difference(level, values, SHORT * offset, here)
+                change = _short_difference(level, values, offset, here)
             else:
                 change = _difference(level.differing(), values, offset, level.seed + s)
-            change = change / (offset.sum() * (SHORT if level.by_area else 1))
+            change = change / offset.sum()
             slopes[s, k] = explanation.slope(change) / 2
             moved[s, k] = explanation.jacobian(change)
             projected[s, k] = explanation.projected_jacobian(change)

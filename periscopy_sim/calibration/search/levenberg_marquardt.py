@@ -106,7 +106,7 @@ def _looked(
 def _extended(
     level: ResolutionLevel, values: Values, step: Values, reached: Explanation
 ) -> tuple[Values, Explanation]:
-    """Double a step while that gains: one rendering, where a new direction takes 4 P."""
+    """Double a step while that gains: one rendering, where a new direction takes P or 4 P."""
     for _ in range(DOUBLINGS):
         try:
             tried = level.explain(values + 2 * step)
@@ -119,7 +119,9 @@ def _extended(
 
 
 def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Values, Explanation]:
-    """Take the step, at most `longest`, that a descent's end still asks for, if other rays agree.
+    """Take the step, at most `longest`, that a descent's end still asks for, if that gains.
+
+    Where there are rays, others must agree.
 
     Between places so near, the evidence by the descent's own rays tells more of the rays than of
     the places; its slope, of wide differences and of two sets of rays, does not. Returned are the

@@ -101,6 +101,7 @@ def load_scenario(
         ),
         blur=wall.blur,
         wall_texture=wall.texture,
+        wall_relief=_relief(shapes["wall"], points, normals),
     )
 
 
@@ -236,6 +237,16 @@ def _check_facing(
     raise SceneError(
         f"scene '{path}': the monitor is behind the wall; move it to the camera's side"
     )
+
+
+def _relief(wall: Any, points: Array, normals: Array) -> float:
+    """Return how far a wall's shape reaches before the plane through the points seen of it."""
+    shape, normal = _occluder(wall), normals.mean(axis=0)
+    corners = shape.vertices
+    if corners is None:
+        assert shape.bounds is not None
+        corners = np.stack(np.meshgrid(*shape.bounds.T), axis=-1).reshape(-1, 3)
+    return float(max(0.0, ((corners - points.mean(axis=0)) @ normal).max()))
 
 
 def _occluder(shape: Any) -> Occluder:
