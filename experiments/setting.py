@@ -233,10 +233,7 @@ class Setting(Chair):
             "package_sha256": package_sha256(),
             "seed": str(self.seed),
         }
-        if not (file.is_file() and record.items() <= read_exr(file)[1].items()):
-            with staged_file(file) as staged:
-                write_exr(staged, render(), record)
-        return np.asarray(read_exr(file)[0], np.float64)
+        return kept(file, record, render)
 
     @property
     def adversarial(self) -> dict[str, Array]:
@@ -261,6 +258,22 @@ class Setting(Chair):
         return ps.render_background(
             GLASS_SCENE, self.scenario, WITHOUT_BEAM, target=AMBIENT_ERROR, seed=self.seed
         ).photograph
+
+
+def kept(
+    file: Path,
+    depends: Mapping[str, str],
+    render: Callable[[], Array],
+    provenance: Mapping[str, str] | None = None,
+) -> Array:
+    """Render a picture, (rows, columns, 3), or read the file that holds it.
+
+    The file is taken if its metadata are what the picture `depends` on; `provenance` is only told.
+    """
+    if not (file.is_file() and depends.items() <= read_exr(file)[1].items()):
+        with staged_file(file) as staged:
+            write_exr(staged, render(), {**(provenance or {}), **depends})
+    return np.asarray(read_exr(file)[0], np.float64)
 
 
 def render_place(

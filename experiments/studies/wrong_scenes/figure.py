@@ -1,0 +1,135 @@
+"""The figures: coverage and dB of every draw; the pictures of one draw of each scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import periscopy_sim as ps
+from experiments.drawing import COLORS, PAGE, drawn, show_light
+from experiments.studies.wrong_scenes.coverage import LEVELS, ONE, expected_band, of_draws
+from experiments.studies.wrong_scenes.outcome import SCENES, Outcome
+
+Array = NDArray[np.float64]
+
+COLOURS = (COLORS["preconditioned"], COLORS["differencing"], COLORS["noise-aware"])
+WANTED = {"numbers of the scene": (0.55, 0.80), "patches": (0.60, 0.85)}
+"""What 68 % intervals are to cover."""
+
+WIDER = 1.5
+"""Times that the panel of dB is wider than those of coverage."""
+
+NAMES = {"ruler": "the ruler's scene", "calibrated": "calibrated", "true": "the true scene"}
+
+
+def draw_coverage(out: Path, outcomes: Sequence[Outcome]) -> Path:
+    """Draw `wrong_scenes`: a row for each SBR, numbers' and patches' coverage, and dB by draw."""
+    sbrs = sorted({outcome.sbr for outcome in outcomes})
+    colours = _colours(outcomes)
+    with drawn(out, "wrong_scenes", PAGE, 0.6 + 1.95 * len(sbrs)) as figure:
+        grid = figure.subplots(len(sbrs), 3, squeeze=False, width_ratios=[1, 1, WIDER])
+        for row, sbr in zip(grid, sbrs, strict=True):
+            own = [outcome for outcome in outcomes if outcome.sbr == sbr]
+            _draw_covered(row[0], own, lambda o: o.z, colours, "numbers of the scene", band=True)
+            _draw_covered(row[1], own, lambda o: o.patch_z, colours, "patches", band=False)
+            _draw_decibels(row[2], own, colours)
+            row[0].set_ylabel(f"SBR {sbr:g}\ntruths within, %")
+        for ax in grid[-1, :2]:
+            ax.set_xlabel("intervals told to hold, %")
+        grid[-1, 2].set_xlabel("draws of all of a ruler's errors at once")
+        for ax, title in zip(grid[0], (*WANTED, "hidden image"), strict=True):
+            ax.set_title(title)
+        grid[0, 0].legend(loc="lower right")
+        figure.legend(*grid[0, 2].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return out / "wrong_scenes.png"
+
+
+def _colours(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Return a colour for each scene."""
+    scenes = list(dict.fromkeys(outcome.subject for outcome in outcomes))
+    return {scene: COLOURS[k % len(COLOURS)] for k, scene in enumerate(scenes)}
+
+
+def _draw_covered(
+    ax: Any,
+    outcomes: Sequence[Outcome],
+    z_of: Callable[[Outcome], Array],
+    colours: dict[str, str],
+    what: str,
+    *,
+    band: bool,
+) -> None:
+    """Draw each scene's coverage against the told one; the wanted range as a bar at 68 %."""
+    ax.plot([0, 1], [0, 1], color="black", linewidth=0.6, linestyle=":")
+    if band:
+        ax.fill_between(LEVELS, *expected_band(outcomes), color="0.88", linewidth=0)
+    ax.plot([ONE, ONE], WANTED[what], color="black", linewidth=3, alpha=0.35, solid_capstyle="butt")
+    for scene, colour in colours.items():
+        own = [outcome for outcome in outcomes if outcome.subject == scene]
+        if own:
+            mean, error = of_draws(own, z_of)
+            ax.fill_between(
+                LEVELS, mean - error, mean + error, color=colour, alpha=0.15, linewidth=0
+            )
+            ax.plot(LEVELS, mean, color=colour, label=scene)
+    ax.set(xlim=(0, 1), ylim=(0, 1), box_aspect=1)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_ticks(np.linspace(0, 1, 5), ["0", "25", "50", "75", "100"])
+
+
+def _draw_decibels(ax: Any, outcomes: Sequence[Outcome], colours: dict[str, str]) -> None:
+    """Draw each draw's registered dB, from the ruler's scene to the calibrated, and the true."""
+    at, ticks = 0.0, []
+    for scene, colour in colours.items():
+        own = [outcome for outcome in outcomes if outcome.subject == scene]
+        places = at + np.arange(len(own))
+        for place, outcome in zip(places, own, strict=True):
+            ruler, calibrated, true = (outcome.registered[name] for name in SCENES)
+            first = place == 0
+            ax.plot([place, place], [ruler, calibrated], color=colour, linewidth=0.8, alpha=0.5)
+            ax.plot(place, ruler, "o", ms=3, mfc="white", mec="0.5", mew=0.8,
+                    label=NAMES["ruler"] if first else None)  # fmt: skip
+            ax.plot(place, calibrated, "o" if outcome.trusted else "X", ms=4.5, color=colour, mew=0)
+            ax.plot(place, true, "_", ms=6, mew=1.2, color="black",
+                    label=NAMES["true"] if first else None)  # fmt: skip
+        ticks.append((float(places.mean()), scene))
+        at += len(own) + 1.0
+    ax.plot([], [], "o", ms=4.5, color="0.35", mew=0, label="calibrated")
+    ax.plot([], [], "X", ms=4.5, color="0.35", mew=0, label="calibrated, not trusted")
+    ax.set_xticks(*zip(*ticks, strict=True))
+    ax.tick_params(axis="x", length=0)
+    ax.set(ylabel="registered PSNR, dB", box_aspect=1 / WIDER)
+    ax.margins(x=0.04)
+
+
+def draw_images(out: Path, outcomes: Sequence[Outcome]) -> Path:
+    """Draw `wrong_scenes_images`: of each scene and SBR, the draw of the median loss of dB."""
+    sbrs = sorted({outcome.sbr for outcome in outcomes})
+    scenes = list(_colours(outcomes))
+    with drawn(out, "wrong_scenes_images", PAGE, 0.3 + 1.05 * len(scenes)) as figure:
+        columns = 1 + len(SCENES) * len(sbrs)
+        grid = figure.subplots(len(scenes), columns, squeeze=False)
+        for row, scene in zip(grid, scenes, strict=True):
+            for ax in row:
+                ax.set_axis_off()
+            for k, sbr in enumerate(sbrs):
+                own = [o for o in outcomes if (o.subject, o.sbr) == (scene, sbr)]
+                if not own:
+                    continue
+                shown = sorted(own, key=loss)[len(own) // 2]
+                show_light(row[0], shown.truth, 1)
+                row[0].set_title(f"{scene}\nhidden image", fontsize=7)
+                for j, (name, image) in enumerate(zip(SCENES, shown.images, strict=True)):
+                    ax = row[1 + len(SCENES) * k + j]
+                    show_light(ax, ps.gain_matched(image, shown.truth), 1)
+                    ax.set_title(f"SBR {sbr:g}, {name}\n{shown.psnr[name]:.1f} dB", fontsize=7)
+    return out / "wrong_scenes_images.png"
+
+
+def loss(outcome: Outcome) -> float:
+    """Return by how many dB, registered, the true scene's picture is better than the calibrated."""
+    return outcome.registered["true"] - outcome.registered["calibrated"]

@@ -1,0 +1,221 @@
+"""The suite of wrong scenes: what is drawn, what is counted, and a draw from end to end."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import periscopy_sim as ps
+from experiments.studies.wrong_scenes import __main__ as study
+from experiments.studies.wrong_scenes import coverage, report, subjects
+from experiments.studies.wrong_scenes.outcome import Outcome, Trial
+
+HIDDEN = (4, 5)
+MEASURED = ("occluder_dx", "occluder_dz", "monitor_dx", "plate_width")
+
+
+def outcome(seed, *, subject="plate", sbr=10.0, factor=1.0, doubts=(), correlated=0.3):
+    """A draw whose told errors are right, or a factor too small."""
+    rng = np.random.default_rng(seed)
+    numbers, shape = 12, (*HIDDEN, 3)
+    errors = rng.uniform(0.1, 1, numbers)
+    correlation = np.full((numbers, numbers), correlated) + (1 - correlated) * np.eye(numbers)
+    truth = rng.uniform(0, 1, shape)
+    off = np.linalg.cholesky(correlation) @ rng.standard_normal(numbers)
+    light, patch_errors = 1.7, rng.uniform(0.05, 0.1, shape)
+    images = np.stack([light * truth + s * rng.standard_normal(shape) for s in (0.8, 0.3, 0.2)])
+    images[1] = light * truth + factor * patch_errors * rng.standard_normal(shape)
+    return Outcome(
+        subject=subject, sbr=sbr, draw=seed, names=[f"n{k}" for k in range(numbers)],
+        true_values=np.zeros(numbers), start=rng.standard_normal(numbers),
+        ruler_errors=np.ones(numbers), values=factor * errors * off, standard_errors=errors,
+        determined=errors < 0.7, correlation=correlation, truth=truth, images=images, light=light,
+        image_errors=patch_errors, geometry=True, doubts=list(doubts), discrepancy=1.5,
+        overdispersion=1.1, seconds=[10.0, 2.0],
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory):
+    """A small plate, lit by its closed form rather than path traced, before a far lamp."""
+    known = subjects.subjects(tmp_path_factory.mktemp("scenes"))["plate"]
+    exact = dict.fromkeys((f"{name}_error" for name in known.errors if name not in MEASURED), "0")
+    subject = replace(known, hidden=(6, 8), parameters={"resolution": "24", **exact})
+    scene = subject.at()
+    truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
+    signal = (ps.analytic_transport(scene) @ truth.reshape(-1, 3)).reshape(24, 24, 3)
+    lamp = ps.point_light_backgrounds(scene)[:, 100].reshape(24, 24, 1) * np.ones(3)
+    return subjects.Photographed(subject, truth, signal * scene.channel_gain, lamp)
+
+
+def test_the_ruler_errs_as_the_scene_declares():
+    subject = subjects.Subject("plate", ps.find_scene("plate"), ps.find_scene("plate"), (2, 2),
+                               "bars", "overcast", {"resolution": "8"})  # fmt: skip
+    errors, true = subject.errors, subject.true_values
+    assert len(errors) == 13
+    drawn = [subject.measured(draw) for draw in range(12)]
+    off = (np.array([list(read.values()) for read in drawn]) - true) / list(errors.values())
+    # 156 normal numbers: mean and spread within 4 standard errors, once in 10,000 sets of seeds.
+    assert abs(off.mean()) < 4 / np.sqrt(off.size)
+    assert abs(off.std() - 1) < 4 / np.sqrt(2 * off.size)
+    assert list(drawn[0]) == list(errors) and subject.measured(0) == drawn[0] != drawn[1]
+
+
+def test_what_the_scene_refuses_is_measured_again(tmp_path):
+    text = ps.find_scene("plate").read_text("utf-8")
+    file = tmp_path / "thin.xml"
+    file.write_text(text.replace('"stick_width_error" value="0.0005"',
+                                 '"stick_width_error" value="0.02"'), "utf-8")  # fmt: skip
+    subject = subjects.Subject("thin", file, file, (2, 2), "bars", "overcast", {"resolution": "8"})
+    widths = [subject.measured(draw)["stick_width"] for draw in range(12)]
+    assert min(widths) > 0 and np.ptp(widths) > 0.01
+
+
+def test_the_shelf_is_photographed_in_a_room_that_its_scene_does_not_know(tmp_path):
+    shelf = subjects.subjects(tmp_path)["shelf"]
+    small = {"width": "6", "height": "4"}
+    known, lit = (ps.load_scenario(file, (3, 4), small) for file in (shelf.scene, shelf.lit))
+    assert [o.name for o in known.occluders] == ["shelf"]
+    assert {o.name for o in lit.occluders} > {"shelf", "floor", "ceiling"}
+    np.testing.assert_array_equal(known.wall_points, lit.wall_points)
+    assert len(shelf.errors) == 13 and "camera_x" in shelf.errors
+
+
+def test_light_is_path_traced_once(tmp_path, monkeypatch):
+    known = subjects.subjects(tmp_path)["plate"]
+    subject = replace(known, hidden=(4, 5), parameters={"resolution": "8"}, samples=64)
+    lamp = np.ones((8, 8, 3))
+    monkeypatch.setattr(subjects, "ambient_photographs", lambda names, *_: {names[0]: lamp})
+    first = subjects.photographed(subject, tmp_path)
+    seen = ps.analytic_transport(subject.at()) @ first.truth.reshape(-1, 3)
+    # A grain of some percent, and bounces.
+    np.testing.assert_allclose(first.signal.mean(), seen.mean(), rtol=0.05)
+    monkeypatch.setattr(ps, "render_photograph", None)
+    np.testing.assert_array_equal(subjects.photographed(subject, tmp_path).signal, first.signal)
+    with pytest.raises(TypeError):
+        subjects.photographed(replace(subject, samples=65), tmp_path)
+
+
+def test_the_truth_explains_the_photograph_in_its_unit(plate):
+    photograph, light = plate.photograph(0.5, 3)
+    A = ps.analytic_transport(plate.subject.at())
+    shadows = (A @ (light * plate.truth).reshape(-1, 3)).reshape(photograph.shape)
+    assert photograph.mean() == pytest.approx(1, rel=1e-3)
+    rest = photograph - shadows * plate.subject.at().channel_gain
+    left = rest - plate.ambient * (rest.mean() / plate.ambient.mean())
+    assert left.std() == pytest.approx(1e-3 * np.sqrt(np.mean(photograph**2)), rel=0.05)
+    assert not np.array_equal(photograph, plate.photograph(0.5, 4)[0])
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_errors_that_are_right_cover_what_they_tell(factor):
+    outcomes = [outcome(seed, factor=factor) for seed in range(60)]
+    told, error = coverage.of_draws(outcomes, lambda o: o.patch_z)
+    low, high = coverage.expected_band(outcomes)
+    numbers, _ = coverage.of_draws(outcomes, lambda o: o.z)
+    inside = (low <= numbers) & (numbers <= high)
+    if factor == 1:
+        # 3,600 patches; the largest of the differences exceeds this once in 10,000 seeds.
+        assert np.abs(told - coverage.LEVELS).max() < 2.2 / np.sqrt(3600)
+        assert inside.mean() > 0.9 and (error < 0.02).all()
+    else:
+        assert told[coverage.LEVELS == coverage.ONE] == pytest.approx(0.383, abs=0.03)
+        assert inside.mean() < 0.2
+
+
+def test_the_band_of_numbers_that_go_together_is_wider():
+    alone, together = (
+        coverage.expected_band([outcome(0, correlated=c)], np.array([coverage.ONE]))
+        for c in (0.0, 0.95)
+    )
+    # Twelve independent ones: a binomial distribution's, 5 to 11 of 12.
+    np.testing.assert_allclose(alone, [[5 / 12], [11 / 12]], atol=1 / 12 + 1e-9)
+    assert together[0] < alone[0] and together[1] > alone[1]
+
+
+def test_one_brightness_of_each_channel_may_be_matched():
+    one = outcome(1)
+    brighter = replace(one, light=1.3 * one.light)
+    assert (np.abs(brighter.patch_z) < 1).mean() < 0.4
+    np.testing.assert_allclose(brighter.matched_patch_z, one.matched_patch_z, rtol=1e-9)
+
+
+def test_an_outcome_is_read_as_it_was_written(tmp_path):
+    made = outcome(2, doubts=["it moved too far"])
+    made.write(tmp_path / "one.npz", "here")
+    assert Outcome.read(tmp_path / "one.npz", "elsewhere") is None
+    assert Outcome.read(tmp_path / "none.npz", "here") is None
+    read = Outcome.read(tmp_path / "one.npz", "here")
+    assert report.numbers_of(read) == report.numbers_of(made)
+    np.testing.assert_array_equal(read.images, made.images)
+    assert read.doubts == made.doubts and not read.trusted
+
+
+def test_the_report_holds_every_draw(tmp_path):
+    outcomes = [
+        outcome(seed, subject=name, sbr=sbr, doubts=["far"] * (seed == 1))
+        for name in ("chair", "plate", "shelf")
+        for sbr in (0.5, 10.0)
+        for seed in range(3)
+    ]
+    section = report.write_report(tmp_path, outcomes, "what it is", {"seed": "0"})
+    with (tmp_path / "wrong_scenes.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    held = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))
+    assert len(rows) == len(held["draws"]) == len(held["numbers"]) == 18
+    assert rows[0]["within_1"] == str(int((np.abs(outcomes[0].z) < 1).sum()))
+    assert [cell["draws"] for cell in held["summary"]] == [3] * 6
+    assert [cell["trusted"] for cell in held["summary"]] == [2] * 6
+    assert "far" in (tmp_path / "index.html").read_text("utf-8")
+    assert [len(table.rows) for table in section.tables] == [6, 18]
+    lost = np.median([o.registered["true"] - o.registered["calibrated"] for o in outcomes])
+    assert section.claims[0].measured == f"{lost:.2f} dB"
+    assert len(section.claims) == 6
+    for picture in section.pictures:
+        assert picture.file.stat().st_size > 10_000
+
+
+def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, capsys):
+    trial = Trial(plate)
+    assert study.run([trial], [10.0], 1, tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "plate, SBR 10, draw 0: ruler" in said
+    made = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))["draws"][0]
+    assert made["registered_true"] > made["registered_ruler"]
+    assert made["registered_calibrated"] > made["registered_ruler"]
+    assert 0.4 < made["patches_within_1"] <= 1 and made["errors_count_the_scene"]
+    told = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))["numbers"][0]["told"]
+    assert set(told) == set(MEASURED)
+    assert told["occluder_dx"]["true_values"] == 0
+    assert told["occluder_dx"]["start"] == trial.subject.measured(0)["occluder_dx"]
+
+    def broken(*_, **__):
+        raise ps.PeriscopyError("no")
+
+    monkeypatch.setattr(ps, "calibrate", broken)
+    assert study.run([trial], [10.0], 1, tmp_path) == 0
+    assert capsys.readouterr().out == said  # also its times: it was read
+    assert study.run([trial], [10.0], 2, tmp_path) == 1  # the second draw fails, the first stays
+    assert "draw 1: failed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--scenes", "chair,sofa"], "name each of chair, plate, shelf at most once"),
+        (["--scenes", "chair,chair"], "at most once"),
+        (["--sbr", "0.5,-1"], "give positive numbers"),
+        (["--sbr", "half"], "give positive numbers"),
+    ],
+)
+def test_what_is_not_to_be_had_is_refused_in_one_line(options, said, tmp_path):
+    app = typer.Typer()
+    app.command()(study.main)
+    result = CliRunner().invoke(app, ["--out", str(tmp_path / "out"), *options])
+    assert result.exit_code == 2 and said in result.output
+    assert result.output.count("\n") == 1
+    assert not list(tmp_path.iterdir())
