@@ -9,12 +9,12 @@ the image's count, and with the true one. A monitor's shift in its plane no phot
 error stays the ruler's, and the picture may come out shifted by a patch. "Registered" is after the
 shift that fits the truth best, as it uses the truth.
 
-`python -m experiments.studies.wrong_scenes --out DIR [--scenes chair,plate,shelf] [--sbr 0.5,10]
-[--draws 8]`
-
 Each draw is kept in DIR/draws as soon as it is done. A run that was stopped goes on by the same
 command, and one of more draws takes up those of fewer, as long as code and scenes are the same.
 Runs of different scenes may fill one DIR at once; a last one of all writes the page of all.
+
+`python -m experiments.studies.wrong_scenes --out DIR [--scenes chair,plate,shelf] [--sbr 0.5,10]
+[--draws 8]`
 """
 
 from __future__ import annotations

@@ -37,9 +37,9 @@ def draw_coverage(out: Path, outcomes: Sequence[Outcome]) -> Path:
             _draw_covered(row[0], own, lambda o: o.z, colours, "numbers of the scene", band=True)
             _draw_covered(row[1], own, lambda o: o.patch_z, colours, "patches", band=False)
             _draw_decibels(row[2], own, colours)
-            row[0].set_ylabel(f"SBR {sbr:g}\ntruths within, %")
+            row[0].set_ylabel(f"SBR {sbr:g}\ntruth within, %")
         for ax in grid[-1, :2]:
-            ax.set_xlabel("intervals told to hold, %")
+            ax.set_xlabel("told level of intervals, %")
         grid[-1, 2].set_xlabel("draws of all of a ruler's errors at once")
         for ax, title in zip(grid[0], (*WANTED, "hidden image"), strict=True):
             ax.set_title(title)
@@ -63,19 +63,21 @@ def _draw_covered(
     *,
     band: bool,
 ) -> None:
-    """Draw each scene's coverage against the told one; the wanted range as a bar at 68 %."""
+    """Draw the coverage of all draws and each scene's against the told one.
+
+    The wanted range is a bar at 68 %. Grey is where all draws' would lie if told errors were right,
+    or, without this band, all draws' standard error.
+    """
     ax.plot([0, 1], [0, 1], color="black", linewidth=0.6, linestyle=":")
-    if band:
-        ax.fill_between(LEVELS, *expected_band(outcomes), color="0.88", linewidth=0)
+    mean, error = of_draws(outcomes, z_of)
+    grey = expected_band(outcomes) if band else (mean - error, mean + error)
+    ax.fill_between(LEVELS, *grey, color="0.85", linewidth=0)
     ax.plot([ONE, ONE], WANTED[what], color="black", linewidth=3, alpha=0.35, solid_capstyle="butt")
     for scene, colour in colours.items():
         own = [outcome for outcome in outcomes if outcome.subject == scene]
         if own:
-            mean, error = of_draws(own, z_of)
-            ax.fill_between(
-                LEVELS, mean - error, mean + error, color=colour, alpha=0.15, linewidth=0
-            )
-            ax.plot(LEVELS, mean, color=colour, label=scene)
+            ax.plot(LEVELS, of_draws(own, z_of)[0], color=colour, linewidth=0.9, label=scene)
+    ax.plot(LEVELS, mean, color="black", label="all")
     ax.set(xlim=(0, 1), ylim=(0, 1), box_aspect=1)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_ticks(np.linspace(0, 1, 5), ["0", "25", "50", "75", "100"])

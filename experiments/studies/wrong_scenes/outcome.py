@@ -55,6 +55,8 @@ class Outcome:
         (R, C, 3) standard errors of the image with the calibrated scene.
     geometry
         Whether these count the scene's.
+    moved
+        Whether the calibration left the ruler's values.
     doubts
         Why the calibration is not to be trusted.
     discrepancy, overdispersion
@@ -79,6 +81,7 @@ class Outcome:
     light: float
     image_errors: Array
     geometry: bool
+    moved: bool
     doubts: list[str]
     discrepancy: float
     overdispersion: float
@@ -197,6 +200,7 @@ class Trial:
             light=light,
             image_errors=errors,
             geometry=geometry,
+            moved=found.moved,
             doubts=list(found.doubts),
             discrepancy=found.discrepancy,
             overdispersion=found.overdispersion,

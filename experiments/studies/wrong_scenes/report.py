@@ -38,9 +38,9 @@ def write_report(
             Picture(
                 draw_coverage(out, outcomes),
                 "Shares of numbers and patches whose truth lies within the intervals that are "
-                "told, against the share that is told. Bands about the curves: standard errors, "
-                "by how draws differ. Grey: where 95 % of such sets of draws would lie were all "
-                "told errors and their correlations right. Black bars at 68 %: what is wanted. "
+                "told, against the level that is told; bars at 68 %: what is wanted. Grey, of "
+                "numbers: where 95 % of such sets of draws would lie were all told errors and "
+                "their correlations right; of patches: the standard error, by how draws differ. "
                 "Right: each draw. Registration uses the truth.",
             ),
             Picture(
@@ -93,6 +93,7 @@ def numbers_of(outcome: Outcome) -> dict[str, Any]:
         "patches_within_1": _share(outcome.patch_z),
         "matched_patches_within_1": _share(outcome.matched_patch_z),
         "errors_count_the_scene": outcome.geometry,
+        "moved": outcome.moved,
         "trusted": outcome.trusted,
         "doubts": "; ".join(outcome.doubts),
         "discrepancy": round(outcome.discrepancy, 2),
