@@ -75,8 +75,9 @@ def ratios_of(text: str) -> list[float]:
         ratios = [float(number) for number in text.split(",")]
     except ValueError:
         ratios = []
-    if not ratios or not all(0 < ratio < float("inf") for ratio in ratios):
-        raise ps.PeriscopyError(f"--sbr {text}: give positive numbers, by comma")
+    positive = all(0 < ratio < float("inf") for ratio in ratios)
+    if not ratios or not positive or len(set(ratios)) < len(ratios):
+        raise ps.PeriscopyError(f"--sbr {text}: give different positive numbers, by comma")
     return ratios
 
 

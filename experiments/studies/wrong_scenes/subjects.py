@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 NAMES = "chair", "plate", "shelf"
 
 SAMPLES = 65536
-"""Paths a pixel of each of two renderings. Their mean has a grain of 0.03 % of the chair's signal,
-a third of the noise at 60 dB; it is a tenth of that noise or less at an SBR of 0.5."""
+"""Paths a pixel of each of two renderings. Their mean has a grain of 0.04 % of the chair's signal,
+over a third of the noise at 60 dB; at an SBR of 0.5 it is an eighth of that noise."""
 
 SEED = 15
 """Of the rendered light."""

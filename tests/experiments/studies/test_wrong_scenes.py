@@ -208,8 +208,9 @@ def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, c
     [
         (["--scenes", "chair,sofa"], "name each of chair, plate, shelf at most once"),
         (["--scenes", "chair,chair"], "at most once"),
-        (["--sbr", "0.5,-1"], "give positive numbers"),
-        (["--sbr", "half"], "give positive numbers"),
+        (["--sbr", "0.5,-1"], "give different positive numbers"),
+        (["--sbr", "half"], "give different positive numbers"),
+        (["--sbr", "10,10.0"], "give different positive numbers"),
     ],
 )
 def test_what_is_not_to_be_had_is_refused_in_one_line(options, said, tmp_path):
