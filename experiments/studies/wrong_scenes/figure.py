@@ -13,30 +13,32 @@ import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
 from experiments.studies.wrong_scenes.coverage import LEVELS, ONE, expected_band, of_draws
 from experiments.studies.wrong_scenes.outcome import SCENES, Outcome
+from experiments.studies.wrong_scenes.subjects import NAMES
 
 Array = NDArray[np.float64]
 
-COLOURS = (COLORS["preconditioned"], COLORS["differencing"], COLORS["noise-aware"])
+COLOURS = dict(
+    zip(NAMES, (COLORS[c] for c in ("preconditioned", "differencing", "noise-aware")), strict=True)
+)
+"""Of each scene."""
+
 WANTED = {"numbers of the scene": (0.55, 0.80), "patches": (0.60, 0.85)}
 """What 68 % intervals are to cover."""
 
 WIDER = 1.5
 """Times that the panel of dB is wider than those of coverage."""
 
-NAMES = {"ruler": "the ruler's scene", "calibrated": "calibrated", "true": "the true scene"}
-
 
 def draw_coverage(out: Path, outcomes: Sequence[Outcome]) -> Path:
     """Draw `wrong_scenes`: a row for each SBR, numbers' and patches' coverage, and dB by draw."""
     sbrs = sorted({outcome.sbr for outcome in outcomes})
-    colours = _colours(outcomes)
     with drawn(out, "wrong_scenes", PAGE, 0.6 + 1.95 * len(sbrs)) as figure:
         grid = figure.subplots(len(sbrs), 3, squeeze=False, width_ratios=[1, 1, WIDER])
         for row, sbr in zip(grid, sbrs, strict=True):
             own = [outcome for outcome in outcomes if outcome.sbr == sbr]
-            _draw_covered(row[0], own, lambda o: o.z, colours, "numbers of the scene", band=True)
-            _draw_covered(row[1], own, lambda o: o.patch_z, colours, "patches", band=False)
-            _draw_decibels(row[2], own, colours)
+            _draw_covered(row[0], own, lambda o: o.z, "numbers of the scene", band=True)
+            _draw_covered(row[1], own, lambda o: o.patch_z, "patches", band=False)
+            _draw_decibels(row[2], own)
             row[0].set_ylabel(f"SBR {sbr:g}\ntruth within, %")
         for ax in grid[-1, :2]:
             ax.set_xlabel("told level of intervals, %")
@@ -48,17 +50,15 @@ def draw_coverage(out: Path, outcomes: Sequence[Outcome]) -> Path:
     return out / "wrong_scenes.png"
 
 
-def _colours(outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """Return a colour for each scene."""
-    scenes = list(dict.fromkeys(outcome.subject for outcome in outcomes))
-    return {scene: COLOURS[k % len(COLOURS)] for k, scene in enumerate(scenes)}
+def _scenes(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return the scenes that there are draws of."""
+    return [name for name in COLOURS if any(outcome.subject == name for outcome in outcomes)]
 
 
 def _draw_covered(
     ax: Any,
     outcomes: Sequence[Outcome],
     z_of: Callable[[Outcome], Array],
-    colours: dict[str, str],
     what: str,
     *,
     band: bool,
@@ -73,20 +73,22 @@ def _draw_covered(
     grey = expected_band(outcomes) if band else (mean - error, mean + error)
     ax.fill_between(LEVELS, *grey, color="0.85", linewidth=0)
     ax.plot([ONE, ONE], WANTED[what], color="black", linewidth=3, alpha=0.35, solid_capstyle="butt")
-    for scene, colour in colours.items():
+    scenes = _scenes(outcomes)
+    for scene in scenes:
         own = [outcome for outcome in outcomes if outcome.subject == scene]
-        if own:
-            ax.plot(LEVELS, of_draws(own, z_of)[0], color=colour, linewidth=0.9, label=scene)
-    ax.plot(LEVELS, mean, color="black", label="all")
+        ax.plot(LEVELS, of_draws(own, z_of)[0], color=COLOURS[scene], linewidth=0.9, label=scene)
+    if len(scenes) > 1:
+        ax.plot(LEVELS, mean, color="black", label="all")
     ax.set(xlim=(0, 1), ylim=(0, 1), box_aspect=1)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_ticks(np.linspace(0, 1, 5), ["0", "25", "50", "75", "100"])
 
 
-def _draw_decibels(ax: Any, outcomes: Sequence[Outcome], colours: dict[str, str]) -> None:
+def _draw_decibels(ax: Any, outcomes: Sequence[Outcome]) -> None:
     """Draw each draw's registered dB, from the ruler's scene to the calibrated, and the true."""
     at, ticks = 0.0, []
-    for scene, colour in colours.items():
+    for scene in _scenes(outcomes):
+        colour = COLOURS[scene]
         own = [outcome for outcome in outcomes if outcome.subject == scene]
         places = at + np.arange(len(own))
         for place, outcome in zip(places, own, strict=True):
@@ -94,10 +96,10 @@ def _draw_decibels(ax: Any, outcomes: Sequence[Outcome], colours: dict[str, str]
             first = place == 0
             ax.plot([place, place], [ruler, calibrated], color=colour, linewidth=0.8, alpha=0.5)
             ax.plot(place, ruler, "o", ms=3, mfc="white", mec="0.5", mew=0.8,
-                    label=NAMES["ruler"] if first else None)  # fmt: skip
+                    label="the ruler's scene" if first else None)  # fmt: skip
             ax.plot(place, calibrated, "o" if outcome.trusted else "X", ms=4.5, color=colour, mew=0)
             ax.plot(place, true, "_", ms=6, mew=1.2, color="black",
-                    label=NAMES["true"] if first else None)  # fmt: skip
+                    label="the true scene" if first else None)  # fmt: skip
         ticks.append((float(places.mean()), scene))
         at += len(own) + 1.0
     ax.plot([], [], "o", ms=4.5, color="0.35", mew=0, label="calibrated")
@@ -111,7 +113,7 @@ def _draw_decibels(ax: Any, outcomes: Sequence[Outcome], colours: dict[str, str]
 def draw_images(out: Path, outcomes: Sequence[Outcome]) -> Path:
     """Draw `wrong_scenes_images`: of each scene and SBR, the draw of the median loss of dB."""
     sbrs = sorted({outcome.sbr for outcome in outcomes})
-    scenes = list(_colours(outcomes))
+    scenes = _scenes(outcomes)
     with drawn(out, "wrong_scenes_images", PAGE, 0.3 + 1.05 * len(scenes)) as figure:
         columns = 1 + len(SCENES) * len(sbrs)
         grid = figure.subplots(len(scenes), columns, squeeze=False)
