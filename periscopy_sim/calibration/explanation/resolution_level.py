@@ -176,6 +176,11 @@ class ResolutionLevel:
         other._gain = found.gain or self._gain
         return other
 
+    @property
+    def light(self) -> Array:
+        """(used pixels, 3) the photograph as an even wall would have shown it."""
+        return self._y
+
     def scenario(self, values: Values, finer: int = 1) -> Scenario:
         """Load the scene at some values; a SceneError says that they are not physical.
 

@@ -5,17 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.silhouette.opacity_fit import (
-    OUTLINE,
-    MaskFit,
-    MaskLevel,
-    cost_of_place,
-    linearized,
-)
+from periscopy_sim.calibration.silhouette.mask_level import MaskFit, MaskLevel, usual_opacity
+from periscopy_sim.calibration.silhouette.mask_prior import OUTLINE, cost_of_place
 from periscopy_sim.scenario import Array
 
 THRESHOLDS = (0.3, 0.4, 0.5, 0.6, 0.7)
-"""Of opacities, over the largest, that are tried."""
+"""Of opacities, over what is usual of opaque cells, that are tried."""
 
 ROUNDS = 12
 """Of flips, each after what the one before found, at most."""
@@ -26,7 +21,8 @@ def binarized(level: MaskLevel, opacities: Array) -> MaskFit:
 
     Its objective is no more than that of any of the thresholds'.
     """
-    masks = [(opacities > part * opacities.max()).astype(float) for part in THRESHOLDS]
+    usual = usual_opacity(opacities)
+    masks = [(opacities > part * usual).astype(float) for part in THRESHOLDS]
     best = min((level.explain(mask) for mask in masks), key=lambda fit: fit.objective)
     most = opacities.size
     for _ in range(ROUNDS):
@@ -54,7 +50,7 @@ def _flips(level: MaskLevel, here: MaskFit) -> list[int]:
     The greatest gain is taken first, each beside those already taken.
     """
     shape = here.opacities.shape
-    g, H = linearized(level, here)
+    g, H = level.linearized(here)
     m = here.opacities.ravel() > 0.5
     sign = np.where(m, -1.0, 1.0)
     slope, off = g.copy(), cost_of_place(shape).ravel()

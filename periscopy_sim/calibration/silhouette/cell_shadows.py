@@ -93,7 +93,7 @@ class CellShadows:
         )
         return np.asarray((by_cell @ images).reshape(self.cells, M, -1))
 
-    def along(self, gradient: Array) -> Array:
+    def along(self, gradient: NDArray[np.floating[Any]]) -> Array:
         """Return ⟨gradient, A_k⟩ of each cell, (K,), for a gradient (M, N)."""
         weights = self.light * gradient.ravel()[self.entry]
         return np.asarray(np.bincount(self.cell, weights, self.cells), np.float64)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from periscopy_sim.calibration.silhouette.mask_level import NOTHING, MaskFit, MaskLevel
 from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
-from periscopy_sim.calibration.silhouette.opacity_fit import NOTHING, MaskFit, MaskLevel
 from periscopy_sim.scenario import Array, Scenario
 
-FARTHEST = 2
-"""Patches by which a mask is shifted either way, at most."""
+FARTHEST = 3
+"""Steps by which a mask is shifted either way, at most."""
 
 KEPT = 0.9
 """Part of a mask that must stay within its rectangle where it is shifted."""
@@ -37,16 +37,6 @@ def swapped(level: MaskLevel, plane: MaskPlane, fit: MaskFit) -> Array:
     return np.asarray(grey / max(grey.max(), 1e-300)).reshape(level.cells)
 
 
-def centred(opacities: Array) -> Array:
-    """Return a mask, (rows, columns), moved to the middle of its rectangle."""
-    moved, opaque = opacities, opacities > 0.5 * opacities.max()
-    for axis, count in enumerate(opacities.shape):
-        filled = np.flatnonzero(opaque.any(axis=1 - axis))
-        if len(filled):
-            moved = np.roll(moved, (count - 1 - int(filled[0] + filled[-1])) // 2, axis)
-    return moved
-
-
 def resized(opacities: Array, cells: tuple[int, int]) -> Array:
     """Return opacities on a grid of other cells, (rows, columns): those of the nearest ones."""
     rows, columns = (
@@ -56,28 +46,29 @@ def resized(opacities: Array, cells: tuple[int, int]) -> Array:
     return np.asarray(opacities[np.ix_(rows, columns)])
 
 
-def shifted_by_patches(opacities: Array, steps: Array) -> list[Array]:
-    """Return a mask, (rows, columns), where it explains the photograph alike, its own place first.
+def shifted(opacities: Array, steps: Array) -> list[Array]:
+    """Return a mask, (rows, columns), at places to which it can be shifted, its own first.
 
-    Shifted by `steps`, (2, 2) cells down and across, of which each goes with a shift of the image
-    by a patch: in between an image on a grid cannot follow. None loses more than it has at the
-    border.
+    They are `FARTHEST` of the `steps` away at most, (2, 2) cells down and across. None loses more
+    than it has at the border.
     """
     from scipy.ndimage import shift
 
     whole = opacities.sum()
-    patches = np.arange(-FARTHEST, FARTHEST + 1)
-    counts = sorted(
-        ((a, b) for a in patches for b in patches), key=lambda ab: ab[0] ** 2 + ab[1] ** 2
-    )
-    moved = [shift(opacities, count @ steps, order=1) for count in counts]
-    return [each for each in moved if each.sum() >= KEPT * whole]
+    counts = np.arange(-FARTHEST, FARTHEST + 1)
+    others = [
+        shift(opacities, np.array([a, b]) @ steps, order=1)
+        for a in counts for b in counts if (a, b) != (0, 0)
+    ]  # fmt: skip
+    return [opacities, *(each for each in others if each.sum() >= KEPT * whole)]
 
 
 def patch_steps(plane: MaskPlane, scenario: Scenario, cells: tuple[int, int]) -> Array:
     """Return how far a mask moves, (2, 2) in cells down and across, as the image does by a patch.
 
-    The first is that of a patch up, the second that of one across.
+    The first is that of a patch up, the second that of one across. By so much a mask and its image
+    may be shifted against each other, and the photograph changes least: in between, an image on a
+    grid cannot follow.
     """
     part = plane.part(scenario)
     edges = np.stack([scenario.patch_up.mean(axis=0), scenario.patch_across.mean(axis=0)])

@@ -3,8 +3,9 @@
 The visibility between a point of the wall and a patch of the monitor is linear in the opacities of
 a flat mask's cells, so that the photograph is bilinear in mask and image: a blind deconvolution,
 whose kernel is the mask. As Levin et al. (IEEE TPAMI 33, 2011) advise for that, the image is
-integrated out while the mask is sought (`opacity_fit`), coarse to fine and from several starts, and
-each cell is opaque or open in the end (`binary_search`).
+integrated out while the mask is sought (`opacity_descent`), from many starts and coarse to fine;
+each cell is opaque or open in the end (`binary_search`). That no patch shines negatively does most
+to tell the right mask from others (`mask_evidence`).
 
 What stays open: mask and image may be shifted against each other, as far as the image's border is
 dark (hence the mask is preferred in the middle of its rectangle); and they may change places, each
@@ -36,20 +37,27 @@ from periscopy_sim.calibration.silhouette.cell_size import (
     fitted_cells,
     require_coarse,
 )
-from periscopy_sim.calibration.silhouette.mask_moves import (
-    centred,
-    patch_steps,
-    resized,
-    shifted_by_patches,
-    swapped,
-)
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane, mask_plane
-from periscopy_sim.calibration.silhouette.opacity_fit import (
+from periscopy_sim.calibration.silhouette.mask_level import (
     NOTHING,
     MaskFit,
     MaskLevel,
+    opaque,
+    usual_opacity,
+)
+from periscopy_sim.calibration.silhouette.mask_moves import (
+    patch_steps,
+    resized,
+    shifted,
+    swapped,
+)
+from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane, mask_plane
+from periscopy_sim.calibration.silhouette.mask_prior import improbability
+from periscopy_sim.calibration.silhouette.opacity_descent import (
+    FROM_AFAR,
+    NEARBY,
+    Descended,
     descend,
-    linearized,
+    smooth_mask,
 )
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
 from periscopy_sim.calibration.silhouette.result import Silhouette, overlap
@@ -61,15 +69,24 @@ from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
-COARSE = Resolution(32, 12, 1, Rays(4, 9), Rays(4, 9))
-MIDDLE = Resolution(48, 22, 1, Rays(4, 9), Rays(4, 9))
-FINE = Resolution(63, 36, 2, Rays(9, 4), Rays(4, 4))
+PATCHES = 22
+"""Along the longer side of the hidden image that is looked for beside the mask."""
 
-STARTS = 6
-"""Masks that the search begins with: half opaque everywhere, and random ones."""
+COARSE = Resolution(32, PATCHES, 1, Rays(16, 4), Rays(4, 4))
+FINE = Resolution(63, PATCHES, 2, Rays(16, 4), Rays(4, 4))
+
+HALVED = 8
+"""Cells along a side from which on the search begins with cells of twice the size."""
+
+STARTS = 12
+"""Random masks that the search begins with."""
 
 FINALISTS = 3
-"""Of them, looked at finely."""
+"""Of where they lead, looked at finely."""
+
+HOPELESS = 100.0
+"""Objective, over the overdispersion, by which a finalist exceeds the best one that is given up
+before its cells are made opaque and open."""
 
 SAME = 0.8
 """Overlap from which two masks are one answer."""
@@ -176,85 +193,94 @@ def recover_silhouette(
             )  # fmt: skip
             return MaskLevel.of(here, plane, (rows, columns))
 
-        coarse, middle = level(COARSE, 4), level(MIDDLE, 2)
-        masks = candidates(coarse, middle, plane, seed, lambda part: report(0.3 * part))
+        halves = 1 + (max(cells) > HALVED)
+        coarse = level(COARSE, halves)
+        masks = candidates(coarse, plane, seed, lambda part: report(0.5 * part))
         fine = level(replace(FINE, photograph=finest_photograph(first, plane, cells)), 1)
-        fits = []
-        for k, found in enumerate(masks):
-            start = resized(found.opacities, cells)
-            fits.append(descend(fine, start, *ROUGH))
-            report(0.3 + 0.5 * (k + 1) / len(masks))
-        answers = _answers(fine, fits, plane, shape)
+        found = []
+        for k, each in enumerate(masks):
+            start = resized(each.opacities, cells) / usual_opacity(each.opacities)
+            found.append(descend(fine.evidence, np.minimum(start, 1.0), NEARBY))
+            report(0.5 + 0.3 * (k + 1) / len(masks))
+        answers = _answers(fine, found, plane, shape)
         report(1.0)
     return replace(answers[0], others=tuple(answers[1:]))
 
 
-ROUGH = 12, 3.0
-"""Of a descent among several: how many steps at most, and what gain is negligible."""
-
-
 def candidates(
-    coarse: MaskLevel,
-    middle: MaskLevel,
+    level: MaskLevel,
     plane: MaskPlane,
     seed: int,
     report: Callable[[float], None] = lambda _: None,
-) -> list[MaskFit]:
-    """Return masks at a middle level, the best first, no two the same but for a shift.
+) -> list[Descended]:
+    """Return masks of the best objective, the best first, no two the same but for a shift.
 
-    They come from starts at a coarse level. With them stand the best one in the middle of its
-    rectangle, and the best one and its image with their places changed.
+    They come from random starts; with them stands the best one and its image with their places
+    changed.
     """
     random = np.random.default_rng(seed)
     found = []
     for k in range(STARTS):
-        start = random.uniform(size=coarse.cells) if k else np.full(coarse.cells, 0.5)
-        rough = descend(coarse, start, *ROUGH)
-        found.append(descend(middle, resized(rough.opacities, middle.cells), *ROUGH))
-        report((k + 1) / STARTS)
-    best = min(found, key=lambda fit: fit.objective)
-    for other in (centred(best.opacities), swapped(middle, plane, best)):
-        if other.any():
-            found.append(descend(middle, other, *ROUGH))
-    kept: list[MaskFit] = []
-    for fit in sorted(found, key=lambda fit: fit.objective):
-        if all(overlap(fit.opaque, each.opaque, 0) < SAME for each in kept):
-            kept.append(fit)
-    return kept[:FINALISTS]
+        found.append(descend(level.evidence, smooth_mask(level.cells, random), FROM_AFAR))
+        report((k + 1) / (STARTS + 1))
+    best = min(found, key=lambda each: each.objective)
+    other = swapped(level, plane, level.explain(best.opacities))
+    if other.any():
+        found.append(descend(level.evidence, other, NEARBY))
+    return different(found)[:FINALISTS]
+
+
+def different(found: list[Descended]) -> list[Descended]:
+    """Return masks, the best first, no two the same but for a shift."""
+    kept: list[Descended] = []
+    for each in sorted(found, key=lambda each: each.objective):
+        if all(overlap(each.opaque, other.opaque) < SAME for other in kept):
+            kept.append(each)
+    return kept
 
 
 def _answers(
-    level: MaskLevel, fits: list[MaskFit], plane: MaskPlane, name: str
+    level: MaskLevel, descended: list[Descended], plane: MaskPlane, name: str
 ) -> list[Silhouette]:
     """Return the best silhouette, and others that explain the photograph alike."""
-    level = level.learned(min(fits, key=lambda fit: fit.objective).explanation)
-    found = [_finished(level, fit, plane) for fit in fits]
+    descended = different(descended)
+    level = level.learned(level.explain(descended[0].opacities).explanation)
+    limit = descended[0].objective + HOPELESS * level.level.overdispersion
+    found = [_finished(level, each, plane) for each in descended if each.objective < limit]
     # Errors are as strong as the best mask leaves them, not as the first did.
     best = min(found, key=lambda fit: fit.explanation.evidence)
     level = level.learned(best.explanation)
     found = sorted((level.explain(fit.opacities) for fit in found), key=lambda fit: fit.objective)
-    limit = found[0].explanation.evidence + ALIKE
+    most = found[0].explanation.evidence + ALIKE
     alike = found[:1]
     for fit in found[1:]:
-        if fit.explanation.evidence < limit and all(
+        if fit.explanation.evidence < most and all(
             overlap(fit.opaque, each.opaque) < SAME for each in alike
         ):
             alike.append(fit)
     return [_silhouette(level, fit, plane, name) for fit in alike]
 
 
-def _finished(level: MaskLevel, fit: MaskFit, plane: MaskPlane) -> MaskFit:
+def _finished(level: MaskLevel, found: Descended, plane: MaskPlane) -> MaskFit:
     """Return the binary mask that a descent leads to.
 
     Opacities may imitate a mask that stands between cells, opaque and open ones cannot: so it is
-    looked for where the image is a patch or two on.
+    looked for where the image is a patch or two on, and at last by whole cells.
     """
-    found = descend(level, fit.opacities, *ROUGH)
+    evidence, nothing = level.evidence, np.ones((len(level.evidence.smoothness), 3))
+    α = evidence.best_ratio(found.opacities.ravel(), 0.0)
+
+    def cost(mask: Array) -> float:
+        cut = opaque(mask).astype(float)
+        return evidence.at(cut.ravel(), α, 0.0, nothing)[0] / 2 + improbability(cut)[0]
+
     steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
-    places = shifted_by_patches(found.opacities, steps)
-    tried = [(level.explain((m > 0.5 * m.max()).astype(float)).objective, m) for m in places]
-    best = sorted(tried, key=lambda each: each[0])[:PLACES]
-    return min((binarized(level, m) for _, m in best), key=lambda fit: fit.objective)
+    places = sorted(shifted(found.opacities, steps), key=cost)
+    best = min((binarized(level, m) for m in places[:PLACES]), key=lambda fit: fit.objective)
+    place = min(shifted(best.opacities, np.eye(2)), key=cost)
+    if place is best.opacities:
+        return best
+    return min((best, binarized(level, place)), key=lambda fit: fit.objective)
 
 
 def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> Silhouette:
@@ -267,7 +293,7 @@ def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> 
         )
     light = level.shadows.light_held_off
     seen = light > UNSEEN * light.max()
-    _, H = linearized(level, fit)
+    _, H = level.linearized(fit)
     known = np.linalg.eigvalsh(H[np.ix_(seen, seen)])
     told = float((known / (known + PRIOR_PRECISION)).sum())
     if told < TOLD * seen.sum():

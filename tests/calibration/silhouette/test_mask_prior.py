@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from periscopy_sim.calibration.silhouette.binary_search import _unlike
-from periscopy_sim.calibration.silhouette.opacity_fit import improbability
+from periscopy_sim.calibration.silhouette.mask_prior import improbability
 
 
 def test_the_gradient_of_the_prior_is_that_of_its_value():
@@ -28,15 +27,3 @@ def test_a_longer_outline_and_a_place_at_the_border_are_less_probable():
     aside[1:3, 1:3] = 1
     assert improbability(block)[0] < improbability(aside)[0]
     assert improbability(block)[0] < improbability(scattered)[0]
-
-
-def test_flips_are_known_by_how_much_they_lengthen_the_outline():
-    mask = np.random.default_rng(2).random((5, 6)) < 0.5
-
-    def length(m):
-        return sum(np.count_nonzero(np.diff(m.astype(int), axis=axis)) for axis in (0, 1))
-
-    for k, told in enumerate(_unlike(mask)):
-        flipped = mask.copy()
-        flipped.ravel()[k] ^= True
-        assert length(flipped) - length(mask) == told
