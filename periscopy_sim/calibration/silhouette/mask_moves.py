@@ -55,7 +55,7 @@ def shifted(opacities: Array, steps: Array) -> list[Array]:
     from scipy.ndimage import shift
 
     whole = opacities.sum()
-    counts = np.arange(-FARTHEST, FARTHEST + 1)
+    counts = range(-FARTHEST, FARTHEST + 1)
     others = [
         shift(opacities, np.array([a, b]) @ steps, order=1)
         for a in counts for b in counts if (a, b) != (0, 0)
