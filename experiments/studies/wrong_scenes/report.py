@@ -126,7 +126,7 @@ def summary_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
             for name in SCENES
         },
         "median_loss": round(median(map(loss, outcomes)), 2),
-        **{f"{name}_within_1": [round(n, 4) for n in share] for name, share in shares.items()},
+        **{f"{name}_within_1": share for name, share in shares.items()},
         "within_3": round(float(np.mean(np.abs(z) < 3)), 4),
         "determined": int(determined.sum()),
         "determined_within_1": int((np.abs(z[determined]) < 1).sum()),
@@ -142,10 +142,16 @@ def median(values: Any) -> float:
     return float(np.median(list(values)))
 
 
-def _one(outcomes: Sequence[Outcome], z_of: Callable[[Outcome], Array]) -> tuple[float, float]:
-    """Return the share within one told error and its standard error."""
+def _one(
+    outcomes: Sequence[Outcome], z_of: Callable[[Outcome], Array]
+) -> tuple[float, float | None]:
+    """Return the share within one told error and its standard error, None of a single draw."""
     mean, error = of_draws(outcomes, z_of, AT_ONE)
-    return float(mean[0]), float(np.nan_to_num(error[0]))
+    return round(float(mean[0]), 4), None if np.isnan(error[0]) else round(float(error[0]), 4)
+
+
+def _percent(share: float, error: float | None) -> str:
+    return f"{share:.0%}" + ("" if error is None else f" ± {error:.0%}")
 
 
 def _cells(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
@@ -185,11 +191,13 @@ def _claims(outcomes: Sequence[Outcome]) -> Iterator[Claim]:
             share, error = _one(own, z_of)
             low, high = WANTED[what]
             trusted = [outcome for outcome in own if outcome.trusted]
-            apart = f"; of the {len(trusted)} trusted {_one(trusted, z_of)[0]:.0%}" * bool(trusted)
+            apart = "; none is trusted"
+            if trusted:
+                apart = f"; of the {len(trusted)} trusted {_one(trusted, z_of)[0]:.0%}"
             yield Claim(
                 f"SBR {sbr:g}: {what} within 68 % intervals",
                 f"{low:.0%} to {high:.0%}",
-                f"{share:.0%} ± {error:.0%}",
+                _percent(share, error),
                 Verdict.of(low <= share <= high),
                 f"{len(own)} draws{apart}",
             )
@@ -208,10 +216,7 @@ def _summary(outcomes: Sequence[Outcome]) -> Table:
     for cell in _cells(outcomes):
         of = summary_of(cell)
         shares = [
-            f"{share:.0%} ± {error:.0%}"
-            for share, error in (
-                of[f"{name}_within_1"] for name in ("numbers", "patches", "matched_patches")
-            )
+            _percent(*of[f"{name}_within_1"]) for name in ("numbers", "patches", "matched_patches")
         ]
         rows.append(
             (

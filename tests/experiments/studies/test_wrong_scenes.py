@@ -179,6 +179,15 @@ def test_the_report_holds_every_draw(tmp_path):
         assert picture.file.stat().st_size > 10_000
 
 
+def test_a_single_draw_tells_no_spread(tmp_path):
+    section = report.write_report(tmp_path, [outcome(3, doubts=["far"])], "", {})
+    held = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))
+    share, error = held["summary"][0]["numbers_within_1"]
+    assert error is None and "±" not in section.claims[2].measured
+    assert section.claims[2].measured == f"{share:.0%}"
+    assert section.claims[2].reason == "1 draws; none is trusted"
+
+
 def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, capsys):
     trial = Trial(plate)
     assert study.run([trial], [10.0], 1, tmp_path) == 0
