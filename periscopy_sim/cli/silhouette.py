@@ -149,7 +149,11 @@ def _told(found: Silhouette) -> dict[str, Any]:
         "numbers_told": found.told,
         "unexplained_open": found.unexplained_open,
         "unexplained": found.unexplained,
+        "unexplained_partly_open": found.unexplained_partly,
+        "between_cells": found.between,
         "overdispersion": found.overdispersion,
+        "starts": found.starts,
+        "starts_agreeing": found.agreeing,
         "evidence": found.evidence,
     }
 

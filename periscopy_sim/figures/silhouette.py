@@ -53,5 +53,5 @@ def draw_silhouette(
         bar.set_label("% of the photograph's rms", fontsize=8)
         bar.ax.tick_params(labelsize=8)
     if found.doubts:
-        figure.suptitle("; ".join(found.doubts), color="#cb181d", fontsize=9)
+        figure.suptitle("\n".join(found.doubts), color="#cb181d", fontsize=9)
     figure.savefig(path, dpi=150, metadata=dict(metadata or {}))

@@ -181,6 +181,11 @@ class ResolutionLevel:
         """(used pixels, 3) the photograph as an even wall would have shown it."""
         return self._y
 
+    @property
+    def gain(self) -> Array:
+        """(used pixels,) the gain over the wall by which the matrix is multiplied."""
+        return self._gain.field
+
     def scenario(self, values: Values, finer: int = 1) -> Scenario:
         """Load the scene at some values; a SceneError says that they are not physical.
 

@@ -1,12 +1,12 @@
 """The evidence that the search for a mask descends: that of `explanation.evidence`, made quick.
 
-    E(m) = Σ_c F log(S_c + τ ‖y⊥_c‖²) + 3 log |A⊥ᵀA⊥ + α K| / |α K|
+    E(m) = (Σ_c F log(S_c + τ ‖y⊥_c‖²) + 3 log |A⊥ᵀA⊥ + α K| / |α K|) / κ
     S_c = min ‖y⊥_c − A⊥(m) f‖² + α fᵀK f  over f ≥ 0
 
 One α serves all three channels, and is held while opacities move. That nothing shines negatively is
 what tells most masks from the right one: without it a wrong one explains a photograph nearly as
 well. The allowance τ is a part of the photograph that need not be explained yet: the larger, the
-smoother is E, and the fewer its local minima (it is lowered in steps).
+smoother is E, and the fewer its local minima (it is lowered in steps). κ is the overdispersion.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.calibration.explanation.evidence import ROUGHNESS, nonnegative
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
 from periscopy_sim.scenario import Array
@@ -40,16 +41,17 @@ class MaskEvidence:
     background: Single  # (M, r) orthonormal basis of range(B)
     photograph: Array  # (M, 3) y⊥
     smoothness: Array  # (N, N) K
+    gain: Single  # (M,) over the wall, of A
+    overdispersion: float  # κ
 
     @classmethod
-    def of(
-        cls, shadows: CellShadows, background: Array, light: Array, hidden: tuple[int, int]
-    ) -> Self:
-        """Return that of a photograph's light, (M, 3), and hidden images of (R, C) patches."""
-        K = laplacian(hidden)
+    def of(cls, shadows: CellShadows, level: ResolutionLevel, background: Array) -> Self:
+        """Return that of a level's photograph and an orthonormal basis of range(B), (M, r)."""
+        K = laplacian(level.hidden_shape)
         K[np.diag_indices_from(K)] += ROUGHNESS - 1
-        rest = light - background @ (background.T @ light)
-        return cls(shadows, background.astype(np.float32), np.asarray(rest), K)
+        rest = level.light - background @ (background.T @ level.light)
+        single = background.astype(np.float32), level.gain.astype(np.float32)
+        return cls(shadows, single[0], np.asarray(rest), K, single[1], level.overdispersion)
 
     @property
     def freedom(self) -> int:
@@ -63,7 +65,8 @@ class MaskEvidence:
 
     def matrix(self, opacities: Array) -> Single:
         """Return A⊥(m), (M, N), for opacities (K,)."""
-        return self._projected(self.shadows.matrix(opacities).astype(np.float32))
+        A = self.shadows.matrix(opacities).astype(np.float32)
+        return self._projected(self.gain[:, None] * A)
 
     def best_ratio(self, opacities: Array, allowance: float) -> float:
         """Return the α of most evidence, images of any sign, for opacities (K,)."""
@@ -105,8 +108,9 @@ class MaskEvidence:
         inverse = (np.tril(lower) + np.tril(lower, -1).T).astype(np.float32)
         residuals = self.photograph - A @ images
         misfit = (self.freedom / left * residuals).astype(np.float32) @ images.T.astype(np.float32)
-        gradient = self._projected(2 * (3 * A @ inverse - misfit))
-        return total, -self.shadows.along(gradient), images
+        gradient = self.gain[:, None] * self._projected(2 * (3 * A @ inverse - misfit))
+        κ = self.overdispersion
+        return total / κ, -self.shadows.along(gradient) / κ, images
 
     def _log_volume(self, α: float) -> float:
         """Return log |α K|."""

@@ -56,9 +56,7 @@ class MaskLevel:
     @cached_property
     def evidence(self) -> MaskEvidence:
         """What the search for a mask descends."""
-        return MaskEvidence.of(
-            self.shadows, self.level.background(NOTHING), self.level.light, self.level.hidden_shape
-        )
+        return MaskEvidence.of(self.shadows, self.level, self.level.background(NOTHING))
 
     def explain(self, opacities: Array) -> MaskFit:
         """Explain the photograph by opacities, (rows, columns)."""

@@ -36,8 +36,9 @@ class MaskPlane:
     def of(cls, occluder: Occluder, scenario: Scenario) -> Self:
         """Return the rectangle about an occluder: in its own plane if it is flat.
 
-        Else in the plane parallel to the wall through its middle. A SceneError says why there can
-        be no mask.
+        Else in the plane parallel to the wall through its middle, about what it covers there of the
+        way from the middle of the monitor to that of the wall. A SceneError says why there can be
+        no mask.
         """
         wall = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
         points = _points(occluder, scenario)
@@ -53,6 +54,9 @@ class MaskPlane:
         inside = (points - points[0]) @ np.stack([across, down, normal]).T
         low, high = inside.min(axis=0), inside.max(axis=0)
         middle = (low[2] + high[2]) / 2
+        along = np.stack([across, down, normal]) @ ahead
+        inside = inside - (inside[:, 2:] - middle) * (along / along[2])
+        low, high = inside.min(axis=0), inside.max(axis=0)
         if not (high - low)[:2].all():
             raise _refusal(scenario, occluder, "has no area; make it a rectangle")
         corner = points[0] + low[0] * across + low[1] * down + middle * normal

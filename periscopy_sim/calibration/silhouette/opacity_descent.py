@@ -26,6 +26,7 @@ Stages = tuple[tuple[float, int], ...]
 
 FROM_AFAR: Stages = ((1e-1, 20), (1e-2, 20), (0.0, 30))
 NEARBY: Stages = ((1e-3, 20), (0.0, 30))
+ONWARD: Stages = ((0.0, 30),)
 
 SMOOTH = 1 / 6
 """Of the cells along a side: the deviation of the Gaussian that random masks are smoothed by."""

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.overdispersion import overdispersion
 from periscopy_sim.calibration.explanation.resolution_level import (
     Rays,
@@ -55,6 +56,7 @@ from periscopy_sim.calibration.silhouette.mask_prior import improbability
 from periscopy_sim.calibration.silhouette.opacity_descent import (
     FROM_AFAR,
     NEARBY,
+    ONWARD,
     Descended,
     descend,
     smooth_mask,
@@ -90,6 +92,9 @@ before its cells are made opaque and open."""
 
 SAME = 0.8
 """Overlap from which two masks are one answer."""
+
+AGREEING = 0.6
+"""Overlap of masks, one of them of cells twice as large, from which they are one."""
 
 ALIKE = 20.0
 """Evidence, over the overdispersion, by which one answer must exceed another to exclude it."""
@@ -195,29 +200,29 @@ def recover_silhouette(
 
         halves = 1 + (max(cells) > HALVED)
         coarse = level(COARSE, halves)
-        masks = candidates(coarse, plane, seed, lambda part: report(0.5 * part))
+        ends = ends_of_search(coarse, plane, seed, lambda part: report(0.5 * part))
+        masks = different(ends)[:FINALISTS]
         fine = level(replace(FINE, photograph=finest_photograph(first, plane, cells)), 1)
         found = []
         for k, each in enumerate(masks):
             start = resized(each.opacities, cells) / usual_opacity(each.opacities)
             found.append(descend(fine.evidence, np.minimum(start, 1.0), NEARBY))
             report(0.5 + 0.3 * (k + 1) / len(masks))
-        answers = _answers(fine, found, plane, shape)
+        answers = [
+            replace(answer, agreeing=agreeing(answer.opaque, ends), starts=len(ends))
+            for answer in _answers(fine, found, plane, shape)
+        ]
         report(1.0)
     return replace(answers[0], others=tuple(answers[1:]))
 
 
-def candidates(
+def ends_of_search(
     level: MaskLevel,
     plane: MaskPlane,
     seed: int,
     report: Callable[[float], None] = lambda _: None,
 ) -> list[Descended]:
-    """Return masks of the best objective, the best first, no two the same but for a shift.
-
-    They come from random starts; with them stands the best one and its image with their places
-    changed.
-    """
+    """Return where random starts lead, and the best of them and its image with places changed."""
     random = np.random.default_rng(seed)
     found = []
     for k in range(STARTS):
@@ -227,7 +232,14 @@ def candidates(
     other = swapped(level, plane, level.explain(best.opacities))
     if other.any():
         found.append(descend(level.evidence, other, NEARBY))
-    return different(found)[:FINALISTS]
+    return found
+
+
+def agreeing(opaque_cells: NDArray[np.bool_], ends: list[Descended]) -> int:
+    """Return how many of the search's ends are a mask, (rows, columns), as far as they are fine."""
+    rows, columns = opaque_cells.shape
+    fine = (resized(end.opaque.astype(float), (rows, columns)) > 0.5 for end in ends)
+    return sum(overlap(mask, opaque_cells) >= AGREEING for mask in fine)
 
 
 def different(found: list[Descended]) -> list[Descended]:
@@ -246,7 +258,12 @@ def _answers(
     descended = different(descended)
     level = level.learned(level.explain(descended[0].opacities).explanation)
     limit = descended[0].objective + HOPELESS * level.level.overdispersion
-    found = [_finished(level, each, plane) for each in descended if each.objective < limit]
+    onward = [
+        descend(level.evidence, each.opacities, ONWARD)
+        for each in descended
+        if each.objective < limit
+    ]
+    found = [_finished(level, each, plane) for each in onward]
     # Errors are as strong as the best mask leaves them, not as the first did.
     best = min(found, key=lambda fit: fit.explanation.evidence)
     level = level.learned(best.explanation)
@@ -258,7 +275,10 @@ def _answers(
             overlap(fit.opaque, each.opaque) < SAME for each in alike
         ):
             alike.append(fit)
-    return [_silhouette(level, fit, plane, name) for fit in alike]
+    partly = min(
+        (level.explain(each.opacities).explanation for each in onward), key=lambda e: e.evidence
+    )
+    return [_silhouette(level, fit, plane, name, partly) for fit in alike]
 
 
 def _finished(level: MaskLevel, found: Descended, plane: MaskPlane) -> MaskFit:
@@ -283,8 +303,10 @@ def _finished(level: MaskLevel, found: Descended, plane: MaskPlane) -> MaskFit:
     return min((best, binarized(level, place)), key=lambda fit: fit.objective)
 
 
-def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> Silhouette:
-    """Return what is told of a binary mask."""
+def _silhouette(
+    level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str, partly: Explanation
+) -> Silhouette:
+    """Return what is told of a binary mask, beside one whose cells may be partly open."""
     found, open_ = fit.explanation, level.explain(np.zeros(level.cells)).explanation
     if open_.evidence - found.evidence < SHOWN:
         raise PhotographError(
@@ -312,6 +334,8 @@ def _silhouette(level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str) -> 
         image=found.images.reshape(*level.level.hidden_shape, 3),
         unexplained=_rms(found.noise) / whole,
         unexplained_open=_rms(open_.noise) / whole,
+        unexplained_partly=_rms(partly.noise) / whole,
+        between=2 * found.freedom * float(np.log(found.noise / partly.noise).sum()) / told,
         residual=level.level.picture(found.residuals),
         overdispersion=overdispersion(found, level.level.used, level.level.seed),
         evidence=found.evidence,

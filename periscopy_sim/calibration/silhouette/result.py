@@ -17,6 +17,13 @@ FARTHEST = 4
 """Cells by which two masks are shifted against each other, at most, to be compared."""
 
 
+BETWEEN = 4.0
+"""See `Silhouette.between`; from here on cells do not have the mask's outline."""
+
+TWICE = 2
+"""Starts that must end at a mask: one may be luck."""
+
+
 @dataclass(frozen=True, eq=False)
 class Silhouette:
     """A flat mask that explains a photograph, found with the hidden image.
@@ -42,12 +49,21 @@ class Silhouette:
         What mask and image leave of the photograph, over its root mean square.
     unexplained_open
         The same without a mask: how much its shadow tells.
+    unexplained_partly
+        The same with the best mask whose cells may be partly open.
+    between
+        How much better that explains the photograph, in twice the logarithm of the likelihood, for
+        each number that is told: 1 of a mask whose outline is that of cells.
     residual
         (rows, columns, 3) what is left, over the photograph's root mean square.
     overdispersion
         How many times stronger that is than white noise, see `overdispersion`.
     evidence
         Twice the negative logarithm of the photograph's likelihood: less is better.
+    others
+        Answers that explain the photograph alike.
+    agreeing, starts
+        How many of the search's starts ended at this mask, roughly; of how many.
     """
 
     name: str
@@ -58,10 +74,14 @@ class Silhouette:
     image: Array = field(repr=False)
     unexplained: float
     unexplained_open: float
+    unexplained_partly: float
+    between: float
     residual: Array = field(repr=False)
     overdispersion: float
     evidence: float
     others: tuple[Silhouette, ...] = ()
+    agreeing: int = 0
+    starts: int = 0
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -72,6 +92,17 @@ class Silhouette:
                 f"what the mask leaves unexplained is {self.overdispersion:.0f} times stronger "
                 "than noise at some scale: the occluder is not flat, or finer than the cells, or "
                 "the scene is wrong elsewhere"
+            )
+        elif self.between > BETWEEN:
+            less = 100 * (1 - self.unexplained_partly / self.unexplained)
+            doubts.append(
+                f"cells that are partly open leave {less:.0f} % less unexplained: some are wrong, "
+                "or the occluder's outline lies between them"
+            )
+        if self.agreeing < TWICE:
+            doubts.append(
+                f"{self.agreeing} of the search's {self.starts} starts ended near it: there may be "
+                "a better one"
             )
         if self.others:
             doubts.append("another silhouette explains the photograph as well")

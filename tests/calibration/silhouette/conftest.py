@@ -103,7 +103,19 @@ def empty(scene):
 def silhouette(plane, opaque):
     nothing = np.zeros((1, 1, 3))
     return Silhouette(
-        "card", plane, opaque, np.ones_like(opaque), 0.0, nothing, 0.0, 0.0, nothing, 1.0, 0.0
+        "card",
+        plane,
+        opaque,
+        np.ones_like(opaque),
+        0.0,
+        nothing,
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+        nothing,
+        1.0,
+        0.0,
     )
 
 
