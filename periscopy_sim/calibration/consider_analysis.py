@@ -18,7 +18,12 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import start_values
-from periscopy_sim.calibration.search.fisher_information import SHORT, differentiate, information
+from periscopy_sim.calibration.search.fisher_information import (
+    SHORT,
+    differences,
+    differentiate,
+    information,
+)
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -82,11 +87,13 @@ def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainP
 def sensitivity(level: ResolutionLevel, end: Descent, uncertain: UncertainParameters) -> Array:
     """Return δθ of the module, (P, U), δ being a standard error of each uncertain parameter."""
     errors, part = uncertain.standard_errors, SHORT if level.by_area else 1.0
-    jacobian = differentiate(
+    if not len(errors):
+        return np.zeros((len(end.values), 0))
+    changes = differences(
         level.varying((*level.names, *uncertain.names)),
         np.concatenate([end.values, uncertain.values]),
-        end.explanation,
         np.hstack([np.zeros((len(errors), len(end.values))), np.diag(part * errors)]),
     )
+    jacobian = differentiate(end.explanation, changes)
     shared = information(end.curvature.jacobian, jacobian)
     return np.asarray(-np.linalg.solve(end.curvature.invertible(), shared) * errors)

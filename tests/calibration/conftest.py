@@ -5,7 +5,8 @@ from copy import copy
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.explanation.evidence import explain
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.image_fit import fit_image
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
@@ -73,8 +74,12 @@ class SlatLevel:
     def as_it_comes(self):
         return self.overdispersed(1.0)
 
-    def whitened(self, found):
-        del found
+    def whitened(self, found, left_of):
+        del found, left_of
+        return self
+
+    def levered(self, found, A):
+        del found, A
         return self
 
     def overdispersed(self, overdispersion):
@@ -92,8 +97,13 @@ class SlatLevel:
         return A + self.rendering * random.standard_normal(A.shape)
 
     def explain(self, values, seed=None):
+        return self.explained_by(self.matrix(values, seed), values)
+
+    def explained_by(self, A, values, fit=None):
+        del values
         light = np.tile(LIGHT, (self.rows, 1)) / np.sqrt(self.rows)
-        return explain(self.matrix(values, seed), light, self.y, HIDDEN, self.overdispersion)
+        fit = fit or fit_image(A, light, self.y, HIDDEN)
+        return Explanation.of(fit, self.overdispersion)
 
 
 @pytest.fixture

@@ -24,10 +24,12 @@ class Slat(SlatLevel, ResolutionLevel):
     """The slat as a calibration asks for it, with a ruler."""
 
     explain = ResolutionLevel.explain
+    explained_by = ResolutionLevel.explained_by
+    levered = ResolutionLevel.levered
     gained = ResolutionLevel.gained
     as_it_comes = ResolutionLevel.as_it_comes
     whitened = ResolutionLevel.whitened
-    hidden_shape, _off, _whitening = HIDDEN, (), None
+    hidden_shape, _off, _whitening, _leverage = HIDDEN, (), None, None
 
     def __init__(self, start, errors, seed=0):
         super().__init__(noise=0.002, seed=seed, rows=4)

@@ -8,6 +8,7 @@ spectrum makes them white (Whittle's likelihood: Ark. Mat. 2, 1953).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,18 +68,25 @@ class Whitening:
         return [fft.dct(np.eye(n), axis=0, norm="ortho").astype(kind) for n in self.used.shape]
 
 
-def discrepancy(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> Array:
+def discrepancy(
+    explanation: Explanation,
+    used: NDArray[np.bool_],
+    seed: int,
+    left_of: Callable[[Array], Array] | None = None,
+) -> Array:
     """Return the residual's power over that of white noise, (rows, columns) of cosines, 1 or so.
 
     `used` are the pixels, (rows, columns), of the explanation. Powers are means over octaves of
     spatial frequency in some directions, in each of the strongest mixture of the three channels:
     errors that they share count threefold. Both are compared after image and light have absorbed
     what they can: of white noise that is found out by drawing some, from the seed. Where they
-    absorb nearly all nothing can be said, and the strongest elsewhere is taken.
+    absorb nearly all nothing can be said, and the strongest elsewhere is taken. What a scene's
+    parameters would absorb as well is no discrepancy, but why they move: `left_of` returns what
+    they leave of errors, (M, 3), that `Explanation.left_of` left.
     """
     from scipy import fft
 
-    bands = _bands(used.shape)
+    bands, left_of = _bands(used.shape), left_of or (lambda errors: errors)
 
     def strengths(errors: Array) -> tuple[Array, Array]:
         laid = np.zeros((*used.shape, 3))
@@ -91,14 +99,15 @@ def discrepancy(explanation: Explanation, used: NDArray[np.bool_], seed: int) ->
     random = np.random.default_rng(seed)
     usual, left = np.zeros(len(bands)), np.zeros(len(bands))
     for _ in range(PROBES):
-        strongest, mean = strengths(explanation.left_of(random.standard_normal((used.sum(), 3))))
+        noise = random.standard_normal((used.sum(), 3))
+        strongest, mean = strengths(left_of(explanation.left_of(noise)))
         usual += strongest / PROBES
         left += mean / PROBES / used.mean()
-    noise = np.where(explanation.noise > 0, explanation.noise, np.inf)
+    deviations = np.where(explanation.noise > 0, explanation.noise, np.inf)
     telling = left > LEAST_LEFT
     spectrum = np.ones(used.shape)
     if telling.any():
-        found = strengths(explanation.residuals / noise)[0][telling] / usual[telling]
+        found = strengths(left_of(explanation.residuals / deviations))[0][telling] / usual[telling]
         found = np.maximum(found, FLOOR * np.median(found))
         spectrum[:] = found.max()
         for band, strength in zip(np.array(bands)[telling], found, strict=True):

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.explanation.discrepancy import Whitening, discrepancy
-from periscopy_sim.calibration.explanation.evidence import Explanation, explain
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.image_fit import ImageFit, fit_image
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
@@ -108,6 +109,7 @@ class ResolutionLevel:
         self._background: Array | None = None
         self._gain = SmoothGain.none(self.used)
         self._whitening: Whitening | None = None
+        self._leverage: Array | None = None
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
         """Return the same level with other parameters that vary."""
@@ -133,19 +135,27 @@ class ResolutionLevel:
         other.overdispersion = overdispersion
         return other
 
+    def levered(self, found: Explanation, A: NDArray[np.floating[Any]]) -> ResolutionLevel:
+        """Return the same level, to take for all matrices the leverage of one that explained."""
+        other = copy(self)
+        other._leverage = found.leverage(A)
+        return other
+
     def as_it_comes(self) -> ResolutionLevel:
         """Return the same level, all errors taken for white noise."""
         other = self.overdispersed(1.0)
-        other._whitening = None
+        other._whitening = other._leverage = None
         return other
 
-    def whitened(self, found: Explanation) -> ResolutionLevel:
+    def whitened(
+        self, found: Explanation, left_of: Callable[[Array], Array] | None = None
+    ) -> ResolutionLevel:
         """Return the same level, errors of the spectrum that an explanation leaves made white.
 
-        The explanation is that of a level `as_it_comes`.
+        The explanation is that of a level `as_it_comes`; `left_of` as in `discrepancy`.
         """
         other = copy(self)
-        other._whitening = Whitening(self.used, discrepancy(found, self.used, self.seed))
+        other._whitening = Whitening(self.used, discrepancy(found, self.used, self.seed, left_of))
         return other
 
     @property
@@ -165,7 +175,7 @@ class ResolutionLevel:
             self.used.size, self.hidden_shape, np.ones(3), self.used, self.photograph_shape,
             {name: off.T for name, off in self._off.items()},
         )  # fmt: skip
-        evenness = Unevenness(self._smooth, seen).evenness(self._seen.T, found.left_of_rows)
+        evenness = Unevenness(self._smooth, seen).evenness(self._seen.T, found.fit.left_of_rows)
         other = copy(self)
         other._y = self._seen * evenness.T
         return other
@@ -264,17 +274,21 @@ class ResolutionLevel:
         """
         return self.explained_by(self.matrix(values, seed), values)
 
-    def explained_by(self, A: NDArray[np.floating[Any]], values: Values) -> Explanation:
-        """Explain the photograph by a transport matrix, (used pixels, N), at some values."""
-        Q, y = self.background(values), self._y
-        if self._whitening is not None:
-            Q = np.linalg.qr(self._whitening(Q))[0]
-            y = np.asarray(self._whitening(y), np.float64)
-        found = explain(
-            self._gain.field[:, None] * A, Q, y,
-            self.hidden_shape, self.overdispersion, self._whitening,
-        )  # fmt: skip
-        found = found.with_gain(self._gain, A)
+    def explained_by(
+        self, A: NDArray[np.floating[Any]], values: Values, fit: ImageFit | None = None
+    ) -> Explanation:
+        """Explain the photograph by a transport matrix, (used pixels, N), at some values.
+
+        If that is known, `fit` is the image's by the same matrix, gain and filter.
+        """
+        if fit is None:
+            Q, y = self.background(values), self._y
+            if self._whitening is not None:
+                Q = np.linalg.qr(self._whitening(Q))[0]
+                y = np.asarray(self._whitening(y), np.float64)
+            bright = self._gain.field[:, None] * A
+            fit = fit_image(bright, Q, y, self.hidden_shape, self._whitening)
+        found = Explanation.of(fit, self.overdispersion).with_gain(self._gain, A, self._leverage)
         return replace(found, evidence=found.evidence + self.prior.penalty(values))
 
     def picture(self, residuals: Array) -> Array:

@@ -94,6 +94,13 @@ class Curvature:
         step = -np.linalg.solve(self.damped(damping), self.slope)
         return np.asarray(step * min(1.0, np.min(longest / np.maximum(np.abs(step), 1e-300))))
 
+    def left_of(self, errors: Array) -> Array:
+        """Return what the parameters leave of errors, (M, 3), that `Explanation.left_of` left."""
+        directions = self.jacobian.projected.mean(axis=0)
+        pull = np.einsum("pmc,mc->p", directions, errors, optimize=True)
+        by_parameters = np.linalg.solve(self.invertible(), pull)
+        return np.asarray(errors - np.einsum("p,pmc->mc", by_parameters, directions, optimize=True))
+
     @property
     def predicted_gain(self) -> float:
         """Gain in evidence that the slope predicts for a whole step, undamped."""
@@ -162,28 +169,37 @@ class Curvature:
         return covariance * np.outer(scale, scale)
 
 
-def differentiate(
-    level: ResolutionLevel, values: Values, explanation: Explanation, offsets: Array
-) -> Jacobian:
-    """Differentiate the photograph and the evidence by some parameters, about values of shape (P,).
+def differences(
+    level: ResolutionLevel, values: Values, offsets: Array, here: Matrix | None = None
+) -> NDArray[np.float32]:
+    """Return derivatives of A by each of some parameters, about values of shape (P,).
 
-    The explanation is the level's at those values. Each row of the offsets, (K, P), moves one
-    parameter to either side; where neither is physical, a SceneError is raised.
+    (S, K, M, N) by the sets of `Jacobian`. Each row of the offsets, (K, P), moves one parameter to
+    either side; where neither is physical, a SceneError is raised. A at the values is `here`, if it
+    is known.
     """
     sets = 1 if level.by_area else 2
-    shape = (sets, len(offsets), *explanation.residuals.shape)
-    slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)
-    here = level.matrix(values) if level.by_area else None
-    for k, offset in enumerate(offsets):
-        for s in range(sets):
-            if here is not None:
+    if level.by_area and here is None:
+        here = level.matrix(values)
+    changes = []
+    for s in range(sets):
+        for offset in offsets:
+            if level.by_area and here is not None:
                 change = _short_difference(level, values, offset, here)
             else:
                 change = _difference(level.differing(), values, offset, level.seed + s)
-            change = change / offset.sum()
-            slopes[s, k] = explanation.slope(change) / 2
-            moved[s, k] = explanation.jacobian(change)
-            projected[s, k] = explanation.projected_jacobian(change)
+            changes.append(np.asarray(change / offset.sum(), np.float32))
+    return np.array(changes).reshape(sets, len(offsets), *changes[0].shape)
+
+
+def differentiate(explanation: Explanation, changes: NDArray[np.float32]) -> Jacobian:
+    """Differentiate photograph and evidence by parameters that change A so, see `differences`."""
+    shape = (*changes.shape[:2], *explanation.residuals.shape)
+    slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)
+    for at in np.ndindex(*shape[:2]):
+        slopes[at] = explanation.slope(changes[at]) / 2
+        moved[at] = explanation.jacobian(changes[at])
+        projected[at] = explanation.projected(moved[at])
     return Jacobian(slopes, moved, projected)
 
 
@@ -221,13 +237,16 @@ def information(one: Jacobian, other: Jacobian) -> Array:
 
 
 def curvature(
-    level: ResolutionLevel, values: Values, explanation: Explanation, steps: Values
+    level: ResolutionLevel,
+    values: Values,
+    explanation: Explanation,
+    changes: NDArray[np.float32],
 ) -> Curvature:
     """Return what the photograph tells about all of a level's parameters near some values.
 
-    Parameters and errors are those of `differentiate`, but for `steps`, (P,) differences.
+    The explanation is the level's there, the changes of A are those of `differences`.
     """
-    jacobian = differentiate(level, values, explanation, np.diag(steps))
+    jacobian = differentiate(explanation, changes)
     return Curvature(
         jacobian=jacobian,
         slope=jacobian.slopes.mean(axis=0) + level.prior.slope(values),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from periscopy_sim.calibration.search.fisher_information import (
     Curvature,
     block_scores,
     curvature,
+    differences,
 )
 from periscopy_sim.errors import SceneError
 
@@ -22,8 +24,8 @@ DAMPING = 1e-3
 NEGLIGIBLE_GAIN = 0.5
 """In evidence, predicted or made, that is not worth a step: of at most 0.7 standard errors."""
 
-DOUBLINGS, SHORTENED = 3, 0.99
-"""Of a step, at most, and from which part of the longest on it is doubled."""
+LONGER_STEP, LONGEST_STEP = 1.5, 4.0
+"""Times a step, from which on it is worth an explanation to go so far, and at most."""
 
 TRIALS = 5
 """Steps tried, each shorter, before a point is called the best."""
@@ -75,8 +77,9 @@ def descend(
                 unphysical = error if trial == 0 else unphysical
             else:
                 if tried.evidence < here.evidence:
-                    if (np.abs(step) > SHORTENED * longest).any():
-                        step, tried = _extended(drawn, values, step, tried)
+                    if trial == 0:
+                        rate = 2 * float(about.slope @ step)
+                        step, tried = _extended(drawn, values, step, rate, here, tried)
                     gain = here.evidence - tried.evidence
                     values = values + step
                     visit(values, tried.evidence)
@@ -94,28 +97,40 @@ def _looked(
     level: ResolutionLevel, values: Values, steps: Values
 ) -> tuple[ResolutionLevel, Explanation, Curvature]:
     """Return a level for the discrepancy that some values leave, and what is seen there by it."""
-    level = level.as_it_comes()
-    level = level.gained(found := level.explain(values)).whitened(found)
-    white = level.explain(values)
-    about = curvature(level, values, white, steps)
+    level, A = level.as_it_comes(), level.matrix(values)
+    changes = differences(level, values, np.diag(steps), A)
+    found = level.explained_by(A, values)
+    rough = curvature(level, values, found, changes)
+    level = level.gained(found).whitened(found, rough.left_of)
+    white = level.explained_by(A, values)
+    about = curvature(level, values, white, changes)
     overdispersion = about.overdispersion(block_scores(level, white, about.jacobian))
-    level = level.overdispersed(overdispersion)
-    return level, level.explain(values), about.tempered(overdispersion)
+    level = level.overdispersed(overdispersion).levered(white, A)
+    return level, level.explained_by(A, values, white.fit), about.tempered(overdispersion)
 
 
 def _extended(
-    level: ResolutionLevel, values: Values, step: Values, reached: Explanation
+    level: ResolutionLevel,
+    values: Values,
+    step: Values,
+    rate: float,
+    here: Explanation,
+    there: Explanation,
 ) -> tuple[Values, Explanation]:
-    """Double a step while that gains: one rendering, where a new direction takes P or 4 P."""
-    for _ in range(DOUBLINGS):
-        try:
-            tried = level.explain(values + 2 * step)
-        except SceneError:
-            break
-        if tried.evidence >= reached.evidence:
-            break
-        step, reached = 2 * step, tried
-    return step, reached
+    """Return a step as long as the parabola through either end is deep, and what is seen there.
+
+    It leaves `here` at a rate, the derivative of the evidence. Along a valley that shadows' edges
+    make rough, the information near a point is more than that over the valley, and steps come out
+    short.
+    """
+    bend = there.evidence - here.evidence - rate
+    part = min(-rate / (2 * bend), LONGEST_STEP) if bend > 0 else LONGEST_STEP
+    if part > LONGER_STEP:
+        with suppress(SceneError):
+            farther = level.explain(values + part * step)
+            if farther.evidence < there.evidence:
+                return part * step, farther
+    return step, there
 
 
 def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Values, Explanation]:

@@ -32,8 +32,13 @@ wrong patch by more than 30."""
 CHORDS = 6
 """Steps to the bottom of a dip, at most; one that does not gain is halved."""
 
+MORE = 4.0
+"""Times what a chord promises that a dip may gain yet."""
+
 FARTHEST = 4
 """Patches walked, at most."""
+
+Dip = tuple[Values, Explanation]
 
 
 def walk(
@@ -75,30 +80,40 @@ def walk(
         looked()
         return found
 
+    sides = [(k, sign) for k in range(patches.shape[1]) if patches[:, k].any() for sign in (1, -1)]
+    dips: dict[tuple[int, int], Dip | None] = {}
     for walked in range(FARTHEST + 1):
-        beside = [
-            [_dip(explain, end, values, sign * patch) for sign in (1, -1)] if patch.any() else []
-            for patch in patches.T
-        ]
-        found = [dip for dips in beside for dip in dips if dip is not None]
-        best = min(found, key=lambda dip: between_patches(level, *dip), default=(values, seen))
-        gain = between_patches(level, values, seen) - between_patches(level, *best)
-        if gain < BETWEEN_PATCHES * NEGLIGIBLE or walked == FARTHEST:
+        limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
+        for k, sign in sides:
+            if (k, sign) not in dips:
+                dips[k, sign] = _dip(explain, end, values, sign * patches[:, k], limit)
+        found = {side: dip for side, dip in dips.items() if dip is not None}
+        if not found or walked == FARTHEST:
             break
-        values, seen = best
-    limit = seen.evidence + TELLING
-    alike = [any(dip and dip[1].evidence < limit for dip in dips) for dips in beside]
-    return values, seen, np.where(alike, patches, 0.0)
+        (k, sign), best = min(found.items(), key=lambda item: between_patches(level, *item[1]))
+        gain = between_patches(level, values, seen) - between_patches(level, *best)
+        if gain < BETWEEN_PATCHES * NEGLIGIBLE:
+            break
+        dips, values, seen = {(k, -sign): (values, seen)}, *best
+    telling = seen.evidence + TELLING
+    alike = {k for (k, _), dip in dips.items() if dip and dip[1].evidence < telling}
+    return values, seen, np.where(np.isin(np.arange(patches.shape[1]), list(alike)), patches, 0.0)
 
 
 def _dip(
-    explain: Callable[[Values], Explanation], end: Descent, values: Values, patch: Values
-) -> tuple[Values, Explanation] | None:
+    explain: Callable[[Values], Explanation],
+    end: Descent,
+    values: Values,
+    patch: Values,
+    limit: float,
+) -> Dip | None:
     """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
 
-    None if it is not physical, or if there is no dip of its own: the chords lead back.
+    None if it is not physical, if there is no dip of its own, for the chords lead back, or if its
+    evidence will hardly be below the limit.
     """
     about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
+    metric = about.invertible() @ patch
 
     def pull(seen: Explanation) -> Array:
         errors = seen.residuals / end.explanation.deviations
@@ -110,10 +125,16 @@ def _dip(
         slope = volume - pull(seen) + about.prior.slope(at)
         return np.asarray(-np.linalg.solve(about.damped(DAMPING), slope))
 
+    def is_own(at: Values) -> bool:
+        return bool((at - values) @ metric > 0.5 * (patch @ metric))
+
     try:
         bottom, seen, part = values + patch, explain(values + patch), 1.0
         along = step(bottom, seen)
         for _ in range(CHORDS):
+            gain = float(along @ about.damped(DAMPING) @ along)
+            if not is_own(bottom) or seen.evidence - MORE * gain > limit:
+                return None
             tried = explain(bottom + part * along)
             gain = seen.evidence - tried.evidence
             if gain > 0:
@@ -125,6 +146,4 @@ def _dip(
                 part /= 2
     except SceneError:
         return None
-    metric = about.invertible() @ patch
-    own = (bottom - values) @ metric > 0.5 * (patch @ metric)
-    return (bottom, seen) if own else None
+    return (bottom, seen) if is_own(bottom) else None

@@ -85,3 +85,17 @@ def test_it_makes_blurred_errors_white():
     spectrum = discrepancy(explained(errors), USED, 0)
     whitened = Whitening(USED, spectrum)(errors[USED]).reshape(*SHAPE, 3)
     assert spectrum_of(errors, 0) > 10 > 3 > spectrum_of(whitened, 0)
+
+
+def test_what_parameters_would_explain_is_no_discrepancy():
+    """A step that one of them makes, ten times the noise; of what it leaves white noise is left."""
+    step = np.where(np.arange(SHAPE[1]) > 17, 10.0, -10.0)[:, None] * np.ones((*SHAPE, 1))
+    found = explained(step * [1, 1, 1] + white(np.random.default_rng(0)))
+    direction = found.left_of((step * [1.0, 1, 1])[USED])
+    direction /= np.linalg.norm(direction)
+
+    def left_of(errors):
+        return errors - np.vdot(direction, errors) * direction
+
+    assert Whitening(USED, discrepancy(found, USED, 0)).discrepancy > 20
+    assert Whitening(USED, discrepancy(found, USED, 0, left_of)).discrepancy < 2

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize
 
-from periscopy_sim.calibration.explanation.evidence import ROUGHNESS, explain, nonnegative
+from periscopy_sim.calibration.explanation.evidence import Explanation, explain
+from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 
 SHAPE = (3, 4)
 PIXELS, LIGHTS = 60, 4
@@ -76,7 +78,7 @@ def test_information_weighs_moves_by_the_dense_inverse_covariance(problem):
         moves[0][:, c] @ inverse @ moves[1][:, c] / noise[c] ** 2
         for c, inverse in enumerate(inverses)
     )
-    assert np.vdot(found.projected_jacobian(change), found.jacobian(other)) == pytest.approx(
+    assert np.vdot(found.projected(found.jacobian(change)), found.jacobian(other)) == pytest.approx(
         expected, rel=1e-3
     )
 
@@ -90,9 +92,9 @@ def test_the_gradient_by_entries_and_information_of_light_are_those_of_changes(p
     moved = found.moved(light)
     np.testing.assert_allclose(moved[1], found.jacobian(other), rtol=1e-9)
     expected = [
-        [np.vdot(found.beyond_image(a), b) for b in moved] for a in moved
+        [np.vdot(found.fit.beyond_image(a), b) for b in moved] for a in moved
     ]  # fmt: skip
-    np.testing.assert_allclose(found.information(moved), expected, rtol=1e-8)
+    np.testing.assert_allclose(found.fit.information(moved), expected, rtol=1e-8)
 
 
 def test_ambient_light_of_any_strength_changes_nothing(problem):
@@ -154,7 +156,7 @@ def test_patches_that_are_dark_follow_nothing(problem):
     images, moved = found.images, found.jacobian(change)
     assert (images == 0).any()
     seen = A - Q @ (Q.T @ A)
-    unit, told = np.sum(seen**2) / 12, found.projected_jacobian(change)
+    unit, told = np.sum(seen**2) / 12, found.projected(found.jacobian(change))
     for c in range(3):
         lit = images[:, c] > 0
         # What is left of a move is the least that images of the patches that are lit leave of it:
@@ -196,29 +198,6 @@ def bounded(seen, rest, weight):
     return optimize.lsq_linear(*stacked, bounds=(0, np.inf), tol=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_nonnegative_quadratic_programs_meet_their_optimality_conditions(seed):
-    random = np.random.default_rng(seed)
-    root = random.standard_normal((40, 25)) * np.geomspace(1, 1e-3, 25)
-    H, h = root.T @ root + 1e-8 * np.eye(25), random.standard_normal(25)
-    f = nonnegative(H, h, random.standard_normal(25))
-    slope = H @ f - h
-    assert (f >= 0).all()
-    np.testing.assert_allclose(slope[f > 0], 0, atol=1e-6)
-    assert (slope[f == 0] >= -1e-9).all()
-
-
-@pytest.mark.parametrize("seed", [577, 759, 1946])
-def test_exchanges_that_would_go_round_in_circles_end(seed):
-    # With these, to exchange all patches on the wrong side at once never ends.
-    random = np.random.default_rng(seed)
-    root = random.standard_normal((5, 5))
-    H, h = root.T @ root + 1e-3 * np.eye(5), random.standard_normal(5)
-    f = nonnegative(H, h, random.standard_normal(5))
-    expected = optimize.nnls(np.linalg.cholesky(H).T, np.linalg.solve(np.linalg.cholesky(H), h))[0]
-    np.testing.assert_allclose(f, expected, atol=1e-9)
-
-
 def test_what_image_and_light_absorb_of_errors_is_undone_among_some_pixels(problem):
     A, Q, y, _ = problem
     found = explain(A, Q, y, SHAPE)
@@ -237,3 +216,24 @@ def test_errors_that_are_absorbed_entirely_stay_finite(problem):
     A, Q, y, _ = problem
     errors = explain(A, Q, y, SHAPE).unabsorbed(np.arange(PIXELS))
     assert np.isfinite(errors).all()
+
+
+def test_errors_of_another_spread_need_no_other_fit(problem):
+    A, Q, y, change = problem
+    gain = SmoothGain.none(np.ones((6, 10), bool))
+    white = explain(A, Q, y, SHAPE).with_gain(gain, A)
+    tempered = Explanation.of(white.fit, 5.0).with_gain(gain, A)
+    again = explain(A, Q, y, SHAPE, 5.0).with_gain(gain, A)
+    assert tempered.evidence == pytest.approx(again.evidence, rel=1e-12)
+    assert tempered.slope(change) == pytest.approx(again.slope(change), rel=1e-9)
+    assert tempered.gain.coefficients != pytest.approx(white.gain.coefficients, rel=1e-3)
+
+
+def test_a_leverage_that_is_known_is_not_found_again(problem, monkeypatch):
+    A, Q, y, _ = problem
+    gain = SmoothGain.none(np.ones((6, 10), bool))
+    found = explain(A, Q, y, SHAPE)
+    expected, leverage = found.with_gain(gain, A).evidence, found.leverage(A)
+    monkeypatch.setattr(Explanation, "leverage", None)
+    assert found.with_gain(gain, A, leverage).evidence == expected
+    assert found.with_gain(gain, A, 2 * leverage).evidence != pytest.approx(expected, abs=1e-3)

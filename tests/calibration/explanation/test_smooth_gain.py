@@ -118,8 +118,9 @@ def test_what_a_gain_can_follow_tells_of_no_parameter(problem, rounds):
     gain = SmoothGain.none(USED).terms[2][:, None] * A
     other = np.random.default_rng(0).standard_normal(A.shape)
     for change, part in ((gain, 0.01), (other, None)):
-        moved, told = found.jacobian(change), found.projected_jacobian(change)
-        left = np.vdot(moved, told) / np.vdot(moved, found.beyond_image(moved))
+        moved = found.jacobian(change)
+        told = found.projected(moved)
+        left = np.vdot(moved, told) / np.vdot(moved, found.fit.beyond_image(moved))
         assert -1e-3 < left < part if part else left > 0.7
 
 
@@ -128,8 +129,8 @@ def test_no_more_than_all_of_white_noise_is_followed(rounds):
     A, Q, y = draw(5, noise=0.2)
     found = explained(A, Q, y, rounds)
     noise = np.random.default_rng(1).standard_normal(y.shape)
-    white = found.without_background(noise)
-    image, both = found.beyond_image(white), found.left_of(noise)
+    white = found.fit.without_background(noise)
+    image, both = found.fit.beyond_image(white), found.left_of(noise)
     assert np.vdot(white, both) < np.vdot(white, image)
     assert np.linalg.norm(both) < np.linalg.norm(image)
 
@@ -162,7 +163,7 @@ def chair():
 def test_before_a_chair_no_gain_is_found_where_there_is_none(chair, has_volume, monkeypatch):
     """χ² of 5 numbers and 12 photographs; fails once in 1000 seeds. Without V it would be 128."""
     if not has_volume:
-        monkeypatch.setattr(Explanation, "_volume", property(lambda it: 0 * it._projected))
+        monkeypatch.setattr(Explanation, "leverage", lambda _, A: np.zeros(len(A)))
     (A, Q), distance, no_gain = chair, 0.0, SmoothGain.none(np.ones((32, 32), bool))
     for seed in range(12):
         random = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import pytest
 from periscopy_sim.calibration.calibrated_scene import with_defaults
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search import image_shift
-from periscopy_sim.calibration.search.fisher_information import curvature
+from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.image_shift import ImageShift, shifts_image
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -147,7 +147,7 @@ def test_a_chair_moves_as_a_pinhole_does_that_follows_the_image(chair_before_a_s
     level, scenario = chair_before_a_small_image
     start, steps = np.zeros(3), np.array([0.004, 0.004, 1.0])
     here = level.explain(start)
-    about = curvature(level, start, here, steps)
+    about = curvature(level, start, here, differences(level, start, np.diag(steps)))
     found = ImageShift.none(3).undone(here, about, level.hidden_shape)
     patch = [np.linalg.norm(each[0]) for each in (scenario.patch_up, scenario.patch_across)]
     monitor, wall = scenario.patch_centers[:, 1].mean(), scenario.wall_points[:, 1].mean()

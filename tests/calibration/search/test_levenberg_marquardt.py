@@ -1,14 +1,17 @@
 from copy import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.search.fisher_information import curvature
+from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.levenberg_marquardt import (
+    LONGEST_STEP,
     SEEDS,
     TRIALS,
     Descent,
+    _extended,
     descend,
     settle,
 )
@@ -25,7 +28,7 @@ def ignore(values, evidence):
 
 def ended(level, values):
     explanation = level.explain(values)
-    about = curvature(level, values, explanation, STEPS / 4)
+    about = curvature(level, values, explanation, differences(level, values, np.diag(STEPS / 4)))
     return Descent(values, explanation, about, None)
 
 
@@ -35,6 +38,29 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
     _, end = descend(level, np.array(start), STEPS / 10, LONGEST, 60, ignore)
     np.testing.assert_allclose(end.values, TRUTH, atol=3e-3)
     assert end.unphysical is None
+
+
+@pytest.mark.parametrize(("overrated", "part"), [(1.0, 1.0), (3.0, 3.0), (100.0, LONGEST_STEP)])
+def test_steps_that_are_too_short_are_extended_to_the_bottom(overrated, part):
+    """E = (x − 1)², whose curvature is told too large: Newton's step is as much too short."""
+    level = SimpleNamespace(explain=lambda at: SimpleNamespace(evidence=float((at[0] - 1) ** 2)))
+    step, start = np.array([1 / overrated]), np.zeros(1)
+    rate = -2 * float(step[0])
+    found, seen = _extended(level, start, step, rate, level.explain(start), level.explain(step))
+    assert found == pytest.approx(part * step)
+    assert seen.evidence == level.explain(found).evidence
+
+
+def test_a_step_past_which_nothing_is_physical_is_not_extended():
+    def explain(at):
+        if at[0] > 0.5:
+            raise SceneError("the slat is in the wall")
+        return SimpleNamespace(evidence=float((at[0] - 1) ** 2))
+
+    start, step = np.zeros(1), np.array([0.3])
+    ends = explain(start), explain(step)
+    found, seen = _extended(SimpleNamespace(explain=explain), start, step, -0.6, *ends)
+    assert found is step and seen is ends[1]
 
 
 def test_a_descent_that_ended_early_is_settled(slat_level):

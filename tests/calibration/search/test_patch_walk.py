@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.fisher_information import Curvature, Jacobian, curvature
+from periscopy_sim.calibration.search.fisher_information import (
+    Curvature,
+    Jacobian,
+    curvature,
+    differences,
+)
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import descend
 from periscopy_sim.calibration.search.patch_walk import TELLING, walk
@@ -106,6 +111,25 @@ def test_a_dip_beyond_the_border_of_the_physical_is_none():
     assert values.tolist() == [0.0] and not alike.any()
 
 
+def test_dips_that_are_no_match_are_looked_at_once():
+    """Beside the first, which is left at the first look, is one that is walked to, and its own."""
+    comb, looks = Comb({0: 0, -1: 5000, 1: -50, 2: 5000}), []
+    end = comb.end(0.0)
+    explain = comb.explain
+    comb.explain = lambda at: (looks.append(at[0]), explain(at))[1]
+    values, _, _ = walk(comb, end, end.values, end.explanation, np.array([[1.0, 0.0]]))
+    assert values == pytest.approx([1.0], abs=0.01)
+    assert sum(at < -0.5 for at in looks) == sum(at > 1.5 for at in looks) == 1
+    assert not any(-0.5 < at < 0.5 for at in looks)  # what was left is known
+
+
+def test_a_bowl_is_left_as_soon_as_chords_lead_back():
+    comb, looks = Comb({}, bowl=True), []
+    end = comb.end(0.0)
+    walk(comb, end, end.values, end.explanation, np.array([[0.1, 0.0]]), lambda: looks.append(1))
+    assert len(looks) <= 4
+
+
 def test_without_a_shift_that_can_be_undone_nothing_is_rendered():
     comb = Comb({0: 0})
     end = comb.end(0.0)
@@ -120,7 +144,7 @@ def test_a_chair_that_a_descent_left_a_patch_aside_is_walked_back(chair_before_a
     steps = np.array([0.004, 0.004, 1.0])
     shift, truth = ImageShift.none(3), np.zeros(3)
     here = level.explain(truth)
-    about = curvature(level, truth, here, steps)
+    about = curvature(level, truth, here, differences(level, truth, np.diag(steps)))
     start = shift.undone(here, about, level.hidden_shape)[:, 1]
     level, end = descend(level, start, steps, steps / 10, 1, lambda *_: None)
     assert abs(end.values[0]) > 0.005

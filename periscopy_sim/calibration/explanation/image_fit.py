@@ -1,0 +1,257 @@
+"""A photograph explained by a hidden image and ambient light, all else left being white noise.
+
+What the image follows of any change of the photograph is known then, too: near it image and light
+are linear. See `evidence`, of which these are the equations for one gain and white errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from scipy.optimize import minimize_scalar
+
+from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+
+Array = NDArray[np.float64]
+Filter = Callable[[NDArray[np.floating[Any]]], NDArray[np.floating[Any]]]
+
+ROUGHNESS = 0.01
+"""ε: all that the prior says of how bright an image is, as against how rough."""
+
+RATIOS = np.geomspace(1e-8, 1e2, 21)
+"""Values of α that are tried, over the mean energy of a patch, before the best is refined."""
+
+ROUNDING = 1e-7
+"""Of single precision, in which A is rendered."""
+
+LEAST = 1e-14
+"""Of the photograph's energy: below it is rounding, not misfit."""
+
+LEAST_LEFT = 0.01
+"""Part of an error that must be left in the residuals to be raised to the whole of it."""
+
+PATIENCE = 3
+"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFit:
+    """The most probable hidden image, and what image and light can follow.
+
+    Light and errors are as a symmetric filter, `whitening`, leaves them.
+    """
+
+    images: Array  # (N, 3) the most probable hidden image, f̂ ≥ 0
+    evidence: float  # Σ E_c
+    darkness: float  # the same of a black hidden image
+    noise: Array  # (3,) σ_c, of what is left unexplained
+    residuals: Array  # (M, 3) y⊥ − A⊥ f̂
+    freedom: int  # F
+    whitening: Filter | None
+    _projected: Array
+    _background: Array
+    _weights: Array
+    _W: Array
+    _hessians: tuple[Array, ...]
+
+    @property
+    def light(self) -> Array:
+        """(M, 3) A⊥ f̂, what is explained by the image."""
+        return np.asarray(self._projected @ self.images)
+
+    @cached_property
+    def volume(self) -> Array:
+        """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
+        inverse = (self._W * self._weights.sum(axis=1)) @ self._W.T
+        # The filter is symmetric.
+        return np.asarray(self.whitened(self._projected @ inverse), np.float32)
+
+    def whitened(self, errors: Array) -> Array:
+        """Return errors, (..., M, K), as white as they get."""
+        if self.whitening is None:
+            return errors
+        if errors.ndim > 2:
+            return np.array([self.whitened(each) for each in errors])
+        return np.asarray(self.whitening(errors))
+
+    def without_background(self, light: Array) -> Array:
+        """Return light, (..., M, 3), with range(B) projected out."""
+        return np.asarray(light - self._background @ (self._background.T @ light))
+
+    @cached_property
+    def _positive(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
+        """Where f̂ > 0 in each channel, and the Cholesky factor of H there."""
+        positive = [image > 0 for image in self.images.T]
+        return [
+            (on, linalg.cho_factor(H[np.ix_(on, on)], check_finite=False))
+            for on, H in zip(positive, self._hessians, strict=True)
+        ]
+
+    def information(self, moved: Array) -> Array:
+        """Return the Fisher information, (K, K), on how much of some moves, (K, M, 3), there is.
+
+        They are as `moved` returns them. What image and light could follow tells nothing.
+        """
+        total = np.zeros((len(moved), len(moved)))
+        for c, (positive, (factor, lower)) in enumerate(self._positive):
+            J = moved[:, :, c].T
+            followed = linalg.solve_triangular(
+                factor, self._projected[:, positive].T @ J, trans=0 if lower else 1, lower=lower,
+                check_finite=False,
+            )  # fmt: skip
+            total += J.T @ J - followed.T @ followed
+        return total
+
+    def beyond_image(self, moved: Array) -> Array:
+        """Return what hidden images leave of light, (M, 3), that range(B) is projected out of."""
+        response = np.zeros_like(self.images)
+        for c, (positive, factor) in enumerate(self._positive):
+            response[positive, c] = linalg.cho_solve(
+                factor, (self._projected.T @ moved[:, c])[positive], check_finite=False
+            )
+        return np.asarray(moved - self._projected @ response)
+
+    def left_of_rows(self, rows: Array) -> Array:
+        """Return what any image and light would leave of rows, (J, M), each taken as green."""
+        errors = self.without_background(rows.T)
+        response = linalg.solve(
+            self._hessians[1], self._projected.T @ errors, assume_a="pos", check_finite=False
+        )
+        return np.asarray((errors - self._projected @ response).T)
+
+    def shifted(self, hidden_shape: tuple[int, int], axis: int) -> Array:
+        """Return how the photograph moves, (M, 3), as the image does, a patch down (0) or right.
+
+        A⊥ (S f̂ − f̂); what enters is black.
+        """
+        image = self.images.reshape(*hidden_shape, 3)
+        moved = np.roll(image, 1, axis)
+        moved[(slice(None),) * axis + (0,)] = 0
+        return np.asarray(self._projected @ (moved - image).reshape(-1, 3))
+
+    def unabsorbed(self, pixels: NDArray[np.intp], errors: Array) -> Array:
+        """Return errors left at some pixels, (m, 3), raised by what was absorbed of them.
+
+        Of white errors image and light leave (I − L)^½, L = Q Qᵀ + A⊥ H⁻¹ A⊥ᵀ at these pixels, H as
+        in `Explanation.projected_jacobian`. This undoes it ("CR2": Bell and McCaffrey, Surv.
+        Methodol. 28, 2002).
+        """
+        raised, light = np.empty_like(errors), self._background[pixels]
+        for c, (positive, factor) in enumerate(self._positive):
+            image = self._projected[np.ix_(pixels, positive)]
+            leverage = light @ light.T + image @ linalg.cho_solve(
+                factor, image.T, check_finite=False
+            )
+            left, directions = np.linalg.eigh(np.eye(len(pixels)) - leverage)
+            whole = (directions.T @ errors[:, c]) / np.sqrt(np.maximum(left, LEAST_LEFT))
+            raised[:, c] = directions @ whole
+        return raised
+
+
+def fit_image(
+    A: NDArray[np.floating[Any]],
+    background: Array,
+    y: Array,
+    hidden_shape: tuple[int, int],
+    whitening: Filter | None = None,
+) -> ImageFit:
+    """Fit image and light to a photograph y, (M, 3) of any unit, by a matrix A, (M, N), N = R C.
+
+    The background is an orthonormal basis of range(B), (M, r). All are as a symmetric filter,
+    `whitening`, leaves them, A as it comes.
+    """
+    Q = background
+    if whitening is not None:
+        A = whitening(A)
+    projected = A - Q @ (Q.T @ A)
+    rest = y - Q @ (Q.T @ y)
+    K = laplacian(hidden_shape)
+    K[np.diag_indices_from(K)] += ROUGHNESS - 1
+    gram = projected.T @ projected
+    unit = np.trace(gram) / len(gram)
+    μ, W = linalg.eigh(gram / unit, K, check_finite=False)
+    μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
+    z = W.T @ (projected.T @ rest)
+    freedom = len(y) - Q.shape[1]
+    # Without noise there still is finite precision.
+    energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
+    evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
+    images, hessians = np.empty_like(z), []
+    for c in range(3):
+        ratios[c], value = _best_ratio(μ, z[:, c] ** 2, float(energy[c]), freedom)
+        free = W @ (z[:, c] / (μ + ratios[c]))
+        hessians.append(gram + ratios[c] * unit * K)
+        correlation = projected.T @ rest[:, c]
+        images[:, c] = nonnegative(hessians[c], correlation, free)
+        least, attained = (
+            max(energy[c] - float(f @ correlation), LEAST * energy.max())
+            for f in (free, images[:, c])
+        )
+        evidence += value + (freedom * np.log(attained / least) if least > 0 else 0.0)
+        misfit[c] = attained
+    return ImageFit(
+        images=images,
+        evidence=evidence,
+        darkness=float(freedom * np.log(energy[energy > 0]).sum()),
+        noise=np.sqrt(misfit / freedom),
+        residuals=rest - projected @ images,
+        freedom=freedom,
+        whitening=whitening,
+        _projected=projected,
+        _background=Q,
+        _weights=1 / (μ[:, None] + ratios),
+        _W=W,
+        _hessians=tuple(hessians),
+    )
+
+
+def nonnegative(H: Array, h: Array, start: Array) -> Array:
+    """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
+
+    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
+    side change sides at once, while that helps; else the last of them alone. The positive entries
+    of `start`, (N,), are tried first.
+    """
+    positive = start > 0
+    fewest, patience = len(h) + 1, PATIENCE
+    tolerance = 1e-12 * float(np.abs(h).max())
+    while True:
+        f = np.zeros_like(h)
+        if positive.any():
+            f[positive] = linalg.solve(
+                H[np.ix_(positive, positive)], h[positive], assume_a="pos", check_finite=False
+            )
+        wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return f
+        if count < fewest:
+            fewest, patience = count, PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        positive ^= wrong
+
+
+def _best_ratio(μ: Array, squared: Array, energy: float, freedom: float) -> tuple[float, float]:
+    """Return the α at which a channel's E_c is least, and E_c there."""
+
+    def evidence(log_ratio: float) -> float:
+        α = np.exp(log_ratio)
+        misfit = max(energy - float(np.sum(squared / (μ + α))), LEAST * energy)
+        return float(freedom * np.log(misfit) + np.log1p(μ / α).sum())
+
+    if not energy > 0:
+        return 1.0, 0.0
+    tried = np.log(RATIOS)
+    least = int(np.argmin([evidence(value) for value in tried]))
+    bounds = tried[max(least - 1, 0)], tried[min(least + 1, len(tried) - 1)]
+    found = minimize_scalar(evidence, bounds=bounds, method="bounded")
+    return float(np.exp(found.x)), float(found.fun)
