@@ -266,7 +266,7 @@ def calibrate_levels(
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
     moves = sensitivity(fine, end, held)
     moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
-    before = fine.explain(start)
+    before = fine.judged(start)
     known = learned(end.curvature)
     gained = is_significant(before.evidence - after.evidence, known)
     set_back = ruled and not gained

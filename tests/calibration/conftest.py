@@ -74,9 +74,16 @@ class SlatLevel:
     def as_it_comes(self):
         return self.overdispersed(1.0)
 
-    def whitened(self, found, left_of):
+    def compared(self, found, left_of):
         del found, left_of
         return self
+
+    def whitened(self, found):
+        del found
+        return self
+
+    def judged(self, values, seed=None):
+        return self.explain(values, seed)
 
     def levered(self, found, A):
         del found, A

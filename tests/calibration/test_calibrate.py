@@ -25,11 +25,14 @@ class Slat(SlatLevel, ResolutionLevel):
 
     explain = ResolutionLevel.explain
     explained_by = ResolutionLevel.explained_by
+    judged = ResolutionLevel.judged
     levered = ResolutionLevel.levered
+    compared = ResolutionLevel.compared
     gained = ResolutionLevel.gained
     as_it_comes = ResolutionLevel.as_it_comes
     whitened = ResolutionLevel.whitened
-    hidden_shape, _off, _whitening, _leverage = HIDDEN, (), None, None
+    hidden_shape, _off = HIDDEN, ()
+    _whitening = _white_noise = _leverage = None
 
     def __init__(self, start, errors, seed=0):
         super().__init__(noise=0.002, seed=seed, rows=4)

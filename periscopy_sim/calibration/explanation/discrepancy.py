@@ -39,7 +39,10 @@ LEAST_LEFT = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """The filter that makes errors of a spectrum white, over the pixels used of a photograph."""
+    """The filter that makes errors of a spectrum white, over the pixels used of a photograph.
+
+    Its determinant is 1, so that evidences by different spectra compare.
+    """
 
     used: NDArray[np.bool_]  # (rows, columns)
     spectrum: Array  # (rows, columns) of cosines, over that of white noise
@@ -51,10 +54,16 @@ class Whitening:
         laid[self.used.ravel()] = errors
         laid = np.matmul(across, laid.reshape(*shape, -1))
         found = (down @ laid.reshape(shape[0], -1)).reshape(*shape, -1)
-        found *= (1 / np.sqrt(self.spectrum))[..., None].astype(errors.dtype)
+        found *= self._gains[..., None].astype(errors.dtype)
         found = np.matmul(across.T, found)
         found = (down.T @ found.reshape(shape[0], -1)).reshape(self.used.size, -1)
         return np.asarray(found[self.used.ravel()])
+
+    @property
+    def _gains(self) -> Array:
+        """(rows, columns) by which cosines are multiplied."""
+        logarithm = np.log(self.spectrum)
+        return np.asarray(np.exp((logarithm.mean() - logarithm) / 2))
 
     @property
     def discrepancy(self) -> float:
@@ -68,51 +77,69 @@ class Whitening:
         return [fft.dct(np.eye(n), axis=0, norm="ortho").astype(kind) for n in self.used.shape]
 
 
-def discrepancy(
-    explanation: Explanation,
-    used: NDArray[np.bool_],
-    seed: int,
-    left_of: Callable[[Array], Array] | None = None,
-) -> Array:
-    """Return the residual's power over that of white noise, (rows, columns) of cosines, 1 or so.
+@dataclass(frozen=True, eq=False)
+class WhiteNoise:
+    """What image and light leave of white noise in each band of spatial frequencies.
 
-    `used` are the pixels, (rows, columns), of the explanation. Powers are means over octaves of
-    spatial frequency in some directions, in each of the strongest mixture of the three channels:
-    errors that they share count threefold. Both are compared after image and light have absorbed
-    what they can: of white noise that is found out by drawing some, from the seed. Where they
-    absorb nearly all nothing can be said, and the strongest elsewhere is taken. What a scene's
-    parameters would absorb as well is no discrepancy, but why they move: `left_of` returns what
-    they leave of errors, (M, 3), that `Explanation.left_of` left.
+    With it the residuals are compared, of any scene much like the one it was found by. What a
+    scene's parameters would absorb as well is no discrepancy, but why they move: `left_of` returns
+    what they leave of errors, (M, 3), that `Explanation.left_of` left.
     """
+
+    used: NDArray[np.bool_]  # (rows, columns)
+    strengths: Array  # (B,) in the strongest mixture of the channels
+    left: Array  # (B,) part of it, in the mean of the channels
+    left_of: Callable[[Array], Array]
+
+    @classmethod
+    def by(
+        cls,
+        explanation: Explanation,
+        used: NDArray[np.bool_],
+        seed: int,
+        left_of: Callable[[Array], Array] = lambda errors: errors,
+    ) -> WhiteNoise:
+        """Return what an explanation of the pixels used, (rows, columns), leaves of some draws."""
+        random = np.random.default_rng(seed)
+        count = len(_bands(used.shape))
+        strengths, left = np.zeros(count), np.zeros(count)
+        for _ in range(PROBES):
+            noise = random.standard_normal((used.sum(), 3))
+            strongest, mean = _strengths(left_of(explanation.left_of(noise)), used)
+            strengths += strongest / PROBES
+            left += mean / PROBES / used.mean()
+        return cls(used, strengths, left, left_of)
+
+    def discrepancy(self, explanation: Explanation) -> Array:
+        """Return the residual's power over that of white noise, (rows, columns) of cosines.
+
+        Powers are means over octaves of spatial frequency in some directions, in each of the
+        strongest mixture of the three channels: errors that they share count threefold. Where image
+        and light absorb nearly all nothing can be said, and the strongest elsewhere is taken.
+        """
+        deviations = np.where(explanation.noise > 0, explanation.noise, np.inf)
+        telling, spectrum = self.left > LEAST_LEFT, np.ones(self.used.shape)
+        if telling.any():
+            residuals = self.left_of(explanation.residuals / deviations)
+            found = _strengths(residuals, self.used)[0][telling] / self.strengths[telling]
+            found = np.maximum(found, FLOOR * np.median(found))
+            spectrum[:] = found.max()
+            bands = np.array(_bands(self.used.shape))[telling]
+            for band, strength in zip(bands, found, strict=True):
+                spectrum[band] = strength
+        return spectrum
+
+
+def _strengths(errors: Array, used: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the power of errors, (M, 3), in each band: in the strongest mixture, in the mean."""
     from scipy import fft
 
-    bands, left_of = _bands(used.shape), left_of or (lambda errors: errors)
-
-    def strengths(errors: Array) -> tuple[Array, Array]:
-        laid = np.zeros((*used.shape, 3))
-        laid[used] = errors
-        spectrum = fft.dctn(laid, axes=(0, 1), norm="ortho")
-        crossed = np.einsum("ijc,ijd->ijcd", spectrum, spectrum)
-        means = np.array([crossed[band].mean(axis=0) for band in bands])
-        return np.linalg.eigvalsh(means)[:, -1], np.trace(means, axis1=1, axis2=2) / 3
-
-    random = np.random.default_rng(seed)
-    usual, left = np.zeros(len(bands)), np.zeros(len(bands))
-    for _ in range(PROBES):
-        noise = random.standard_normal((used.sum(), 3))
-        strongest, mean = strengths(left_of(explanation.left_of(noise)))
-        usual += strongest / PROBES
-        left += mean / PROBES / used.mean()
-    deviations = np.where(explanation.noise > 0, explanation.noise, np.inf)
-    telling = left > LEAST_LEFT
-    spectrum = np.ones(used.shape)
-    if telling.any():
-        found = strengths(left_of(explanation.residuals / deviations))[0][telling] / usual[telling]
-        found = np.maximum(found, FLOOR * np.median(found))
-        spectrum[:] = found.max()
-        for band, strength in zip(np.array(bands)[telling], found, strict=True):
-            spectrum[band] = strength
-    return spectrum
+    laid = np.zeros((*used.shape, 3))
+    laid[used] = errors
+    spectrum = fft.dctn(laid, axes=(0, 1), norm="ortho")
+    crossed = np.einsum("ijc,ijd->ijcd", spectrum, spectrum)
+    means = np.array([crossed[band].mean(axis=0) for band in _bands(used.shape)])
+    return np.linalg.eigvalsh(means)[:, -1], np.trace(means, axis1=1, axis2=2) / 3
 
 
 def _bands(shape: tuple[int, int]) -> list[NDArray[np.bool_]]:

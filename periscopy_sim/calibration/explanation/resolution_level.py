@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.explanation.discrepancy import Whitening, discrepancy
+from periscopy_sim.calibration.explanation.discrepancy import Whitening, WhiteNoise
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.image_fit import ImageFit, fit_image
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
@@ -109,6 +109,7 @@ class ResolutionLevel:
         self._background: Array | None = None
         self._gain = SmoothGain.none(self.used)
         self._whitening: Whitening | None = None
+        self._white_noise: WhiteNoise | None = None
         self._leverage: Array | None = None
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
@@ -144,18 +145,23 @@ class ResolutionLevel:
     def as_it_comes(self) -> ResolutionLevel:
         """Return the same level, all errors taken for white noise."""
         other = self.overdispersed(1.0)
-        other._whitening = other._leverage = None
+        other._whitening = None
         return other
 
-    def whitened(
-        self, found: Explanation, left_of: Callable[[Array], Array] | None = None
-    ) -> ResolutionLevel:
+    def compared(self, found: Explanation, left_of: Callable[[Array], Array]) -> ResolutionLevel:
+        """Return the same level, to compare errors with white noise that is left so, see there."""
+        other = copy(self)
+        other._white_noise = WhiteNoise.by(found, self.used, self.seed, left_of)
+        return other
+
+    def whitened(self, found: Explanation) -> ResolutionLevel:
         """Return the same level, errors of the spectrum that an explanation leaves made white.
 
-        The explanation is that of a level `as_it_comes`; `left_of` as in `discrepancy`.
+        The explanation is that of a level `as_it_comes`; the gain is the one that it found.
         """
-        other = copy(self)
-        other._whitening = Whitening(self.used, discrepancy(found, self.used, self.seed, left_of))
+        other = self.gained(found)
+        if self._white_noise is not None:
+            other._whitening = Whitening(self.used, self._white_noise.discrepancy(found))
         return other
 
     @property
@@ -273,6 +279,16 @@ class ResolutionLevel:
         The evidence is with the prior's penalty.
         """
         return self.explained_by(self.matrix(values, seed), values)
+
+    def judged(self, values: Values, seed: int | None = None) -> Explanation:
+        """Explain the photograph as `explain` does, errors made white by what these values leave.
+
+        Where a place is wrong its errors are structured as those of another are not. By the
+        spectrum of either its own errors count too little: it takes itself for better.
+        """
+        A, plain = self.matrix(values, seed), self.as_it_comes()
+        level = plain.whitened(plain.explained_by(A, values)).overdispersed(self.overdispersion)
+        return level.explained_by(A, values)
 
     def explained_by(
         self, A: NDArray[np.floating[Any]], values: Values, fit: ImageFit | None = None

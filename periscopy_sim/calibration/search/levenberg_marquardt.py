@@ -58,8 +58,9 @@ def descend(
     before it is doubled. Each iteration has rays of its own: a place that was chosen by some rays
     looks better by them than it is. It begins with the gain over the wall and the discrepancy that
     are found there: a misplaced scene leaves a structured one, which goes as the scene finds its
-    place. Evidences by different discrepancies do not compare: returned is also the level, of the
-    rays given, that has the last. A SceneError is raised if the start is not physical.
+    place. Steps are taken by what is found where they lead, see `ResolutionLevel.judged`. Returned
+    is also the level, of the rays given, that has the last discrepancy. A SceneError is raised if
+    the start is not physical.
     """
     values, damping, gain, unphysical = start, DAMPING, np.inf, None
     for iteration in range(iterations + 1):
@@ -72,7 +73,7 @@ def descend(
         for trial in range(TRIALS):
             step = about.step(damping, longest)
             try:
-                tried = drawn.explain(values + step)
+                tried = drawn.judged(values + step)
             except SceneError as error:
                 unphysical = error if trial == 0 else unphysical
             else:
@@ -101,7 +102,7 @@ def _looked(
     changes = differences(level, values, np.diag(steps), A)
     found = level.explained_by(A, values)
     rough = curvature(level, values, found, changes)
-    level = level.gained(found).whitened(found, rough.left_of)
+    level = level.compared(found, rough.left_of).whitened(found)
     white = level.explained_by(A, values)
     about = curvature(level, values, white, changes)
     overdispersion = about.overdispersion(block_scores(level, white, about.jacobian))
@@ -127,7 +128,7 @@ def _extended(
     part = min(-rate / (2 * bend), LONGEST_STEP) if bend > 0 else LONGEST_STEP
     if part > LONGER_STEP:
         with suppress(SceneError):
-            farther = level.explain(values + part * step)
+            farther = level.judged(values + part * step)
             if farther.evidence < there.evidence:
                 return part * step, farther
     return step, there
@@ -146,13 +147,13 @@ def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Value
     place differs by far more than that of places beside each other by the same.
     """
     there, other = end.values + end.curvature.step(UNSEEN, longest), level.seed + 2
-    here = level.explain(end.values)
+    here = level.judged(end.values)
     try:
-        reached = level.explain(there)
+        reached = level.judged(there)
         if level.by_area:
             better = reached.evidence < here.evidence
         else:
-            by_others = (level.explain(at, other).evidence for at in (there, end.values))
+            by_others = (level.judged(at, other).evidence for at in (there, end.values))
             better = next(by_others) < next(by_others)
     except SceneError:
         better = False

@@ -86,7 +86,8 @@ def walk(
         limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
         for k, sign in sides:
             if (k, sign) not in dips:
-                dips[k, sign] = _dip(explain, end, values, sign * patches[:, k], limit)
+                at = _dip(explain, end, values, sign * patches[:, k], limit)
+                dips[k, sign] = None if at is None else (at, level.judged(at))
         found = {side: dip for side, dip in dips.items() if dip is not None}
         if not found or walked == FARTHEST:
             break
@@ -106,8 +107,8 @@ def _dip(
     values: Values,
     patch: Values,
     limit: float,
-) -> Dip | None:
-    """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
+) -> Values | None:
+    """Return the bottom of the dip a patch from some values, by chords.
 
     None if it is not physical, if there is no dip of its own, for the chords lead back, or if its
     evidence will hardly be below the limit.
@@ -146,4 +147,4 @@ def _dip(
                 part /= 2
     except SceneError:
         return None
-    return (bottom, seen) if is_own(bottom) else None
+    return bottom if is_own(bottom) else None

@@ -5,7 +5,7 @@ import pytest
 from scipy import fft
 from scipy.ndimage import gaussian_filter
 
-from periscopy_sim.calibration.explanation.discrepancy import Whitening, discrepancy
+from periscopy_sim.calibration.explanation.discrepancy import Whitening, WhiteNoise
 from periscopy_sim.calibration.explanation.evidence import explain
 
 SHAPE, HIDDEN = (32, 40), (3, 4)
@@ -25,6 +25,10 @@ def explained(errors, used=USED):
 
 def strongest(errors_of, seeds, used=USED):
     return np.array([spectrum_of(errors_of(np.random.default_rng(s)), s, used) for s in seeds])
+
+
+def discrepancy(found, used, seed, *left_of):
+    return WhiteNoise.by(found, used, seed, *left_of).discrepancy(found)
 
 
 def spectrum_of(errors, seed, used=USED):
@@ -72,6 +76,7 @@ def test_it_filters_as_cosines_say_and_is_its_own_adjoint(masked):
     one, other = random.standard_normal((2, count, 3))
     laid = np.zeros((*SHAPE, 3))
     laid[used] = one
+    spectrum = spectrum / np.exp(np.log(spectrum).mean())  # the determinant is 1
     cosines = fft.dctn(laid, axes=(0, 1), norm="ortho") / np.sqrt(spectrum)[..., None]
     np.testing.assert_allclose(
         filtered(one), fft.idctn(cosines, axes=(0, 1), norm="ortho")[used], atol=1e-12

@@ -43,12 +43,12 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
 @pytest.mark.parametrize(("overrated", "part"), [(1.0, 1.0), (3.0, 3.0), (100.0, LONGEST_STEP)])
 def test_steps_that_are_too_short_are_extended_to_the_bottom(overrated, part):
     """E = (x − 1)², whose curvature is told too large: Newton's step is as much too short."""
-    level = SimpleNamespace(explain=lambda at: SimpleNamespace(evidence=float((at[0] - 1) ** 2)))
+    level = SimpleNamespace(judged=lambda at: SimpleNamespace(evidence=float((at[0] - 1) ** 2)))
     step, start = np.array([1 / overrated]), np.zeros(1)
     rate = -2 * float(step[0])
-    found, seen = _extended(level, start, step, rate, level.explain(start), level.explain(step))
+    found, seen = _extended(level, start, step, rate, level.judged(start), level.judged(step))
     assert found == pytest.approx(part * step)
-    assert seen.evidence == level.explain(found).evidence
+    assert seen.evidence == level.judged(found).evidence
 
 
 def test_a_step_past_which_nothing_is_physical_is_not_extended():
@@ -59,7 +59,7 @@ def test_a_step_past_which_nothing_is_physical_is_not_extended():
 
     start, step = np.zeros(1), np.array([0.3])
     ends = explain(start), explain(step)
-    found, seen = _extended(SimpleNamespace(explain=explain), start, step, -0.6, *ends)
+    found, seen = _extended(SimpleNamespace(judged=explain), start, step, -0.6, *ends)
     assert found is step and seen is ends[1]
 
 
@@ -80,7 +80,7 @@ def test_a_descent_that_ended_early_is_settled(slat_level):
             raise SceneError("the slat is in the wall")
         return level.explain(place, seed)
 
-    with_wall.explain = walled
+    with_wall.explain = with_wall.judged = walled
     assert settle(with_wall, stopped, LONGEST)[0] is early
 
 
@@ -131,7 +131,7 @@ def test_steps_that_lead_uphill_are_shortened(slat_level):
         height = 1e6 * (np.abs(values - start).max() > 0.02)
         return replace(found, evidence=found.evidence + height)
 
-    level.explain = walled
+    level.explain = level.judged = walled
     _, end = descend(
         level, start, STEPS / 4, LONGEST, 5, lambda _, evidence: visited.append(evidence)
     )
