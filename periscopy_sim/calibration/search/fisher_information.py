@@ -25,10 +25,11 @@ Matrix = NDArray[np.floating[Any]]
 UNSEEN = 1e-4
 """Part of the information below which a direction of the parameters counts as unknown."""
 
-SHORT = 2e-3
-"""Part of a parameter's scale by which differences are taken where there are no rays, to one side.
-By ten times as much, what two parameters can hardly be told by was overrated tenfold, as shadows'
-edges passed patches' in between; by a tenth, rounding tells them apart."""
+SHORT = 8e-3
+"""Part of a parameter's scale by which differences are taken where there are no rays. The least
+change of light that a dozen parameters can make together is the sum of changes that cancel but for
+a hundredth: by differences to one side, or by a quarter as much, what the photograph tells of it
+was overrated tenfold and more, by differences to both by a third."""
 
 BLOCKS = 10
 """Along each side of the photograph: what stays unexplained is independent between blocks."""
@@ -169,27 +170,19 @@ class Curvature:
         return covariance * np.outer(scale, scale)
 
 
-def differences(
-    level: ResolutionLevel, values: Values, offsets: Array, here: Matrix | None = None
-) -> NDArray[np.float32]:
+def differences(level: ResolutionLevel, values: Values, offsets: Array) -> NDArray[np.float32]:
     """Return derivatives of A by each of some parameters, about values of shape (P,).
 
     (S, K, M, N) by the sets of `Jacobian`. Each row of the offsets, (K, P), moves one parameter to
-    either side; where neither is physical, a SceneError is raised. A at the values is `here`, if it
-    is known.
+    either side; where neither is physical, a SceneError is raised.
     """
-    sets = 1 if level.by_area else 2
-    if level.by_area and here is None:
-        here = level.matrix(values)
-    changes = []
-    for s in range(sets):
-        for offset in offsets:
-            if level.by_area and here is not None:
-                change = _short_difference(level, values, offset, here)
-            else:
-                change = _difference(level.differing(), values, offset, level.seed + s)
-            changes.append(np.asarray(change / offset.sum(), np.float32))
-    return np.array(changes).reshape(sets, len(offsets), *changes[0].shape)
+    drawn, seeds = level.differing(), [level.seed + s for s in range(1 if level.by_area else 2)]
+    changes = [
+        np.asarray(_difference(drawn, values, offset, seed) / offset.sum(), np.float32)
+        for seed in seeds
+        for offset in offsets
+    ]
+    return np.array(changes).reshape(len(seeds), len(offsets), *changes[0].shape)
 
 
 def differentiate(explanation: Explanation, changes: NDArray[np.float32]) -> Jacobian:
@@ -201,16 +194,6 @@ def differentiate(explanation: Explanation, changes: NDArray[np.float32]) -> Jac
         moved[at] = explanation.jacobian(changes[at])
         projected[at] = explanation.projected(moved[at])
     return Jacobian(slopes, moved, projected)
-
-
-def _short_difference(
-    level: ResolutionLevel, values: Values, offset: Values, here: Matrix
-) -> Matrix:
-    """Return the change of A to one side; to the other where that is not physical."""
-    try:
-        return np.asarray(level.matrix(values + offset) - here)
-    except SceneError:
-        return np.asarray(here - level.matrix(values - offset))
 
 
 def _difference(level: ResolutionLevel, values: Values, offset: Values, seed: int) -> Matrix:

@@ -99,7 +99,7 @@ def _looked(
 ) -> tuple[ResolutionLevel, Explanation, Curvature]:
     """Return a level for the discrepancy that some values leave, and what is seen there by it."""
     level, A = level.as_it_comes(), level.matrix(values)
-    changes = differences(level, values, np.diag(steps), A)
+    changes = differences(level, values, np.diag(steps))
     found = level.explained_by(A, values)
     rough = curvature(level, values, found, changes)
     level = level.compared(found, rough.left_of).whitened(found)
