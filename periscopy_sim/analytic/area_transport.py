@@ -9,7 +9,9 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from threading import Event
 
 import numpy as np
@@ -74,6 +76,42 @@ def has_areas(scenario: Scenario, finer: int = 1) -> bool:
     return True
 
 
+def area_derivatives(
+    scenario: Scenario, sides: Sequence[tuple[Scenario, Scenario, float]], finer: int = 1
+) -> NDArray[np.float32]:
+    """Compute derivatives of the light transport matrix of `area_transport` by some parameters.
+
+    Parameters
+    ----------
+    scenario, finer
+        As there.
+    sides
+        For each of P parameters the scene on either side, and how far these are apart. Only where
+        things stand there is taken, not what is seen: so far that single precision tells it, and no
+        farther than it goes in proportion.
+
+    Returns
+    -------
+    ndarray
+        (P, M, N) float32.
+
+    Raises
+    ------
+    ClosedFormError
+        As there, of any of the scenes.
+    """
+    view = _view(scenario, finer)
+    moved = [_moved(_view(b, finer), _view(a, finer), apart) for a, b, apart in sides]
+    A = np.empty((len(view.points), np.prod(scenario.hidden_shape)), np.float32)
+    _fill(A, view)
+    changes = np.empty((len(sides), *A.shape), np.float32)
+    _fill_changes(changes, view, moved)
+    for change, by in zip(changes, moved, strict=True):
+        change += by.scale / view.scale * A
+    changes *= view.scale
+    return changes
+
+
 @dataclass(frozen=True, eq=False)
 class _View:
     """What `light_rows` takes of a scene."""
@@ -82,9 +120,19 @@ class _View:
     normals: Array  # (M, K, 3)
     cells: Array  # (2,)
     exponents: Array  # (2,)
-    borders: Borders
+    meshes: list[tuple[Array, NDArray[np.int64]]]
     hidden: NDArray[np.int64]  # (2,)
     scale: float
+
+    @property
+    def vertices(self) -> Array:
+        """(V, 3) of all meshes."""
+        return np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in self.meshes)])
+
+    @cached_property
+    def borders(self) -> Borders:
+        """The edges of the meshes."""
+        return borders_of(self.meshes)
 
 
 def _view(scenario: Scenario, finer: int) -> _View:
@@ -116,27 +164,76 @@ def _view(scenario: Scenario, finer: int) -> _View:
         _check_between(scenario, occluder.name, vertices, float(points[..., 2].min()))
     exponents = np.array([emission.vertical, emission.horizontal])
     hidden, scale = np.array(scenario.hidden_shape), reflectance / np.pi * width * height
-    return _View(points, normals, cells, exponents, borders_of(meshes), hidden, scale)
+    return _View(points, normals, cells, exponents, meshes, hidden, scale)
+
+
+def _moved(there: _View, here: _View, apart: float) -> _View:
+    """Return the derivative of a view, from two of them."""
+    if len(there.vertices) != len(here.vertices):
+        raise ClosedFormError("a parameter changes how many vertices an occluder has")
+    return _View(
+        (there.points - here.points) / apart,
+        (there.normals - here.normals) / apart,
+        (there.cells - here.cells) / apart,
+        (there.exponents - here.exponents) / apart,
+        [((there.vertices - here.vertices) / apart, np.empty((0, 3), np.int64))],
+        here.hidden,
+        (there.scale - here.scale) / apart,
+    )
 
 
 def _fill(A: NDArray[np.float32], view: _View) -> None:
     from periscopy_sim.analytic.scanline import light_rows
 
+    def part(at: slice) -> None:
+        light_rows(
+            view.points[at], view.normals[at], view.cells, view.exponents,
+            *view.borders.arrays, view.hidden, A[at],
+        )  # fmt: skip
+
+    _in_parts(part, len(A))
+
+
+def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_View]) -> None:
+    from periscopy_sim.analytic.border_motion import light_derivatives
+
+    points, normals = (
+        np.array([getattr(by, name) for by in moved]) for name in ("points", "normals")
+    )
+    cells, exponents = (
+        np.array([getattr(by, name) for by in moved]) for name in ("cells", "exponents")
+    )
+    vertices = np.array([by.vertices[view.borders.sources] for by in moved])
+    shines = np.array(
+        [
+            any(moves.any() for moves in (by.points, by.normals, by.cells, by.exponents))
+            for by in moved
+        ]
+    )
+
+    def part(at: slice) -> None:
+        light_derivatives(
+            view.points[at], view.normals[at], view.cells, view.exponents,
+            points[:, at], normals[:, at], cells, exponents, vertices, shines,
+            *view.borders.arrays, view.hidden, changes[:, at],
+        )  # fmt: skip
+
+    _in_parts(part, changes.shape[1])
+
+
+def _in_parts(part: Callable[[slice], None], rows: int) -> None:
+    """Do something for all rows, some at a time; after an interrupt, no thread goes on."""
     stopped = Event()
 
-    def part(rows: tuple[int, int]) -> None:
+    def unless_stopped(some: tuple[int, int]) -> None:
         if not stopped.is_set():
-            at = slice(*rows)
-            light_rows(
-                view.points[at], view.normals[at], view.cells, view.exponents,
-                *view.borders.arrays, view.hidden, A[at],
-            )  # fmt: skip
+            part(slice(*some))
 
     try:
-        for _ in ahead(part, ranges(len(A))):
+        for _ in ahead(unless_stopped, ranges(rows)):
             pass
     finally:
-        stopped.set()  # after an interrupt, no thread goes on
+        stopped.set()
 
 
 def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:

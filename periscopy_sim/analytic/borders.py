@@ -26,6 +26,7 @@ class Borders:
     """The edges of some meshes, and the faces beside each."""
 
     vertices: Array  # (V, 3)
+    sources: Indices  # (V,) which of all meshes' vertices each is
     planes: Array  # (F, 4) a point sees the front of a face where plane · (point, 1) > 0
     two_sided: NDArray[np.bool_]  # (F,) whether a face hides from both sides
     edges: Indices  # (E, 2) vertices
@@ -49,7 +50,12 @@ def borders_of(meshes: Sequence[tuple[Array, Indices]]) -> Borders:
 
     Vertices in the same place are one, whatever their indices; a face without area is left out.
     """
-    parts = [_borders(*_welded(np.asarray(v, np.float64), f)) for v, f in meshes if len(f)]
+    first = np.cumsum([0] + [len(v) for v, _ in meshes])
+    parts = [
+        _borders(*_welded(np.asarray(v, np.float64), f), n)
+        for (v, f), n in zip(meshes, first[:-1], strict=True)
+        if len(f)
+    ]
     vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.cumsum([0] + [len(part.planes) for part in parts])
     entries = np.cumsum([0] + [len(part.faces) for part in parts])
@@ -57,6 +63,7 @@ def borders_of(meshes: Sequence[tuple[Array, Indices]]) -> Borders:
     numbered = list(zip(parts, vertices[:-1], faces[:-1], entries[:-1], strict=True))
     return Borders(
         vertices=np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
+        sources=np.concatenate([none, *(part.sources for part in parts)]),
         planes=np.concatenate([np.empty((0, 4)), *(part.planes for part in parts)]),
         two_sided=np.concatenate([np.empty(0, np.bool_), *(part.two_sided for part in parts)]),
         edges=np.concatenate([none.reshape(0, 2), *(part.edges + v for part, v, _, _ in numbered)]),
@@ -66,17 +73,18 @@ def borders_of(meshes: Sequence[tuple[Array, Indices]]) -> Borders:
     )
 
 
-def _welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
+def _welded(vertices: Array, faces: Indices) -> tuple[Array, Indices, Indices]:
+    """Return vertices that differ, the faces of them, and which of the given each is."""
     cell = SAME * max(float(np.abs(vertices).max()), 1e-30)
     _, first, place = np.unique(
         np.rint(vertices / cell), axis=0, return_index=True, return_inverse=True
     )
     faces = place.ravel()[faces]
     a, b, c = faces.T
-    return vertices[first], faces[(a != b) & (b != c) & (c != a)]
+    return vertices[first], faces[(a != b) & (b != c) & (c != a)], first
 
 
-def _borders(vertices: Array, faces: Indices) -> Borders:
+def _borders(vertices: Array, faces: Indices, sources: Indices, before: int) -> Borders:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -95,4 +103,6 @@ def _borders(vertices: Array, faces: Indices) -> Borders:
     two_sided = np.isin(part[: len(faces)], part[len(faces) :][unbalanced])
     order = np.argsort(edge, kind="stable")
     starts = np.searchsorted(edge[order], np.arange(len(edges) + 1))
-    return Borders(vertices, planes, two_sided, edges, starts, face[order], sign[order])
+    return Borders(
+        vertices, before + sources, planes, two_sided, edges, starts, face[order], sign[order]
+    )

@@ -67,18 +67,18 @@ def light_rows(
         row[:] = 0
         for k in range(points.shape[1]):
             p, normal = points[i, k], normals[i, k]
-            _add_unshadowed(p, normal, cells, exponents, shape, row)
-            turns = _turns(p, planes, two_sided, starts, faces, signs)
-            border, layers = _border(p, vertices, edges, turns, shape[0])
+            add_unshadowed(p, normal, cells, exponents, shape, row)
+            turns = turns_about(p, planes, two_sided, starts, faces, signs)
+            border, layers, _ = border_of(p, vertices, edges, turns, shape[0])
             if len(border):
-                lines = _lines(border, shape)
-                _remove_shadow(p, normal, cells, exponents, border, layers, lines, shape, row)
+                lines, _ = lines_across(border, shape)
+                remove_shadow(p, normal, cells, exponents, border, layers, lines, shape, row)
         for j in range(len(row)):
             out[i, j] = row[j] / points.shape[1]
 
 
 @compiled_reordered
-def _add_unshadowed(
+def add_unshadowed(
     p: Array, normal: Array, cells: Array, exponents: Array, shape: Indices, out: Array
 ) -> None:
     """Add the light of each patch that nothing shadows, by two Gauss points along either axis."""
@@ -87,10 +87,10 @@ def _add_unshadowed(
     x, across, light = np.empty(2 * columns), np.empty(2 * columns), np.empty(2 * columns)
     for k in range(2 * columns):
         x[k] = (k // 2 + 0.5 + (GAUSS if k % 2 else -GAUSS) - p[0]) * cells[0]
-        across[k] = _falloff(x[k], height, exponents[1])
+        across[k] = falloff(x[k], height, exponents[1])
     for k in range(2 * rows):
         y = (k // 2 + 0.5 + (GAUSS if k % 2 else -GAUSS) - p[1]) * cells[1]
-        strength = _falloff(y, height, exponents[0]) * height / 4
+        strength = falloff(y, height, exponents[0]) * height / 4
         ahead = normal[1] * y - normal[2] * height
         squared = y * y + height * height
         for g in range(2 * columns):
@@ -103,13 +103,13 @@ def _add_unshadowed(
 
 
 @compiled
-def _falloff(aside: float, height: float, exponent: float) -> float:
+def falloff(aside: float, height: float, exponent: float) -> float:
     """Return a power of the cosine of an angle of the monitor."""
     return float((height / np.sqrt(height * height + aside * aside)) ** exponent)
 
 
 @compiled
-def _turns(
+def turns_about(
     p: Array,
     planes: Array,
     two_sided: NDArray[np.bool_],
@@ -131,14 +131,15 @@ def _turns(
 
 
 @compiled
-def _border(
+def border_of(
     p: Array, vertices: Array, edges: Indices, turns: Indices, rows: int
-) -> tuple[Array, Indices]:
+) -> tuple[Array, Indices, Indices]:
     """Return the shadow's border, (n, 4) of (u, v) at either end, downwards, and its turns, (n,).
 
-    Edges past the first or the last row are left out.
+    Third are the vertices at the ends, (n, 2). Edges past the first or the last row are left out.
     """
     border, layers, count = np.empty((len(edges), 4)), np.empty(len(edges), np.int64), 0
+    between = np.empty((len(edges), 2), np.int64)
     ends = np.empty((2, 2))
     for e in range(len(edges)):
         if turns[e] == 0:
@@ -153,33 +154,41 @@ def _border(
             continue
         border[count, :2], border[count, 2:] = ends[upper], ends[1 - upper]
         layers[count] = turns[e] if upper == 0 else -turns[e]
+        between[count, 0], between[count, 1] = edges[e, upper], edges[e, 1 - upper]
         count += 1
-    return border[:count], layers[:count]
+    return border[:count], layers[:count], between[:count]
 
 
 @compiled
-def _lines(border: Array, shape: Indices) -> Array:
-    """Return where lines across the shadow begin and end, ascending in v."""
+def lines_across(border: Array, shape: Indices) -> tuple[Array, Indices]:
+    """Return where lines across the shadow begin and end, ascending in v.
+
+    Second is which end of the border each is, 2 e or 2 e + 1 of the e-th edge, or -1.
+    """
     rows, columns = shape
     of_row = -(-LINES // rows)
     first = max(0, int(np.floor(border[:, 1].min() * of_row)))
     last = min(rows * of_row, int(np.ceil(border[:, 3].max() * of_row)))
     ends = np.empty(last - first + 1 + 2 * len(border))
+    of_border = np.full(len(ends), -1)
     count = 0
     for k in range(first, last + 1):
         ends[count] = k / of_row
         count += 1
-    for u0, v0, u1, v1 in border:
+    for e in range(len(border)):
+        u0, v0, u1, v1 = border[e]
         if v1 - v0 < ALONG * abs(u1 - u0) and max(u0, u1) > 0 and min(u0, u1) < columns:
-            for v in (v0, v1):
+            for end in range(2):
+                v = border[e, 2 * end + 1]
                 if 0 < v < rows:
-                    ends[count] = v
+                    ends[count], of_border[count] = v, 2 * e + end
                     count += 1
-    return np.sort(ends[:count])
+    order = np.argsort(ends[:count])
+    return ends[:count][order], of_border[:count][order]
 
 
 @compiled
-def _remove_shadow(
+def remove_shadow(
     p: Array,
     normal: Array,
     cells: Array,
@@ -191,56 +200,84 @@ def _remove_shadow(
     out: Array,
 ) -> None:
     """Subtract the light that lies within the border, line by line."""
-    columns, height = shape[1], p[2]
-    across = np.empty(columns + 1)  # at the patches' sides; between them it is all but linear
-    for c in range(columns + 1):
-        across[c] = _falloff((c - p[0]) * cells[0], height, exponents[1])
-    crossings, turns = np.empty(len(border)), np.empty(len(border), np.int64)
+    across = sides(p, cells, exponents, shape)
+    crossings, crossed = np.empty(len(border)), np.empty(len(border), np.int64)
     for k in range(len(lines) - 1):
-        thickness = lines[k + 1] - lines[k]
-        if thickness <= 0:
-            continue
-        v = (lines[k] + lines[k + 1]) / 2
-        crossed = _cross(border, layers, v, crossings, turns)
-        y = (v - p[1]) * cells[1]
-        strength = _falloff(y, height, exponents[0]) * height * thickness
-        ahead = normal[1] * y - normal[2] * height
-        squared = y * y + height * height
-        first = int(v) * columns
-        before = 0
-        for e in range(crossed - 1):
-            before += turns[e]
-            if before == 0:
-                continue
-            left, right = max(crossings[e], 0.0), min(crossings[e + 1], float(columns))
-            c = int(left)
-            while left < right:
-                end = min(right, c + 1.0)
-                for side in (-GAUSS, GAUSS):
-                    u = (left + end) / 2 + side * (end - left)
-                    x = (u - p[0]) * cells[0]
-                    towards = max(normal[0] * x + ahead, 0.0)
-                    distance = x * x + squared
-                    falloff = across[c] + (u - c) * (across[c + 1] - across[c])
-                    light = strength * falloff * towards / (distance * distance)
-                    out[first + c] -= light * (end - left) / 2
-                left = end
-                c += 1
+        thickness, v = lines[k + 1] - lines[k], (lines[k] + lines[k + 1]) / 2
+        if thickness > 0:
+            count = cross(border, v, crossings, crossed)
+            row = out[int(v) * shape[1] : (int(v) + 1) * shape[1]]
+            remove_line(
+                p, normal, cells, exponents, across, layers, crossings, crossed[:count],
+                v, thickness, row,
+            )  # fmt: skip
 
 
 @compiled
-def _cross(border: Array, layers: Indices, v: float, crossings: Array, turns: Indices) -> int:
-    """Write where a line meets the border, from the left, and the turns there; return how often."""
-    crossed = 0
+def sides(p: Array, cells: Array, exponents: Array, shape: Indices) -> Array:
+    """Return how light falls off across the monitor at the patches' sides, (C + 1,).
+
+    Between them it is all but linear.
+    """
+    across = np.empty(shape[1] + 1)
+    for c in range(len(across)):
+        across[c] = falloff((c - p[0]) * cells[0], p[2], exponents[1])
+    return across
+
+
+@compiled
+def remove_line(
+    p: Array,
+    normal: Array,
+    cells: Array,
+    exponents: Array,
+    across: Array,
+    layers: Indices,
+    crossings: Array,
+    crossed: Indices,
+    v: float,
+    thickness: float,
+    row: Array,
+) -> None:
+    """Subtract the light at v, (C,), that lies where a line has crossed into the border."""
+    y, height = (v - p[1]) * cells[1], p[2]
+    strength = falloff(y, height, exponents[0]) * height * thickness
+    ahead = normal[1] * y - normal[2] * height
+    squared = y * y + height * height
+    before = 0
+    for e in range(len(crossed) - 1):
+        before += layers[crossed[e]]
+        if before == 0:
+            continue
+        left, right = max(crossings[e], 0.0), min(crossings[e + 1], float(len(row)))
+        c = int(left)
+        while left < right:
+            end = min(right, c + 1.0)
+            for side in (-GAUSS, GAUSS):
+                u = (left + end) / 2 + side * (end - left)
+                x = (u - p[0]) * cells[0]
+                towards = max(normal[0] * x + ahead, 0.0)
+                distance = x * x + squared
+                beside = across[c] + (u - c) * (across[c + 1] - across[c])
+                light = strength * beside * towards / (distance * distance)
+                row[c] -= light * (end - left) / 2
+            left = end
+            c += 1
+
+
+@compiled
+def cross(border: Array, v: float, crossings: Array, crossed: Indices) -> int:
+    """Write where a line meets the border, from the left, and which edges; return how often."""
+    count = 0
     for e in range(len(border)):
         u0, v0, u1, v1 = border[e]
         if not v0 <= v < v1:
             continue
         u = u0 + (v - v0) / (v1 - v0) * (u1 - u0)
-        at = crossed
+        at = count
         while at > 0 and crossings[at - 1] > u:
-            crossings[at], turns[at] = crossings[at - 1], turns[at - 1]
+            crossings[at], crossed[at] = crossings[at - 1], crossed[at - 1]
             at -= 1
-        crossings[at], turns[at] = u, layers[e]
-        crossed += 1
-    return crossed
+        crossings[at], crossed[at] = u, e
+        count += 1
+    return count

@@ -30,7 +30,7 @@ from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
 from periscopy_sim.calibration.progress import Progress
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.search.fisher_information import SHORT, block_scores
+from periscopy_sim.calibration.search.fisher_information import block_scores
 from periscopy_sim.calibration.search.global_search import explore
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
@@ -238,7 +238,6 @@ def calibrate_levels(
     require_effect(coarse, start, held)
     scales, spreads = scales_and_spreads(coarse.differing(), start)
     steps = np.minimum(scales, prior.errors)
-    differences = np.minimum(SHORT * scales, prior.errors) if fine.by_area else steps
     ruled = bool(np.isfinite(prior.errors).all())
     log = Progress(len(start), ruled, ITERATIONS, progress)
     # What a ruler leaves open is too little for a coarse level to tell.
@@ -246,7 +245,7 @@ def calibrate_levels(
     _require_shadows(coarse, values)
     visit = log.at(fine)
     fine = _evened(fine, values)
-    fine, end = descend(fine, values, differences, 5 * steps, ITERATIONS, visit)
+    fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
     for walked in range(WALKS + 1):
         here = shift.settled(fine, *settle(fine, end, steps))
         undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
@@ -256,7 +255,7 @@ def calibrate_levels(
         values, after, alike = walk(fine, end, *here, patches, log.looked)
         if np.array_equal(values, here[0]) or walked == WALKS:
             break
-        fine, end = descend(fine, values, differences, 5 * steps, ITERATIONS, visit)
+        fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
     if end.unphysical is not None:
         best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
         raise SceneError(

@@ -19,7 +19,6 @@ import numpy as np
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.search.fisher_information import (
-    SHORT,
     differences,
     differentiate,
     information,
@@ -86,13 +85,13 @@ def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainP
 
 def sensitivity(level: ResolutionLevel, end: Descent, uncertain: UncertainParameters) -> Array:
     """Return δθ of the module, (P, U), δ being a standard error of each uncertain parameter."""
-    errors, part = uncertain.standard_errors, SHORT if level.by_area else 1.0
+    errors = uncertain.standard_errors
     if not len(errors):
         return np.zeros((len(end.values), 0))
     changes = differences(
         level.varying((*level.names, *uncertain.names)),
         np.concatenate([end.values, uncertain.values]),
-        np.hstack([np.zeros((len(errors), len(end.values))), np.diag(part * errors)]),
+        np.hstack([np.zeros((len(errors), len(end.values))), np.diag(errors)]),
     )
     jacobian = differentiate(end.explanation, changes)
     shared = information(end.curvature.jacobian, jacobian)

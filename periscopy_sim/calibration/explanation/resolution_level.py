@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.area_transport import area_transport, has_areas
+from periscopy_sim.analytic.area_transport import area_derivatives, area_transport, has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.explanation.discrepancy import Whitening, WhiteNoise
 from periscopy_sim.calibration.explanation.evidence import Explanation
@@ -240,6 +240,35 @@ class ResolutionLevel:
             seed=self.seed if seed is None else seed,
         )
         return A if self.used.all() else A[self.used.ravel()]
+
+    def derivatives(self, values: Values, offsets: Array) -> NDArray[np.float32]:
+        """Return derivatives of the matrix by areas, (K, used pixels, N), see `area_derivatives`.
+
+        Each row of the offsets, (K, P), moves one parameter to either side. A SceneError says that
+        neither is physical, a ClosedFormError that areas do not serve.
+        """
+        finer = self._finer * self._larger
+        here = self.scenario(values, finer)
+        sides = [self._sides(here, values, offset, finer) for offset in offsets]
+        changes = area_derivatives(here, sides, finer)
+        return changes if self.used.all() else changes[:, self.used.ravel()]
+
+    def _sides(
+        self, here: Scenario, values: Values, offset: Values, finer: int
+    ) -> tuple[Scenario, Scenario, float]:
+        """Return the scenes on either side, and how far apart; `here` for one not physical."""
+        sides = []
+        for sign in (-1, 1):
+            try:
+                sides.append(self.scenario(values + sign * offset, finer))
+            except SceneError as error:
+                unphysical = error
+                sides.append(here)
+        behind, ahead = sides
+        if behind is ahead:
+            raise unphysical
+        apart = offset.sum() * ((behind is not here) + (ahead is not here))
+        return behind, ahead, float(apart)
 
     def has_areas(self, values: Values) -> bool:
         """Return whether the scene at some values needs no rays."""

@@ -8,6 +8,7 @@ follow (Gauss and Newton's approximation; Kaufman, BIT 15, 1975).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,19 +18,13 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.scenario import Array
 
 Matrix = NDArray[np.floating[Any]]
 
 UNSEEN = 1e-4
 """Part of the information below which a direction of the parameters counts as unknown."""
-
-SHORT = 8e-3
-"""Part of a parameter's scale by which differences are taken where there are no rays. The least
-change of light that a dozen parameters can make together is the sum of changes that cancel but for
-a hundredth: by differences to one side, or by a quarter as much, what the photograph tells of it
-was overrated tenfold and more, by differences to both by a third."""
 
 BLOCKS = 10
 """Along each side of the photograph: what stays unexplained is independent between blocks."""
@@ -176,6 +171,9 @@ def differences(level: ResolutionLevel, values: Values, offsets: Array) -> NDArr
     (S, K, M, N) by the sets of `Jacobian`. Each row of the offsets, (K, P), moves one parameter to
     either side; where neither is physical, a SceneError is raised.
     """
+    if level.by_area:
+        with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
+            return level.derivatives(values, offsets)[None]
     drawn, seeds = level.differing(), [level.seed + s for s in range(1 if level.by_area else 2)]
     changes = [
         np.asarray(_difference(drawn, values, offset, seed) / offset.sum(), np.float32)

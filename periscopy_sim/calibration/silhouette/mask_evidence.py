@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.calibration.explanation.evidence import ROUGHNESS, nonnegative
+from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS, nonnegative
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian

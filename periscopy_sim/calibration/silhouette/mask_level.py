@@ -76,7 +76,7 @@ class MaskLevel:
         """Return the gradient, (K,), and the information, (K, K), of half the evidence."""
         found = here.explanation
         g = -self.shadows.along(found.gradient) / 2
-        H = found.information(found.moved(self.shadows.held_off(found.images)))
+        H = found.fit.information(found.moved(self.shadows.held_off(found.images)))
         return g, H
 
 
