@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import area_transport, has_areas
+from periscopy_sim.analytic.area_transport import area_derivatives, area_transport, has_areas
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import EmissionProfile, Occluder
@@ -177,3 +177,56 @@ def test_a_patch_in_full_shadow_is_all_but_black():
     curtain = Box((0.45, 0.3, 0.25), (5.0, 0.01, 5.0)).occluder()
     light, shadow = (area_transport(make_scenario(o, hidden=(12, 14))) for o in ([], [curtain]))
     assert (shadow <= 1e-3 * light).all()
+
+
+def chair(**values):
+    given = {
+        "occluder_dx": "0.002",
+        "occluder_turn": "0.7",
+        "monitor_turn": "0.4",
+        "camera_dz": "0",
+    }
+    given |= {name: f"{value:.12g}" for name, value in values.items()}
+    return ps.load_scenario("chair", (8, 9), given, photograph=(36, 40))
+
+
+def between(name, middle, step):
+    return chair(**{name: middle - step}), chair(**{name: middle + step}), 2 * step
+
+
+@pytest.mark.parametrize(
+    ("name", "middle", "step", "within"),
+    [
+        ("occluder_dx", 0.002, 1e-3, 0.03),
+        ("occluder_turn", 0.7, 0.5, 0.04),
+        ("monitor_turn", 0.4, 0.5, 0.02),
+        ("camera_dz", 0.0, 1e-3, 0.05),
+        ("seat_width", 0.075, 1e-3, 0.02),
+        ("vertical_exponent", 18.0, 0.5, 1e-3),
+    ],
+)
+def test_derivatives_are_those_of_the_photograph(name, middle, step, within):
+    """By differences an eighth as wide, whose own error is about what is allowed."""
+    light = np.random.default_rng(0).random((72, 3)) + np.linspace(0, 1, 72)[:, None]
+    (found,) = area_derivatives(chair(), [between(name, middle, step)], 2)
+    behind, ahead, apart = between(name, middle, step / 8)
+    expected = (area_transport(ahead, 2).astype(float) - area_transport(behind, 2)) / apart
+    assert relative(found @ light, expected @ light) < within
+
+
+def test_derivatives_of_several_parameters_are_each_its_own():
+    sides = [between("occluder_dx", 0.002, 1e-3), between("monitor_turn", 0.4, 0.5)]
+    both = area_derivatives(chair(), sides, 2)
+    for found, side in zip(both, sides, strict=True):
+        np.testing.assert_array_equal(found, area_derivatives(chair(), [side], 2)[0])
+
+
+def test_a_parameter_that_moves_nothing_has_no_derivative():
+    (found,) = area_derivatives(chair(), [(chair(), chair(), 1.0)], 2)
+    assert not found.any()
+
+
+def test_a_parameter_that_adds_vertices_has_no_derivative_by_areas():
+    more = replace(chair(), occluders=(*chair().occluders, plate([0.1, 0.5, 0.1], [0.05, 0.05])))
+    with pytest.raises(SceneError, match="how many vertices"):
+        area_derivatives(chair(), [(chair(), more, 1.0)], 2)

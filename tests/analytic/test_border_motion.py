@@ -1,0 +1,95 @@
+"""Derivatives by what moves over a border are those of the areas, in double precision."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.analytic.border_motion import light_derivatives
+from periscopy_sim.analytic.borders import borders_of
+from periscopy_sim.analytic.scanline import light_rows
+from tests.analytic.test_transport import Box
+
+SHAPE = np.array([5, 6])
+CELLS = np.array([0.07, 0.05])
+EXPONENTS = np.array([3.0, 1.5])
+NUDGE = 1e-7
+CORNERS = 2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1
+
+
+def light(points, normals, cells, exponents, meshes):
+    out = np.empty((len(points), SHAPE.prod()))
+    light_rows(points, normals, cells, exponents, *borders_of(meshes).arrays, SHAPE, out)
+    return out
+
+
+def derivatives(points, normals, meshes, moved):
+    """Derivatives along one move of (points, normals, cells, exponents, vertices)."""
+    out = np.empty((1, len(points), SHAPE.prod()), np.float32)
+    borders = borders_of(meshes)
+    *still, vertices = (np.asarray(each)[None] for each in moved)
+    shines = np.array([any(each.any() for each in still)])
+    light_derivatives(
+        points, normals, CELLS, EXPONENTS, *still, vertices[:, borders.sources], shines,
+        *borders.arrays, SHAPE, out,
+    )  # fmt: skip
+    return out[0]
+
+
+def room(seed, turned):
+    """Wall points before a monitor of 6 x 5 patches, and two boxes between; (u, v, h)."""
+    random = np.random.default_rng(seed)
+    points = random.uniform([-2, -2, 0.9], [8, 7, 1.1], (40, 2, 3))
+    normals = np.array([0.1, -0.05, -1.0]) + 0.02 * random.standard_normal(points.shape)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    meshes = []
+    for k in range(2):
+        occluder = Box.random(random).occluder(f"box{k}")
+        body = occluder.vertices - occluder.vertices.mean(axis=0) if turned else CORNERS
+        size = np.array([0.75, 0.6, 0.15]) / np.abs(body).max()
+        place = random.uniform([1, 1, 0.3], [5, 4, 0.6])
+        meshes.append((body * size + place, occluder.faces))
+    return points, normals, meshes, random
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("moves", ["boxes", "boxes down", "camera", "monitor", "falloff"])
+@pytest.mark.parametrize("seed", range(3))
+def test_they_are_the_derivatives_of_the_areas(seed, moves, turned):
+    points, normals, meshes, random = room(seed, turned)
+    count = sum(len(vertices) for vertices, _ in meshes)
+    moved = [np.zeros_like(points), np.zeros_like(normals), np.zeros(2), np.zeros(2)]
+    vertices = np.zeros((count, 3))
+    if moves == "boxes":  # what runs along the rows stays so: at turns there the areas have a kink
+        vertices = random.standard_normal((count if turned else 1, 3)) * np.ones((count, 1))
+    elif moves == "boxes down":  # all of a line's ends move, no crossing does
+        vertices[:, 1] = 1.0
+    elif moves == "camera":
+        moved[:2] = random.standard_normal((2, *points.shape))
+    elif moves == "monitor":
+        moved[0] += [0.3, 0.4, 0.1]
+        vertices += [0.3, 0.4, 0.1]
+        moved[2] = CELLS
+    else:
+        moved[3] = np.array([0.7, -0.4])
+    found = derivatives(points, normals, meshes, (*moved, vertices))
+
+    def at(nudge):
+        parts = np.split(vertices, np.cumsum([len(v) for v, _ in meshes])[:-1])
+        nudged = [(v + nudge * part, f) for (v, f), part in zip(meshes, parts, strict=True)]
+        ends = (points, normals, CELLS, EXPONENTS)
+        return light(*(a + nudge * b for a, b in zip(ends, moved, strict=True)), nudged)
+
+    expected = (at(NUDGE) - at(-NUDGE)) / (2 * NUDGE)
+    assert np.linalg.norm(expected) > 0.01
+    # Within a patch the areas take the light's falloff for linear.
+    assert np.linalg.norm(found - expected) < 1e-3 * np.linalg.norm(expected)
+
+
+def test_without_occluders_what_shines_moves_alone():
+    points, normals, _, random = room(0, turned=True)
+    moved = [random.standard_normal(points.shape), np.zeros_like(normals), CELLS, EXPONENTS]
+    found = derivatives(points, normals, [], (*moved, np.zeros((0, 3))))
+    ends = (points, normals, CELLS, EXPONENTS)
+    sides = [
+        light(*(a + s * NUDGE * b for a, b in zip(ends, moved, strict=True)), []) for s in (1, -1)
+    ]
+    np.testing.assert_allclose(found, (sides[0] - sides[1]) / (2 * NUDGE), rtol=1e-3, atol=1e-5)
