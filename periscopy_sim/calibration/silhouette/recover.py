@@ -335,7 +335,7 @@ def _silhouette(
         unexplained=_rms(found.noise) / whole,
         unexplained_open=_rms(open_.noise) / whole,
         unexplained_partly=_rms(partly.noise) / whole,
-        between=2 * found.freedom * float(np.log(found.noise / partly.noise).sum()) / told,
+        between=2 * found.fit.freedom * float(np.log(found.noise / partly.noise).sum()) / told,
         residual=level.level.picture(found.residuals),
         overdispersion=overdispersion(found, level.level.used, level.level.seed),
         evidence=found.evidence,
