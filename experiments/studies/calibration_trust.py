@@ -59,6 +59,9 @@ DEGREE, LENS = 3, 2
 """Of the polynomials over the wall that far lights and a lens make."""
 
 SBR, SNR = 0.34, 60.0
+NEAR = 1e-4
+"""Of a ruler's error, by which A is differenced."""
+
 WITHIN = 3.0
 
 
@@ -116,7 +119,7 @@ class PlateLevel(ResolutionLevel):
         smooth = np.stack([field.ravel() for field in smooth_fields(DEGREE + LENS)], axis=1)
         self._smooth = np.linalg.qr(smooth)[0]
         self._background = np.linalg.qr(np.hstack([smooth, *self._off.values()]))[0]
-        self._gain, self._whitening, self.by_area = SmoothGain.none(self.used), None, True
+        self._gain, self.by_area = SmoothGain.none(self.used), True
 
     def differing(self) -> PlateLevel:
         """Return the level itself: there are no rays of which differences need fewer."""
@@ -126,6 +129,14 @@ class PlateLevel(ResolutionLevel):
         """Return the transport matrix; no ray is random, whatever the seed."""
         del seed
         return transport(values.tolist())
+
+    def derivatives(self, values: Array, offsets: Array) -> NDArray[np.float32]:
+        """Return derivatives by parameters, (K, M, N), in double precision by short differences."""
+        short = NEAR * offsets
+        changes = [
+            (self.matrix(values + h) - self.matrix(values - h)) / (2 * h.sum()) for h in short
+        ]
+        return np.asarray(changes, np.float32)
 
 
 def smooth_fields(degree: int) -> list[Array]:

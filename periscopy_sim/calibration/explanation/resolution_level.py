@@ -68,6 +68,9 @@ class ResolutionLevel:
     """
 
     overdispersion = 1.0
+    _whitening: Whitening | None = None
+    _white_noise: WhiteNoise | None = None
+    _leverage: Array | None = None
 
     def __init__(
         self,
@@ -108,9 +111,6 @@ class ResolutionLevel:
         self._smooth: Array | None = None
         self._background: Array | None = None
         self._gain = SmoothGain.none(self.used)
-        self._whitening: Whitening | None = None
-        self._white_noise: WhiteNoise | None = None
-        self._leverage: Array | None = None
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
         """Return the same level with other parameters that vary."""
