@@ -93,7 +93,9 @@ def area_derivatives(
     Returns
     -------
     ndarray
-        (P, M, N) float32.
+        (P, M, N) float32: derivatives of what `area_transport` computes. An edge that runs exactly
+        along the rows of patches has a corner there: how it turns is taken by its ends alone, and
+        a turn's derivative is some 15 % off; a hundredth of a degree aside it is not.
 
     Raises
     ------
@@ -169,8 +171,11 @@ def _view(scenario: Scenario, finer: int) -> _View:
 
 def _moved(there: _View, here: _View, apart: float) -> _View:
     """Return the derivative of a view, from two of them."""
-    if len(there.vertices) != len(here.vertices):
-        raise ClosedFormError("a parameter changes how many vertices an occluder has")
+    pairs = zip(there.meshes, here.meshes, strict=False)
+    if len(there.meshes) != len(here.meshes) or any(
+        len(a) != len(b) or not np.array_equal(f, g) for (a, f), (b, g) in pairs
+    ):
+        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
     return _View(
         (there.points - here.points) / apart,
         (there.normals - here.normals) / apart,

@@ -41,7 +41,8 @@ LEAST_LEFT = 0.1
 class Whitening:
     """The filter that makes errors of a spectrum white, over the pixels used of a photograph.
 
-    Its determinant is 1, so that evidences by different spectra compare.
+    Its determinant is 1 where all pixels are used, so that evidences by different spectra compare.
+    With a mask they do up to what its border changes.
     """
 
     used: NDArray[np.bool_]  # (rows, columns)

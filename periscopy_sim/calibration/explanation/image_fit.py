@@ -139,7 +139,7 @@ class ImageFit:
         """Return errors left at some pixels, (m, 3), raised by what was absorbed of them.
 
         Of white errors image and light leave (I − L)^½, L = Q Qᵀ + A⊥ H⁻¹ A⊥ᵀ at these pixels, H as
-        in `Explanation.projected_jacobian`. This undoes it ("CR2": Bell and McCaffrey, Surv.
+        in `Explanation.projected`. This undoes it ("CR2": Bell and McCaffrey, Surv.
         Methodol. 28, 2002).
         """
         raised, light = np.empty_like(errors), self._background[pixels]

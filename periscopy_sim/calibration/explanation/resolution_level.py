@@ -145,7 +145,7 @@ class ResolutionLevel:
     def as_it_comes(self) -> ResolutionLevel:
         """Return the same level, all errors taken for white noise."""
         other = self.overdispersed(1.0)
-        other._whitening = None
+        other._whitening = other._leverage = None
         return other
 
     def compared(self, found: Explanation, left_of: Callable[[Array], Array]) -> ResolutionLevel:
@@ -260,7 +260,10 @@ class ResolutionLevel:
         sides = []
         for sign in (-1, 1):
             try:
-                sides.append(self.scenario(values + sign * offset, finer))
+                side = self.scenario(values + sign * offset, finer)
+                if not has_areas(side, finer):
+                    raise ClosedFormError(f"scene '{self.path}': areas serve on neither side")
+                sides.append(side)
             except SceneError as error:
                 unphysical = error
                 sides.append(here)
@@ -316,6 +319,7 @@ class ResolutionLevel:
         spectrum of either its own errors count too little: it takes itself for better.
         """
         A, plain = self.matrix(values, seed), self.as_it_comes()
+        plain._leverage = self._leverage
         level = plain.whitened(plain.explained_by(A, values)).overdispersed(self.overdispersion)
         return level.explained_by(A, values)
 
@@ -326,15 +330,18 @@ class ResolutionLevel:
 
         If that is known, `fit` is the image's by the same matrix, gain and filter.
         """
+        Q, y, volume = self.background(values), self._y, 0.0
+        if self._whitening is not None:
+            Q, root = np.linalg.qr(self._whitening(Q))
+            y = np.asarray(self._whitening(y), np.float64)
+            # Of light that is free: of what the filter makes of it, its spread must not count.
+            volume = 6 * float(np.log(np.abs(np.diag(root))).sum()) / self.overdispersion
         if fit is None:
-            Q, y = self.background(values), self._y
-            if self._whitening is not None:
-                Q = np.linalg.qr(self._whitening(Q))[0]
-                y = np.asarray(self._whitening(y), np.float64)
             bright = self._gain.field[:, None] * A
             fit = fit_image(bright, Q, y, self.hidden_shape, self._whitening)
         found = Explanation.of(fit, self.overdispersion).with_gain(self._gain, A, self._leverage)
-        return replace(found, evidence=found.evidence + self.prior.penalty(values))
+        evidence, darkness = (each + volume for each in (found.evidence, found.darkness))
+        return replace(found, evidence=evidence + self.prior.penalty(values), darkness=darkness)
 
     def picture(self, residuals: Array) -> Array:
         """Return the used pixels' residuals over the scale, (rows, columns, 3), 0 elsewhere."""

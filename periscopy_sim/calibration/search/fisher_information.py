@@ -1,8 +1,8 @@
 """What a photograph tells about the parameters near a point: Fisher information, standard errors.
 
-The slope of the evidence is taken from differences of transport matrices either side, the
-information from how the photograph moves with a parameter beyond what hidden image and light could
-follow (Gauss and Newton's approximation; Kaufman, BIT 15, 1975).
+The slope of the evidence is taken from derivatives of the transport matrix, the information from
+how the photograph moves with a parameter beyond what hidden image and light could follow (Gauss and
+Newton's approximation; Kaufman, BIT 15, 1975).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LARGER = (2, 3)
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
-    """Derivatives by each parameter, each rendered with S independent sets of rays: two, or none.
+    """Derivatives by each parameter, each rendered with S = 2 independent sets of rays.
 
     Hidden image and light could follow nearly all of how the photograph moves. In the little that
     is left the noise of one rendering, multiplied by itself, would pass for information. By areas,
@@ -174,13 +174,16 @@ def differences(level: ResolutionLevel, values: Values, offsets: Array) -> NDArr
     if level.by_area:
         with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
             return level.derivatives(values, offsets)[None]
-    drawn, seeds = level.differing(), [level.seed + s for s in range(1 if level.by_area else 2)]
-    changes = [
-        np.asarray(_difference(drawn, values, offset, seed) / offset.sum(), np.float32)
-        for seed in seeds
-        for offset in offsets
-    ]
-    return np.array(changes).reshape(len(seeds), len(offsets), *changes[0].shape)
+        level = level.by_rays()
+    drawn, sets = level.differing(), 2
+    changes = np.empty((0, 0, 0, 0), np.float32)
+    for s in range(sets):
+        for k, offset in enumerate(offsets):
+            change = _difference(drawn, values, offset, level.seed + s) / offset.sum()
+            if not changes.size:
+                changes = np.empty((sets, len(offsets), *change.shape), np.float32)
+            changes[s, k] = change
+    return changes
 
 
 def differentiate(explanation: Explanation, changes: NDArray[np.float32]) -> Jacobian:

@@ -124,7 +124,7 @@ class ImageShift:
         if np.array_equal(near, values):
             return values, seen
         try:
-            there = level.explain(near)
+            there = level.judged(near)
         except SceneError:
             return values, seen
         loss = between_patches(level, near, there) - between_patches(level, values, seen)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,13 +54,13 @@ def descend(
 ) -> tuple[ResolutionLevel, Descent]:
     """Walk downhill from a start, (P,), until nothing is gained; each is passed to `visit`.
 
-    Slopes are taken by differences `steps`, (P,). A step goes no farther than `longest`, (P,),
-    before it is doubled. Each iteration has rays of its own: a place that was chosen by some rays
-    looks better by them than it is. It begins with the gain over the wall and the discrepancy that
-    are found there: a misplaced scene leaves a structured one, which goes as the scene finds its
-    place. Steps are taken by what is found where they lead, see `ResolutionLevel.judged`. Returned
-    is also the level, of the rays given, that has the last discrepancy. A SceneError is raised if
-    the start is not physical.
+    Derivatives are taken by moves of `steps`, (P,), to either side, see `differences`. A step goes
+    no farther than `longest`, (P,), before it is extended. Each iteration has rays of its own: a
+    place that was chosen by some rays looks better by them than it is. It begins with the gain over
+    the wall and the discrepancy that are found there: a misplaced scene leaves a structured one,
+    which goes as the scene finds its place. Steps are taken by what is found where they lead, see
+    `ResolutionLevel.judged`. Returned is also the level, of the rays given, that has the last
+    discrepancy. A SceneError is raised if the start is not physical.
     """
     values, damping, gain, unphysical = start, DAMPING, np.inf, None
     for iteration in range(iterations + 1):
@@ -105,7 +105,10 @@ def _looked(
     level = level.compared(found, rough.left_of).whitened(found)
     white = level.explained_by(A, values)
     about = curvature(level, values, white, changes)
-    overdispersion = about.overdispersion(block_scores(level, white, about.jacobian))
+    # What the parameters can still explain is no overdispersion, nor was it discrepancy.
+    left = about.left_of(white.residuals / white.deviations) * white.deviations
+    beyond = replace(white, residuals=left)
+    overdispersion = about.overdispersion(block_scores(level, beyond, about.jacobian))
     level = level.overdispersed(overdispersion).levered(white, A)
     return level, level.explained_by(A, values, white.fit), about.tempered(overdispersion)
 

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.explanation.discrepancy import Whitening
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 
 NAMES = ("occluder_dx", "occluder_dz")
@@ -13,11 +15,19 @@ def anything_goes(scenario):
     assert scenario.photograph_shape
 
 
-def level(photograph, backgrounds=(), prior=None, resolution=COARSE):
-    given = {"resolution": str(len(photograph))}
+def level(
+    photograph,
+    backgrounds=(),
+    prior=None,
+    resolution=COARSE,
+    mask=None,
+    check=anything_goes,
+    by_area=False,
+):
+    given = {"resolution": str(len(photograph)), "occluder_turn": "1"}
     return ResolutionLevel(
-        find_scene("chair"), given, NAMES, prior or Prior.none(2), photograph, backgrounds, None,
-        (29, 36), resolution, 0, anything_goes,
+        find_scene("chair"), given, NAMES, prior or Prior.none(2), photograph, backgrounds, mask,
+        (29, 36), resolution, 0, check, by_area,
     )  # fmt: skip
 
 
@@ -94,3 +104,43 @@ def test_paint_that_a_photograph_with_the_monitor_off_shows_is_divided_out():
     assert after < 2.5 * noise  # the noise of both photographs
     even = level((signal + ambient) * 1.0, resolution=resolution)
     assert even.evened(even.explain(values)) is even
+
+
+def test_how_strong_errors_are_in_light_that_is_free_does_not_matter(photograph):
+    """The mean over the wall is free; by whatever it is divided, the evidence stays."""
+    plain = level(photograph, by_area=True)
+    plain._background = np.full((18 * 18, 1), 1 / 18)
+    values, found = np.zeros(2), []
+    for strength in (1.0, 100.0):
+        spectrum = np.ones((18, 18))
+        spectrum[0, 0] = strength
+        plain._whitening = Whitening(plain.used, spectrum)
+        found.append(plain.explain(values))
+    assert found[1].evidence == pytest.approx(found[0].evidence, abs=0.01)
+    assert found[1].darkness == pytest.approx(found[0].darkness, abs=0.01)
+
+
+def test_derivatives_are_of_the_pixels_used_and_to_one_side_where_the_other_is_not_physical(
+    photograph,
+):
+    mask = np.ones((36, 36), bool)
+    mask[:8, 4:] = False
+    offsets, values = np.diag([1e-3, 1e-3]), np.zeros(2)
+    free = level(photograph, mask=mask, by_area=True)
+    centre = free.scenario(values).occluders[0].vertices.mean(axis=0)
+
+    def left_alone(scenario):
+        if scenario.occluders[0].vertices.mean(axis=0)[0] > centre[0] + 5e-4:
+            raise SceneError("the chair is in the wall")
+
+    held = level(photograph, mask=mask, by_area=True, check=left_alone)
+    both, one = (each.derivatives(values, offsets) for each in (free, held))
+    assert both.shape == one.shape == (2, free.used.sum(), 30)
+    # Where it stands goes in proportion: one side tells what both do, but for rounding.
+    np.testing.assert_allclose(one, both, atol=1e-3 * np.abs(both).max())
+    here, there = free.matrix(values), free.matrix(np.array([1e-4, 0.0]))
+    expected = (there - here) / 1e-4
+    assert np.linalg.norm(both[0] - expected) < 0.05 * np.linalg.norm(expected)
+    nowhere = level(photograph, by_area=True, check=lambda _: left_alone(free.scenario([1, 0])))
+    with pytest.raises(SceneError, match="in the wall"):
+        nowhere.derivatives(values, offsets)

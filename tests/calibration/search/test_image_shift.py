@@ -137,7 +137,7 @@ def test_one_parameter_shifts_by_whole_patches_one_way_alone(up):
 def test_a_photograph_that_tells_patches_apart_keeps_its_place(worse, moved):
     shift, values = ImageShift(np.array([[100.0], [0.0]])), np.array([0.021])
     there = SimpleNamespace(evidence=1000.0 + worse)
-    level = SimpleNamespace(prior=Prior(np.zeros(1), np.full(1, 0.01)), explain=lambda _: there)
+    level = SimpleNamespace(prior=Prior(np.zeros(1), np.full(1, 0.01)), judged=lambda _: there)
     found, seen = shift.settled(level, values, SimpleNamespace(evidence=1000.0))
     assert found == pytest.approx(0.001 if moved else 0.021)
     assert (seen is there) == moved
