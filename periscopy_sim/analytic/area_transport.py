@@ -104,12 +104,14 @@ def area_derivatives(
     """
     view = _view(scenario, finer)
     moved = [_moved(_view(b, finer), _view(a, finer), apart) for a, b, apart in sides]
-    A = np.empty((len(view.points), np.prod(scenario.hidden_shape)), np.float32)
-    _fill(A, view)
-    changes = np.empty((len(sides), *A.shape), np.float32)
+    shape = len(view.points), int(np.prod(scenario.hidden_shape))
+    changes = np.empty((len(sides), *shape), np.float32)
     _fill_changes(changes, view, moved)
-    for change, by in zip(changes, moved, strict=True):
-        change += by.scale / view.scale * A
+    if any(by.scale for by in moved):
+        A = np.empty(shape, np.float32)
+        _fill(A, view)
+        for change, by in zip(changes, moved, strict=True):
+            change += by.scale / view.scale * A
     changes *= view.scale
     return changes
 

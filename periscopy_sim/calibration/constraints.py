@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from periscopy_sim.errors import SceneError
@@ -18,8 +20,7 @@ class InFront:
     def __init__(self, scenario: Scenario) -> None:
         self._names = set()
         spacing = _spacing(scenario.wall_points)
-        for name, vertices in _meshes(scenario):
-            depth, aside = _before_wall(scenario, vertices)
+        for name, depth, aside in _before_wall(scenario):
             through = (depth < 0) & (aside < 2 * spacing)
             if through.any() and (depth > 0).any():
                 raise SceneError(_through(scenario, name, float(-depth[through].min())))
@@ -28,25 +29,26 @@ class InFront:
 
     def check(self, scenario: Scenario) -> None:
         """Raise a SceneError if one of them reaches through the wall."""
-        for name, vertices in _meshes(scenario):
-            depth, _ = _before_wall(scenario, vertices)
+        for name, depth, _ in _before_wall(scenario):
             if name in self._names and (depth < 0).any():
                 raise SceneError(_through(scenario, name, float(-depth.min())))
 
 
-def _meshes(scenario: Scenario) -> list[tuple[str, Array]]:
-    return [(o.name, o.vertices) for o in scenario.occluders if o.vertices is not None]
+def _before_wall(scenario: Scenario) -> Iterator[tuple[str, Array, Array]]:
+    """Yield each mesh's name, and how far its vertices are from the wall at its nearest point.
 
-
-def _before_wall(scenario: Scenario, vertices: Array) -> tuple[Array, Array]:
-    """Return vertices' distances from the wall at its nearest point, before and along it, (V,)."""
+    Before the wall and along it, (V,) each.
+    """
     from scipy.spatial import KDTree
 
-    _, nearest = KDTree(scenario.wall_points).query(vertices)
-    offset = vertices - scenario.wall_points[nearest]
-    normals = scenario.wall_normals[nearest]
-    depth = np.einsum("vi,vi->v", offset, normals)
-    return depth, np.linalg.norm(offset - depth[:, None] * normals, axis=1)
+    wall = KDTree(scenario.wall_points)
+    for occluder in scenario.occluders:
+        if (vertices := occluder.vertices) is None:
+            continue
+        _, nearest = wall.query(vertices)
+        offset, normals = vertices - scenario.wall_points[nearest], scenario.wall_normals[nearest]
+        depth = np.einsum("vi,vi->v", offset, normals)
+        yield occluder.name, depth, np.linalg.norm(offset - depth[:, None] * normals, axis=1)
 
 
 def _spacing(points: Array) -> float:

@@ -16,10 +16,12 @@ def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> lis
 
     The result is an (n, components) float64 array for each of its values.
     """
+    import drjit as dr
     import mitsuba as mi
 
     if is_vectorized():
         values = function(mi.Point2f(points.T.astype(np.float32)))
+        dr.eval(*values)  # all in one kernel, where each component would be traced by its own
         return [_columns(value, len(points)) for value in values]
     each = [function(mi.Point2f(float(x), float(y))) for x, y in points]
     return [
