@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.optimize import minimize_scalar
 
+from periscopy_sim.calibration.explanation.ridge_path import RidgePath, inverse
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
 
 Array = NDArray[np.float64]
@@ -56,8 +57,6 @@ class ImageFit:
     whitening: Filter | None
     _projected: Array
     _background: Array
-    _weights: Array
-    _W: Array
     _hessians: tuple[Array, ...]
 
     @property
@@ -68,9 +67,9 @@ class ImageFit:
     @cached_property
     def volume(self) -> Array:
         """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
-        inverse = (self._W * self._weights.sum(axis=1)) @ self._W.T
+        by_patch = self._projected @ np.sum([inverse(H) for H in self._hessians], axis=0)
         # The filter is symmetric.
-        return np.asarray(self.whitened(self._projected @ inverse), np.float32)
+        return np.asarray(self.whitened(by_patch.astype(np.float32)))
 
     def whitened(self, errors: Array) -> Array:
         """Return errors, (..., M, K), as white as they get."""
@@ -175,22 +174,20 @@ def fit_image(
     K[np.diag_indices_from(K)] += ROUGHNESS - 1
     gram = projected.T @ projected
     unit = np.trace(gram) / len(gram)
-    μ, W = linalg.eigh(gram / unit, K, check_finite=False)
-    μ, W = np.maximum(μ, 0), W / np.sqrt(unit)
-    z = W.T @ (projected.T @ rest)
+    correlation = projected.T @ rest
+    path = RidgePath.of(gram / unit, K, correlation / np.sqrt(unit))
     freedom = len(y) - Q.shape[1]
     # Without noise there still is finite precision.
     energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
-    evidence, ratios, misfit = 0.0, np.empty(3), np.empty(3)
-    images, hessians = np.empty_like(z), []
+    evidence, misfit = 0.0, np.empty(3)
+    images, hessians = np.empty_like(correlation), []
     for c in range(3):
-        ratios[c], value = _best_ratio(μ, z[:, c] ** 2, float(energy[c]), freedom)
-        free = W @ (z[:, c] / (μ + ratios[c]))
-        hessians.append(gram + ratios[c] * unit * K)
-        correlation = projected.T @ rest[:, c]
-        images[:, c] = nonnegative(hessians[c], correlation, free)
+        ratio, value = _best_ratio(path, c, float(energy[c]), freedom)
+        free = path.fit(ratio, c) / np.sqrt(unit)
+        hessians.append(gram + ratio * unit * K)
+        images[:, c] = nonnegative(hessians[c], correlation[:, c], free)
         least, attained = (
-            max(energy[c] - float(f @ correlation), LEAST * energy.max())
+            max(energy[c] - float(f @ correlation[:, c]), LEAST * energy.max())
             for f in (free, images[:, c])
         )
         evidence += value + (freedom * np.log(attained / least) if least > 0 else 0.0)
@@ -205,8 +202,6 @@ def fit_image(
         whitening=whitening,
         _projected=projected,
         _background=Q,
-        _weights=1 / (μ[:, None] + ratios),
-        _W=W,
         _hessians=tuple(hessians),
     )
 
@@ -240,13 +235,12 @@ def nonnegative(H: Array, h: Array, start: Array) -> Array:
         positive ^= wrong
 
 
-def _best_ratio(μ: Array, squared: Array, energy: float, freedom: float) -> tuple[float, float]:
+def _best_ratio(path: RidgePath, c: int, energy: float, freedom: float) -> tuple[float, float]:
     """Return the α at which a channel's E_c is least, and E_c there."""
 
     def evidence(log_ratio: float) -> float:
-        α = np.exp(log_ratio)
-        misfit = max(energy - float(np.sum(squared / (μ + α))), LEAST * energy)
-        return float(freedom * np.log(misfit) + np.log1p(μ / α).sum())
+        volume, explained = path.volume_and_explained(float(np.exp(log_ratio)), c)
+        return float(freedom * np.log(max(energy - explained, LEAST * energy)) + volume)
 
     if not energy > 0:
         return 1.0, 0.0
