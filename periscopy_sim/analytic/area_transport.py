@@ -77,7 +77,10 @@ def has_areas(scenario: Scenario, finer: int = 1) -> bool:
 
 
 def area_derivatives(
-    scenario: Scenario, sides: Sequence[tuple[Scenario, Scenario, float]], finer: int = 1
+    scenario: Scenario,
+    sides: Sequence[tuple[Scenario, Scenario, float]],
+    finer: int = 1,
+    A: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Compute derivatives of the light transport matrix of `area_transport` by some parameters.
 
@@ -89,6 +92,8 @@ def area_derivatives(
         For each of P parameters the scene on either side, and how far these are apart. Only where
         things stand there is taken, not what is seen: so far that single precision tells it, and no
         farther than it goes in proportion.
+    A
+        What `area_transport` computes of the scenario, if that is known.
 
     Returns
     -------
@@ -107,12 +112,11 @@ def area_derivatives(
     shape = len(view.points), int(np.prod(scenario.hidden_shape))
     changes = np.empty((len(sides), *shape), np.float32)
     _fill_changes(changes, view, moved)
-    if any(by.scale for by in moved):
-        A = np.empty(shape, np.float32)
-        _fill(A, view)
-        for change, by in zip(changes, moved, strict=True):
-            change += by.scale / view.scale * A
     changes *= view.scale
+    for change, by in zip(changes, moved, strict=True):
+        if by.scale:
+            A = area_transport(scenario, finer) if A is None else A
+            change += by.scale / view.scale * A
     return changes
 
 

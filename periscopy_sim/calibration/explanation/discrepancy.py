@@ -104,9 +104,9 @@ class WhiteNoise:
         random = np.random.default_rng(seed)
         count = len(_bands(used.shape))
         strengths, left = np.zeros(count), np.zeros(count)
-        for _ in range(PROBES):
-            noise = random.standard_normal((used.sum(), 3))
-            strongest, mean = _strengths(left_of(explanation.left_of(noise)), used)
+        noise = random.standard_normal((PROBES, used.sum(), 3))
+        for errors in explanation.left_of(noise):
+            strongest, mean = _strengths(left_of(errors), used)
             strengths += strongest / PROBES
             left += mean / PROBES / used.mean()
         return cls(used, strengths, left, left_of)

@@ -121,7 +121,7 @@ class Explanation:
         return np.asarray(self.fit.without_background(whitened) / self.deviations)
 
     def projected(self, moved: Array) -> Array:
-        """Return of a `jacobian`, (M, 3), what image, light and gain could not follow.
+        """Return of `jacobian`s, (..., M, 3), what image, light and gain could not follow.
 
         J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0, and of that
         what no gain could follow. The information on two parameters is the product of one's J̃ and
@@ -130,14 +130,12 @@ class Explanation:
         beyond = self.fit.beyond_image(moved)
         if not len(self.gain_terms):
             return beyond
-        pull = np.einsum("kmc,mc->k", self.gain_terms, moved, optimize=True)
-        by_gain = np.einsum(
-            "k,kmc->mc", self.gain_covariance @ pull, self.gain_terms, optimize=True
-        )
+        pull = np.tensordot(moved, self.gain_terms, ([-2, -1], [-2, -1]))
+        by_gain = np.tensordot(pull @ self.gain_covariance, self.gain_terms, 1)
         return np.asarray(beyond - by_gain)
 
     def left_of(self, errors: Array) -> Array:
-        """Return what image, light and gain would leave of small errors, (M, 3), over σ κ^½."""
+        """Return what image, light and gain would leave of small errors, (..., M, 3) over σ κ^½."""
         return self.projected(self.fit.without_background(errors))
 
     def shift(self, hidden_shape: tuple[int, int], axis: int) -> Array:
@@ -172,7 +170,7 @@ class Explanation:
         leverage = self.leverage(A) if leverage is None else leverage
         light = self.fit.whitened(near.terms[:, :, None] * (A @ self.images))
         terms = self.fit.without_background(light) / self.deviations
-        beyond = np.array([self.fit.beyond_image(term) for term in terms])
+        beyond = self.fit.beyond_image(terms)
         residuals = self.residuals / self.deviations
         by_channel = np.einsum("jmc,kmc->cjk", beyond, terms, optimize=True)
         pull = np.einsum("kmc,mc->ck", terms, residuals)

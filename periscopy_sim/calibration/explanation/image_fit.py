@@ -98,23 +98,24 @@ class ImageFit:
         They are as `moved` returns them. What image and light could follow tells nothing.
         """
         total = np.zeros((len(moved), len(moved)))
-        for c, (positive, (factor, lower)) in enumerate(self._positive):
+        for c, (positive, factor) in enumerate(self._positive):
             J = moved[:, :, c].T
-            followed = linalg.solve_triangular(
-                factor, self._projected[:, positive].T @ J, trans=0 if lower else 1, lower=lower,
-                check_finite=False,
-            )  # fmt: skip
+            followed = _halfway(factor, self._projected[:, positive].T @ J)
             total += J.T @ J - followed.T @ followed
         return total
 
     def beyond_image(self, moved: Array) -> Array:
-        """Return what hidden images leave of light, (M, 3), that range(B) is projected out of."""
-        response = np.zeros_like(self.images)
+        """Return what hidden images leave of light, (..., M, 3), without a part in range(B)."""
+        light = moved.reshape(-1, *moved.shape[-2:])
+        beyond = np.empty_like(light)
         for c, (positive, factor) in enumerate(self._positive):
-            response[positive, c] = linalg.cho_solve(
-                factor, (self._projected.T @ moved[:, c])[positive], check_finite=False
+            J = light[:, :, c].T
+            response = np.zeros((len(self.images), len(light)))
+            response[positive] = linalg.cho_solve(
+                factor, (self._projected.T @ J)[positive], check_finite=False
             )
-        return np.asarray(moved - self._projected @ response)
+            beyond[:, :, c] = (J - self._projected @ response).T
+        return beyond.reshape(moved.shape)
 
     def left_of_rows(self, rows: Array) -> Array:
         """Return what any image and light would leave of rows, (J, M), each taken as green."""
@@ -143,10 +144,8 @@ class ImageFit:
         """
         raised, light = np.empty_like(errors), self._background[pixels]
         for c, (positive, factor) in enumerate(self._positive):
-            image = self._projected[np.ix_(pixels, positive)]
-            leverage = light @ light.T + image @ linalg.cho_solve(
-                factor, image.T, check_finite=False
-            )
+            followed = _halfway(factor, self._projected[np.ix_(pixels, positive)].T)
+            leverage = light @ light.T + followed.T @ followed
             left, directions = np.linalg.eigh(np.eye(len(pixels)) - leverage)
             whole = (directions.T @ errors[:, c]) / np.sqrt(np.maximum(left, LEAST_LEFT))
             raised[:, c] = directions @ whole
@@ -206,6 +205,14 @@ def fit_image(
     )
 
 
+def _halfway(factor: tuple[Array, bool], h: Array) -> Array:
+    """Return x, (N, J), whose xᵀx is hᵀH⁻¹h, from the Cholesky factor of H, (N, N)."""
+    root, lower = factor
+    return np.asarray(
+        linalg.solve_triangular(root, h, trans=int(not lower), lower=lower, check_finite=False)
+    )
+
+
 def nonnegative(H: Array, h: Array, start: Array) -> Array:
     """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
 
@@ -219,9 +226,10 @@ def nonnegative(H: Array, h: Array, start: Array) -> Array:
     while True:
         f = np.zeros_like(h)
         if positive.any():
-            f[positive] = linalg.solve(
-                H[np.ix_(positive, positive)], h[positive], assume_a="pos", check_finite=False
+            factor = linalg.cho_factor(
+                H[np.ix_(positive, positive)], overwrite_a=True, check_finite=False
             )
+            f[positive] = linalg.cho_solve(factor, h[positive], check_finite=False)
         wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
         count = int(wrong.sum())
         if count == 0:

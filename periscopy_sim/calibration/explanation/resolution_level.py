@@ -17,6 +17,7 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.explanation.discrepancy import Whitening, WhiteNoise
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.image_fit import ImageFit, fit_image
+from periscopy_sim.calibration.explanation.last_matrices import LastMatrices
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
@@ -111,6 +112,7 @@ class ResolutionLevel:
         self._smooth: Array | None = None
         self._background: Array | None = None
         self._gain = SmoothGain.none(self.used)
+        self._areas = LastMatrices()  # of this level and all that are made of it
 
     def varying(self, names: tuple[str, ...]) -> ResolutionLevel:
         """Return the same level with other parameters that vary."""
@@ -227,11 +229,8 @@ class ResolutionLevel:
         A SceneError says that they are not physical, or that no light reaches the wall.
         """
         if self.by_area:
-            finer = self._finer * self._larger
             with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
-                scenario = self.scenario(values, finer)
-                A = area_transport(scenario, finer)
-                require_light(A, scenario)
+                A = self._by_area(values)
                 return A if self.used.all() else A[self.used.ravel()]
         A = render_penumbrae(
             self.scenario(values),
@@ -240,6 +239,18 @@ class ResolutionLevel:
             seed=self.seed if seed is None else seed,
         )
         return A if self.used.all() else A[self.used.ravel()]
+
+    def _by_area(self, values: Values) -> NDArray[np.float32]:
+        """Return the transport matrix by areas, of all pixels, read-only."""
+
+        def compute() -> NDArray[np.float32]:
+            finer = self._finer * self._larger
+            scenario = self.scenario(values, finer)
+            A = area_transport(scenario, finer)
+            require_light(A, scenario)
+            return A
+
+        return self._areas.at((self.names, values.tobytes()), compute)
 
     def derivatives(self, values: Values, offsets: Array) -> NDArray[np.float32]:
         """Return derivatives of the matrix by areas, (K, used pixels, N), see `area_derivatives`.
@@ -250,7 +261,7 @@ class ResolutionLevel:
         finer = self._finer * self._larger
         here = self.scenario(values, finer)
         sides = [self._sides(here, values, offset, finer) for offset in offsets]
-        changes = area_derivatives(here, sides, finer)
+        changes = area_derivatives(here, sides, finer, self._by_area(values))
         return changes if self.used.all() else changes[:, self.used.ravel()]
 
     def _sides(
@@ -337,7 +348,7 @@ class ResolutionLevel:
             # Of light that is free: of what the filter makes of it, its spread must not count.
             volume = 6 * float(np.log(np.abs(np.diag(root))).sum()) / self.overdispersion
         if fit is None:
-            bright = self._gain.field[:, None] * A
+            bright = self._gain.field.astype(A.dtype)[:, None] * A
             fit = fit_image(bright, Q, y, self.hidden_shape, self._whitening)
         found = Explanation.of(fit, self.overdispersion).with_gain(self._gain, A, self._leverage)
         evidence, darkness = (each + volume for each in (found.evidence, found.darkness))

@@ -2,9 +2,9 @@
 
     G = A⊥ᵀA⊥,   K = L Lᵀ,   L⁻¹ G L⁻ᵀ = Q T Qᵀ,   z = Qᵀ L⁻¹ h,
 
-T tridiagonal, Q orthogonal. Then log det(I + K⁻¹G/α) = log det(I + T/α), and the best fit, (G + α K)
-f = h, explains hᵀf = zᵀ(T + α I)⁻¹z: each α takes O(N), and no eigenvectors are needed (Eldén, BIT 17,
-1977).
+T tridiagonal, Q orthogonal. Then log det(I + K⁻¹G/α) = log det(I + T/α), and the best fit,
+(G + αK) f = h, explains hᵀf = zᵀ(T + αI)⁻¹z: each α takes O(N), and no eigenvectors are needed
+(Eldén, BIT 17, 1977).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class RidgePath:
         return cls(diagonal, beside, _reflected(reflections, z, "T"), root, reflections)
 
     def volume_and_explained(self, α: float, j: int) -> tuple[float, float]:
-        """Return log det(I + T/α), and zᵀ(T + α I)⁻¹z of a column of h.
+        """Return log det(I + T/α), and zᵀ(T + αI)⁻¹z of a column of h.
 
         Where rounding outweighs α the first is infinite.
         """
@@ -59,7 +59,7 @@ class RidgePath:
         return float(np.log(pivots / α).sum()), explained
 
     def fit(self, α: float, j: int) -> Array:
-        """Return (G + α K)⁻¹ h, (N,), of a column of h."""
+        """Return (G + αK)⁻¹ h, (N,), of a column of h."""
         pivots, ratios, _ = lapack.dpttrf(self.diagonal + α, self.beside)
         z, _ = lapack.dpttrs(pivots, ratios, self.pulls[:, j])
         turned = _reflected(self._reflections, z[:, None], "N")[:, 0]
