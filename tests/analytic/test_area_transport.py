@@ -202,6 +202,7 @@ def between(name, middle, step):
         ("monitor_turn", 0.4, 0.5, 0.02),
         ("camera_dz", 0.0, 1e-3, 0.05),
         ("seat_width", 0.075, 1e-3, 0.02),
+        ("monitor_stretch", 1.0, 0.01, 0.03),
         ("vertical_exponent", 18.0, 0.5, 1e-3),
     ],
 )
@@ -219,6 +220,13 @@ def test_derivatives_of_several_parameters_are_each_its_own():
     both = area_derivatives(chair(), sides, 2)
     for found, side in zip(both, sides, strict=True):
         np.testing.assert_array_equal(found, area_derivatives(chair(), [side], 2)[0])
+
+
+def test_a_matrix_that_is_known_need_not_be_computed_for_its_derivatives():
+    side, A = between("monitor_stretch", 1.0, 0.01), area_transport(chair(), 2)
+    found = area_derivatives(chair(), [side], 2, A)
+    np.testing.assert_array_equal(found, area_derivatives(chair(), [side], 2))
+    assert (found - area_derivatives(chair(), [side], 2, 0 * A)).any()  # it counts
 
 
 def test_a_parameter_that_moves_nothing_has_no_derivative():

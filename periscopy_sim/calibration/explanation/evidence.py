@@ -92,14 +92,15 @@ class Explanation:
             return light
         return self.gain.field.astype(light.dtype)[:, None] * light
 
-    def slope(self, change: NDArray[np.floating[Any]]) -> float:
+    def slope(self, change: NDArray[np.floating[Any]], moved: Array | None = None) -> float:
         """Return the derivative of the evidence along a change dA of the matrix, (M, N).
 
         dE = Σ_c (−2 r_cᵀ dA f̂_c / σ_c² + 2 ⟨A⊥ (A⊥ᵀA⊥ + α_c K)⁻¹, dA⟩) / κ, the α_c held; r and A⊥
-        have no part in range(B), so dA's own does not matter.
+        have no part in range(B), so dA's own does not matter. If it is known, `moved` is the
+        `jacobian` along dA.
         """
-        moved = self.fit.whitened(self._gained(change @ self.images.astype(change.dtype)))
-        misfit = np.einsum("mc,mc,c->", self.residuals, moved, self.deviations**-2)
+        moved = self.jacobian(change) if moved is None else moved
+        misfit = np.einsum("mc,mc,c->", self.residuals, moved, 1 / self.deviations)
         by_pixel = np.einsum("mn,mn->m", self.fit.volume, change)
         volume = by_pixel.sum() if self.gain is None else self.gain.field @ by_pixel
         return float(2 * (volume / self.overdispersion - misfit))
@@ -113,7 +114,11 @@ class Explanation:
 
     def jacobian(self, change: NDArray[np.floating[Any]]) -> Array:
         """Return how the photograph moves along dA, J = dA f̂: J⊥ / (σ κ^½), (M, 3)."""
-        return self.moved(change @ self.images.astype(change.dtype))
+        return self.moved(self.lit(change))
+
+    def lit(self, change: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """Return the light on the wall, (M, 3), of the hidden image by a matrix, (M, N)."""
+        return change @ self.images.astype(change.dtype)
 
     def moved(self, light: NDArray[np.floating[Any]]) -> Array:
         """Return how the photograph moves with more light on the wall, (..., M, 3): over σ κ^½."""

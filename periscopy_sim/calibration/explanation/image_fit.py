@@ -75,9 +75,9 @@ class ImageFit:
         """Return errors, (..., M, K), as white as they get."""
         if self.whitening is None:
             return errors
-        if errors.ndim > 2:
-            return np.array([self.whitened(each) for each in errors])
-        return np.asarray(self.whitening(errors))
+        pixels = np.moveaxis(errors, -2, 0)
+        filtered = self.whitening(pixels.reshape(len(pixels), -1)).reshape(pixels.shape)
+        return np.asarray(np.moveaxis(filtered, 0, -2))
 
     def without_background(self, light: Array) -> Array:
         """Return light, (..., M, 3), with range(B) projected out."""

@@ -190,10 +190,11 @@ def differentiate(explanation: Explanation, changes: NDArray[np.float32]) -> Jac
     """Differentiate photograph and evidence by parameters that change A so, see `differences`."""
     shape = (*changes.shape[:2], *explanation.residuals.shape)
     slopes, moved, projected = np.empty(shape[:2]), np.empty(shape), np.empty(shape)
-    for at in np.ndindex(*shape[:2]):
-        slopes[at] = explanation.slope(changes[at]) / 2
-        moved[at] = explanation.jacobian(changes[at])
-        projected[at] = explanation.projected(moved[at])
+    for s, by_parameter in enumerate(changes):
+        moved[s] = explanation.moved(np.array([explanation.lit(change) for change in by_parameter]))
+        projected[s] = explanation.projected(moved[s])
+        for p, change in enumerate(by_parameter):
+            slopes[s, p] = explanation.slope(change, moved[s, p]) / 2
     return Jacobian(slopes, moved, projected)
 
 

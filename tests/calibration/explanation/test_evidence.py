@@ -97,6 +97,18 @@ def test_the_gradient_by_entries_and_information_of_light_are_those_of_changes(p
     np.testing.assert_allclose(found.fit.information(moved), expected, rtol=1e-8)
 
 
+@pytest.mark.parametrize("whitening", [None, lambda errors: 2 * errors + errors[::-1]])
+def test_of_several_moves_each_is_as_it_is_alone(problem, whitening):
+    A, Q, y, change = problem
+    terms = np.random.default_rng(5).random((2, PIXELS))
+    gain = SmoothGain(terms, np.array([0.05, -0.02]))
+    found = explain(gain.field[:, None] * A, Q, y, SHAPE, 2.0, whitening).with_gain(gain, A)
+    light = np.array([change @ found.images, np.roll(change, 1, axis=0) @ found.images])
+    for several in (found.moved, found.projected, found.left_of):
+        for one, alone in zip(several(light), light, strict=True):
+            np.testing.assert_allclose(one, several(alone), rtol=1e-9, atol=1e-12)
+
+
 def test_ambient_light_of_any_strength_changes_nothing(problem):
     A, Q, y, change = problem
     light = 1e3 * Q @ np.random.default_rng(1).standard_normal((LIGHTS, 3))

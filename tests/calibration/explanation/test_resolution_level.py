@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.calibration.explanation import resolution_level
 from periscopy_sim.calibration.explanation.discrepancy import Whitening
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
@@ -45,6 +47,25 @@ def test_light_of_a_photograph_with_the_monitor_off_changes_nothing(photograph):
             level(y, background).explain(values).evidence for y in (photograph, photograph + off)
         )
         assert (abs(lit - plain) < 1e-3 * abs(plain)) == alike
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_place_is_rendered_once_for_a_level_and_all_that_are_made_of_it(photograph, monkeypatch):
+    rendered = []
+
+    def counted(scenario, finer):
+        rendered.append(scenario.parameters)
+        return area_transport(scenario, finer)
+
+    monkeypatch.setattr(resolution_level, "area_transport", counted)
+    here, there = level(photograph, by_area=True), np.array([0.001, 0.0])
+    A = here.matrix(np.zeros(2))
+    np.testing.assert_array_equal(here.reseeded(7).overdispersed(2.0).matrix(np.zeros(2)), A)
+    assert len(rendered) == 1
+    assert (here.matrix(there) != A).any()
+    assert (here.varying(NAMES[::-1]).matrix(there) != here.matrix(there)).any()
+    np.testing.assert_array_equal(level(photograph, by_area=True).matrix(np.zeros(2)), A)
+    assert len(rendered) == 4
 
 
 @pytest.mark.usefixtures("jit")
