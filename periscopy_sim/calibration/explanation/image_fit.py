@@ -69,15 +69,15 @@ class ImageFit:
         """(M, N) A⊥ Σ_c (A⊥ᵀA⊥ + α_c K)⁻¹, the derivative of half the volume Σ log(1 + μ/α)."""
         by_patch = self._projected @ np.sum([inverse(H) for H in self._hessians], axis=0)
         # The filter is symmetric.
-        return np.asarray(self.whitened(by_patch.astype(np.float32)))
+        return np.asarray(self.whitened(by_patch), np.float32)
 
     def whitened(self, errors: Array) -> Array:
         """Return errors, (..., M, K), as white as they get."""
         if self.whitening is None:
             return errors
-        pixels = np.moveaxis(errors, -2, 0)
-        filtered = self.whitening(pixels.reshape(len(pixels), -1)).reshape(pixels.shape)
-        return np.asarray(np.moveaxis(filtered, 0, -2))
+        if errors.ndim > 2:
+            return np.array([self.whitened(each) for each in errors])
+        return np.asarray(self.whitening(errors))
 
     def without_background(self, light: Array) -> Array:
         """Return light, (..., M, 3), with range(B) projected out."""
@@ -167,7 +167,8 @@ def fit_image(
     Q = background
     if whitening is not None:
         A = whitening(A)
-    projected = A - Q @ (Q.T @ A)
+    projected = Q @ -(Q.T @ A)
+    projected += A
     rest = y - Q @ (Q.T @ y)
     K = laplacian(hidden_shape)
     K[np.diag_indices_from(K)] += ROUGHNESS - 1

@@ -348,7 +348,7 @@ class ResolutionLevel:
             # Of light that is free: of what the filter makes of it, its spread must not count.
             volume = 6 * float(np.log(np.abs(np.diag(root))).sum()) / self.overdispersion
         if fit is None:
-            bright = self._gain.field.astype(A.dtype)[:, None] * A
+            bright = self._gain.field[:, None] * A
             fit = fit_image(bright, Q, y, self.hidden_shape, self._whitening)
         found = Explanation.of(fit, self.overdispersion).with_gain(self._gain, A, self._leverage)
         evidence, darkness = (each + volume for each in (found.evidence, found.darkness))
