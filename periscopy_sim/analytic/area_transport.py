@@ -3,7 +3,7 @@
     A[i, j] = ρ/π ∫_patch j E(q → i) V(i, q) cos θ_i cos θ_q / ‖q − i‖² dq
 
 with the wall's albedo ρ, the monitor's angular profile E and the visibility V, over the lit part of
-the patch, see `scanline`. Where rays leave noise that differs from place to place, this moves
+the patch, see `patch_light`. Where rays leave noise that differs from place to place, this moves
 smoothly with the scene: what descends on a scene's parameters needs that.
 """
 
@@ -33,6 +33,9 @@ SQUARE = 1e-6
 
 RELIEF = 1e-4
 """Of the field of view's width: how far the wall may stand out of its plane anywhere."""
+
+CELLS = 12
+"""Rows and columns of cells, at least, over which light is linear: A is good to 1e-5, then."""
 
 NEAR = 1e-6
 """Part of the way from the monitor to the wall that occluders must leave free at either end."""
@@ -98,9 +101,8 @@ def area_derivatives(
     Returns
     -------
     ndarray
-        (P, M, N) float32: derivatives of what `area_transport` computes. An edge that runs exactly
-        along the rows of patches has a corner there: how it turns is taken by its ends alone, and
-        a turn's derivative is some 15 % off; a hundredth of a degree aside it is not.
+        (P, M, N) float32: derivatives of what `area_transport` computes; where it has a corner,
+        as where faces of two occluders lie in one plane and part, those to either side.
 
     Raises
     ------
@@ -129,7 +131,8 @@ class _View:
     cells: Array  # (2,)
     exponents: Array  # (2,)
     meshes: list[tuple[Array, NDArray[np.int64]]]
-    hidden: NDArray[np.int64]  # (2,)
+    shape: NDArray[np.int64]  # (2,)
+    cut: NDArray[np.int64]  # (2,)
     scale: float
 
     @property
@@ -157,8 +160,10 @@ def _view(scenario: Scenario, finer: int) -> _View:
     )
     first = scenario.patch_centers[0] - scenario.patch_across[0] / 2 + scenario.patch_up[0] / 2
     turned = np.stack([axes[0], -axes[1], axes[2]]).T
-    cells = np.array([width, height])
-    unit = np.array([width, height, 1.0])
+    hidden = np.array(scenario.hidden_shape)
+    cut = -(-CELLS // hidden)
+    cells = np.array([width, height]) / cut[::-1]
+    unit = np.array([*cells, 1.0])
     points = _blocks((scenario.wall_points - first) @ turned / unit, scenario, finer)
     normals = _blocks(scenario.wall_normals @ turned, scenario, finer)
     if points[..., 2].min() <= 0:
@@ -171,8 +176,8 @@ def _view(scenario: Scenario, finer: int) -> _View:
         meshes.append((vertices, occluder.faces))
         _check_between(scenario, occluder.name, vertices, float(points[..., 2].min()))
     exponents = np.array([emission.vertical, emission.horizontal])
-    hidden, scale = np.array(scenario.hidden_shape), reflectance / np.pi * width * height
-    return _View(points, normals, cells, exponents, meshes, hidden, scale)
+    scale = reflectance / np.pi * width * height
+    return _View(points, normals, cells, exponents, meshes, hidden * cut, cut, scale)
 
 
 def _moved(there: _View, here: _View, apart: float) -> _View:
@@ -188,18 +193,19 @@ def _moved(there: _View, here: _View, apart: float) -> _View:
         (there.cells - here.cells) / apart,
         (there.exponents - here.exponents) / apart,
         [((there.vertices - here.vertices) / apart, np.empty((0, 3), np.int64))],
-        here.hidden,
+        here.shape,
+        here.cut,
         (there.scale - here.scale) / apart,
     )
 
 
 def _fill(A: NDArray[np.float32], view: _View) -> None:
-    from periscopy_sim.analytic.scanline import light_rows
+    from periscopy_sim.analytic.patch_light import light_rows
 
     def part(at: slice) -> None:
         light_rows(
             view.points[at], view.normals[at], view.cells, view.exponents,
-            *view.borders.arrays, view.hidden, A[at],
+            *view.borders.arrays, view.shape, view.cut, A[at],
         )  # fmt: skip
 
     _in_parts(part, len(A))
@@ -226,7 +232,7 @@ def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_Vi
         light_derivatives(
             view.points[at], view.normals[at], view.cells, view.exponents,
             points[:, at], normals[:, at], cells, exponents, vertices, shines,
-            *view.borders.arrays, view.hidden, changes[:, at],
+            *view.borders.arrays, view.shape, view.cut, changes[:, at],
         )  # fmt: skip
 
     _in_parts(part, changes.shape[1])

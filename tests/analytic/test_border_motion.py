@@ -5,31 +5,34 @@ import pytest
 
 from periscopy_sim.analytic.border_motion import light_derivatives
 from periscopy_sim.analytic.borders import borders_of
-from periscopy_sim.analytic.scanline import light_rows
+from periscopy_sim.analytic.patch_light import light_rows
 from tests.analytic.test_transport import Box
 
-SHAPE = np.array([5, 6])
-CELLS = np.array([0.07, 0.05])
+SHAPE = np.array([25, 24])
+CUT = np.array([5, 4])
+TO_CELLS = np.array([4, 5, 1])  # from patches of 7 by 5 cm
+CELLS = np.array([0.07, 0.05]) / TO_CELLS[:2]
+PATCHES = 30
 EXPONENTS = np.array([3.0, 1.5])
 NUDGE = 1e-7
 CORNERS = 2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1
 
 
 def light(points, normals, cells, exponents, meshes):
-    out = np.empty((len(points), SHAPE.prod()))
-    light_rows(points, normals, cells, exponents, *borders_of(meshes).arrays, SHAPE, out)
+    out = np.empty((len(points), PATCHES))
+    light_rows(points, normals, cells, exponents, *borders_of(meshes).arrays, SHAPE, CUT, out)
     return out
 
 
 def derivatives(points, normals, meshes, moved):
     """Derivatives along one move of (points, normals, cells, exponents, vertices)."""
-    out = np.empty((1, len(points), SHAPE.prod()), np.float32)
+    out = np.empty((1, len(points), PATCHES), np.float32)
     borders = borders_of(meshes)
     *still, vertices = (np.asarray(each)[None] for each in moved)
     shines = np.array([any(each.any() for each in still)])
     light_derivatives(
         points, normals, CELLS, EXPONENTS, *still, vertices[:, borders.sources], shines,
-        *borders.arrays, SHAPE, out,
+        *borders.arrays, SHAPE, CUT, out,
     )  # fmt: skip
     return out[0]
 
@@ -40,13 +43,14 @@ def room(seed, turned):
     points = random.uniform([-2, -2, 0.9], [8, 7, 1.1], (40, 2, 3))
     normals = np.array([0.1, -0.05, -1.0]) + 0.02 * random.standard_normal(points.shape)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    points *= TO_CELLS
     meshes = []
     for k in range(2):
         occluder = Box.random(random).occluder(f"box{k}")
         body = occluder.vertices - occluder.vertices.mean(axis=0) if turned else CORNERS
         size = np.array([0.75, 0.6, 0.15]) / np.abs(body).max()
         place = random.uniform([1, 1, 0.3], [5, 4, 0.6])
-        meshes.append((body * size + place, occluder.faces))
+        meshes.append(((body * size + place) * TO_CELLS, occluder.faces))
     return points, normals, meshes, random
 
 
@@ -58,15 +62,15 @@ def test_they_are_the_derivatives_of_the_areas(seed, moves, turned):
     count = sum(len(vertices) for vertices, _ in meshes)
     moved = [np.zeros_like(points), np.zeros_like(normals), np.zeros(2), np.zeros(2)]
     vertices = np.zeros((count, 3))
-    if moves == "boxes":  # what runs along the rows stays so: at turns there the areas have a kink
-        vertices = random.standard_normal((count if turned else 1, 3)) * np.ones((count, 1))
-    elif moves == "boxes down":  # all of a line's ends move, no crossing does
-        vertices[:, 1] = 1.0
+    if moves == "boxes":
+        vertices = random.standard_normal((count, 3)) * TO_CELLS
+    elif moves == "boxes down":
+        vertices[:, 1] = 5.0
     elif moves == "camera":
-        moved[:2] = random.standard_normal((2, *points.shape))
+        moved[:2] = random.standard_normal((2, *points.shape)) * TO_CELLS
     elif moves == "monitor":
-        moved[0] += [0.3, 0.4, 0.1]
-        vertices += [0.3, 0.4, 0.1]
+        moved[0] += [0.3, 0.4, 0.1] * TO_CELLS
+        vertices += [0.3, 0.4, 0.1] * TO_CELLS
         moved[2] = CELLS
     else:
         moved[3] = np.array([0.7, -0.4])
@@ -80,13 +84,14 @@ def test_they_are_the_derivatives_of_the_areas(seed, moves, turned):
 
     expected = (at(NUDGE) - at(-NUDGE)) / (2 * NUDGE)
     assert np.linalg.norm(expected) > 0.01
-    # Within a patch the areas take the light's falloff for linear.
+    # Within a cell the areas take light for linear.
     assert np.linalg.norm(found - expected) < 1e-3 * np.linalg.norm(expected)
 
 
 def test_without_occluders_what_shines_moves_alone():
     points, normals, _, random = room(0, turned=True)
-    moved = [random.standard_normal(points.shape), np.zeros_like(normals), CELLS, EXPONENTS]
+    away = random.standard_normal(points.shape) * TO_CELLS
+    moved = [away, np.zeros_like(normals), CELLS, EXPONENTS]
     found = derivatives(points, normals, [], (*moved, np.zeros((0, 3))))
     ends = (points, normals, CELLS, EXPONENTS)
     sides = [

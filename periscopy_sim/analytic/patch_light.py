@@ -1,0 +1,146 @@
+"""What a wall point sees of the monitor, patch by patch: areas, no rays.
+
+Patches are cut into cells, so small that light is all but linear over each. Of the shadow within a
+cell the outline then tells all that counts, its area and where its middle is, as in a rasterizer:
+each segment adds what lies to its right, in its own cell and in all that follow.
+
+Coordinates are those of `outline`; a cell's own begin at its middle. Light is in units of ρ/π times
+a patch's area.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.analytic.outline import (
+    Indices,
+    Segment,
+    border_of,
+    cut_by_cells,
+    outline_of,
+    turns_about,
+)
+from periscopy_sim.numerics.compilation import compiled, compiled_reordered
+from periscopy_sim.scenario import Array
+
+GAUSS = 0.5 / np.sqrt(3.0)
+"""From a cell's middle to either of Gauss and Legendre's two points, in cells."""
+
+
+@compiled
+def light_rows(
+    points: Array,
+    normals: Array,
+    cells: Array,
+    exponents: Array,
+    vertices: Array,
+    planes: Array,
+    two_sided: NDArray[np.bool_],
+    edges: Indices,
+    starts: Indices,
+    faces: Indices,
+    signs: Indices,
+    shape: Indices,
+    cut: Indices,
+    out: NDArray[np.float32],
+) -> None:
+    """Fill `out`, (m, N), with the mean light of each patch at each pixel's K wall points.
+
+    Parameters
+    ----------
+    points, normals
+        (m, K, 3) wall points (u, v, h), and the wall's unit normals there along the same axes.
+    cells
+        (2,) a cell's width and height in metres.
+    exponents
+        (2,) of the cosines of the monitor's vertical and horizontal angles.
+    vertices, planes, two_sided, edges, starts, faces, signs
+        Of the occluders, see `Borders`.
+    shape, cut
+        (2,) rows and columns of all cells, and of the cells of a patch.
+    """
+    light = np.empty((shape[0], shape[1]))
+    for i in range(len(points)):
+        light[:] = 0
+        for k in range(points.shape[1]):
+            p = points[i, k]
+            turns = turns_about(p, planes, two_sided, starts, faces, signs)
+            border, layers, _ = border_of(p, vertices, edges, turns, shape)
+            segments = cut_by_cells(border, outline_of(border, layers, shape[0]), shape)
+            shadow = shadow_within(segments, shape)
+            add_light(p, normals[i, k], cells, exponents, shadow, light)
+        gather(light, cut, 1 / points.shape[1], out[i])
+
+
+@compiled
+def shadow_within(segments: list[Segment], shape: Indices) -> Array:
+    """Return the area, (3, R, C), of each cell that is in shadow, and its moments in u and v."""
+    rows, columns = shape
+    shadow, right_of = np.zeros((3, rows, columns)), np.zeros((2, rows, columns + 1))
+    for _, sign, row, column, u, v, beside, below in segments:
+        height, middle = sign * (below - v), (v + below) / 2 - row - 0.5
+        right_of[0, row, column + 1] += height
+        right_of[1, row, column + 1] += height * middle
+        if column >= 0:
+            a, b = u - column - 0.5, beside - column - 0.5
+            width = 0.5 - (a + b) / 2
+            shadow[0, row, column] += height * width
+            shadow[1, row, column] += height * (0.125 - (a * a + a * b + b * b) / 6)
+            shadow[2, row, column] += height * (middle * width - (below - v) * (b - a) / 12)
+    for row in range(rows):
+        area = moment = 0.0
+        for c in range(columns):
+            area += right_of[0, row, c]
+            moment += right_of[1, row, c]
+            shadow[0, row, c] += area
+            shadow[2, row, c] += moment
+    return shadow
+
+
+@compiled_reordered
+def add_light(
+    p: Array, normal: Array, cells: Array, exponents: Array, shadow: Array, out: Array
+) -> None:
+    """Add each cell's light, but for what is in shadow, by two Gauss points along either axis."""
+    rows, columns = out.shape
+    height = p[2]
+    x, across, light = np.empty(2 * columns), np.empty(2 * columns), np.empty(2 * columns)
+    for k in range(2 * columns):
+        x[k] = (k // 2 + 0.5 + (GAUSS if k % 2 else -GAUSS) - p[0]) * cells[0]
+        across[k] = falloff(x[k], height, exponents[1])
+    for k in range(2 * rows):
+        side = GAUSS if k % 2 else -GAUSS
+        y = (k // 2 + 0.5 + side - p[1]) * cells[1]
+        strength = falloff(y, height, exponents[0]) * height / 4
+        ahead = normal[1] * y - normal[2] * height
+        squared = y * y + height * height
+        for g in range(2 * columns):
+            distance = x[g] * x[g] + squared
+            towards = max(normal[0] * x[g] + ahead, 0.0)
+            light[g] = strength * across[g] * towards / (distance * distance)
+        area, aside, down = shadow[:, k // 2]
+        row = out[k // 2]
+        for c in range(columns):
+            # What the line through the Gauss points' values has as its integral over the shadow.
+            lit, tilt = 1 - area[c] - 12 * side * down[c], 12 * GAUSS * aside[c]
+            row[c] += light[2 * c] * (lit + tilt) + light[2 * c + 1] * (lit - tilt)
+
+
+@compiled
+def falloff(aside: float, height: float, exponent: float) -> float:
+    """Return a power of the cosine of an angle of the monitor."""
+    return float((height / np.sqrt(height * height + aside * aside)) ** exponent)
+
+
+@compiled
+def gather(light: Array, cut: Indices, scale: float, out: NDArray[np.float32]) -> None:
+    """Fill `out`, (N,), with the mean of each patch's cells, times a number."""
+    columns = light.shape[1] // cut[1]
+    for j in range(len(out)):
+        row, column = j // columns * cut[0], j % columns * cut[1]
+        total = 0.0
+        for r in range(row, row + cut[0]):
+            for c in range(column, column + cut[1]):
+                total += light[r, c]
+        out[j] = total * scale / (cut[0] * cut[1])
