@@ -23,6 +23,7 @@ from .evaluation.sweep import Sweep, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
+from .photographs.border import bad_border
 from .photographs.defects import defective_pixels
 from .photographs.developing.develop import develop
 from .photographs.prepare import Prepared, prepare
@@ -80,6 +81,7 @@ __all__ = [
     "WallTags",
     "add_noise",
     "analytic_transport",
+    "bad_border",
     "build_laboratory",
     "calibrate",
     "composite",

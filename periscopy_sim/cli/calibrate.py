@@ -150,6 +150,7 @@ def calibrate(
         dark = inputs.read_backgrounds(background, scenario, used)
         _write_copy(scene_file, path, given, hidden, out)  # proves now that it can be written
         defects = inputs.look_for_defects(given_photograph.values, used, str(photo))
+        used = defects.used
         warnings = [*given_photograph.warnings, *defects.warnings]
         with timed("calibrate"), progress("calibrating") as report:
             found = search(

@@ -294,45 +294,64 @@ def read_backgrounds(
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """The defective pixels of a photograph, of those that a mask leaves."""
+    """What of a photograph measures no light of the wall, where a mask does not leave it out."""
 
     pixels: DefectivePixels
-    mask: Mask | None
-    """What the command was given, (rows, columns)."""
+    used: Mask | None
+    """(rows, columns), the mask that the command was given; without one, all but a bad border."""
+    sound: Mask
+    """(rows, columns), what is used and has no defect."""
     warnings: Sequence[str]
-    """A line of them, if there are any."""
+    """A line of each kind, if there are any."""
 
     def else_warned(self, residual: Residual | None) -> str:
         """Return what a residual warns of, unless these pixels are the likeliest cause; or none."""
-        if residual is None or (self.warnings and residual.likeliest == "pixels"):
+        if residual is None or (self.pixels.any_kind.any() and residual.likeliest == "pixels"):
             return ""
         return residual.warning
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
-        """Write a mask that leaves them out too, if there are any."""
+        """Write a mask that leaves them out too, if any are used."""
         from periscopy_sim.storage.pictures import write_png
 
-        if self.warnings:
-            sound = ~self.pixels.any_kind
-            sound = sound if self.mask is None else self.mask & sound
-            write_png(folder / SUGGESTED, np.repeat(sound[..., np.newaxis], 3, axis=2), text)
+        if not self.sound[... if self.used is None else self.used].all():
+            write_png(folder / SUGGESTED, np.repeat(self.sound[..., np.newaxis], 3, axis=2), text)
 
 
 def look_for_defects(
-    photograph: Array, mask: Mask | None, name: str, suggested: Path | None = None
+    photograph: Array,
+    mask: Mask | None,
+    name: str,
+    suggested: Path | None = None,
+    *,
+    maskable: bool = True,
 ) -> Defects:
-    """Look for defective pixels of a photograph, (rows, columns, 3), and warn of them.
+    """Look for defects of a photograph, (rows, columns, 3), and warn of them.
 
-    `suggested` is where a mask that leaves them out will be.
+    A border that stands out is not used, where no mask says what is and the method is `maskable`;
+    else it is warned of. `suggested` is where a mask that leaves all of them out will be.
     """
+    from periscopy_sim.photographs.border import bad_border
     from periscopy_sim.photographs.defects import defective_pixels
 
-    found = defective_pixels(photograph, mask)
-    warnings = []
+    remedy = f"leave them out by --mask {suggested or 'FILE'}"
+    border = bad_border(photograph, mask)
+    inside = border.inside(photograph.shape[:2])
+    sound = inside if mask is None else mask & inside
+    used, warnings = mask, []
+    if border:
+        outstanding = f"{border}, darker or brighter all along than the light farther inside"
+        if mask is None and maskable:
+            used = inside
+            warnings.append(f"{name}: left out {outstanding}; --mask takes exactly what it shows")
+        else:
+            warnings.append(f"{name}: {outstanding}; {remedy}")
+    found = defective_pixels(photograph, used)
     if found.any_kind.any():
-        warnings = [f"{name}: {found}; leave them out by --mask {suggested or 'FILE'}"]
-        warn(warnings[0])
-    return Defects(found, mask, warnings)
+        warnings.append(f"{name}: {found}; {remedy}")
+    for warning in warnings:
+        warn(warning)
+    return Defects(found, used, sound & ~found.any_kind, warnings)
 
 
 def mask_record(path: Path | None, mask: Mask | None) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from periscopy_sim.cli.output import (
     write_json,
 )
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 
@@ -98,7 +98,10 @@ def reconstruct(
         used = inputs.read_mask(mask, scenario)
         given = inputs.read_photograph(photo, scenario, used)
         dark = inputs.read_backgrounds(background, scenario, used)
-        defects = inputs.look_for_defects(given.values, used, str(photo), out / inputs.SUGGESTED)
+        defects = inputs.look_for_defects(
+            given.values, used, str(photo), out / inputs.SUGGESTED, maskable=method in METHODS
+        )
+        used = defects.used
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
         with timed("uncertain scene") if doubted or uncertain else nullcontext():
@@ -168,7 +171,6 @@ def _uncertain_errors(
 ) -> dict[str, float]:
     """Read and check ``--uncertain``, before anything is rendered; empty where there are none."""
     from periscopy_sim.calibration.prior import declared_errors, start_values
-    from periscopy_sim.reconstruction.registry import METHODS
     from periscopy_sim.rendering.scene.document import RULER_ERROR
 
     if text is None or text == NOTHING:
@@ -222,7 +224,6 @@ def _uncertain_transport(
     """
     from periscopy_sim.calibration.scene_covariance import scene_covariance
     from periscopy_sim.calibration.uncertain_scene import calibrated_transport, uncertain_transport
-    from periscopy_sim.reconstruction.registry import METHODS
 
     label = "rendering what errors of the scene do"
     if errors:

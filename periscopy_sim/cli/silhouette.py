@@ -76,6 +76,7 @@ def find_silhouette(
         taken = inputs.read_photograph(photo, scenario, used)
         dark = inputs.read_backgrounds(background, scenario, used)
         defects = inputs.look_for_defects(taken.values, used, str(photo))
+        used = defects.used
         with timed("find the silhouette"), progress("finding the silhouette") as report:
             found = recover_silhouette(
                 taken.values,

@@ -128,6 +128,7 @@ def video(
                 warn(warning)
             first = f"{frames}, first frame"
             defects = inputs.look_for_defects(photographs[0], used, first, out / inputs.SUGGESTED)
+            used = defects.used
             known = None
             if truth is not None:
                 path = Path(truth) if Path(truth).is_dir() else find_image(truth)
