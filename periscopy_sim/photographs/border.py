@@ -155,6 +155,8 @@ def _usual(inside: Array, width: int) -> Array:
     """Return the step that is nothing unusual for (n, PARTS, channels) lines, (channels,)."""
     steps = np.concatenate([_steps(lines, width) for lines in (inside, inside[::-1])])
     apart = np.abs(steps - steps.mean(axis=1, keepdims=True))
+    if not np.isfinite(apart).any():  # a part that is masked all along tells nothing
+        return np.full(inside.shape[-1], np.inf)
     spread = 1.4826 * np.nanmedian(apart, axis=(0, 1))
     return np.asarray(np.maximum(STRONGER * _shared(steps).max(axis=0), LOUDER * spread))
 

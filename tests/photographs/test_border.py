@@ -110,6 +110,16 @@ def test_where_nothing_is_used_nothing_is_found():
     assert not bad_border(np.full_like(y, np.nan))
 
 
+def test_a_part_that_is_masked_all_along_tells_of_no_stripe_across_it():
+    y = planted(next(iter(photographs("chair"))), "top", [0.9])
+    mask = np.ones((SIZE, SIZE), bool)
+    mask[:, :9] = False
+    assert bad_border(y, mask).top == 0
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[::5, ::20] = True
+    assert not bad_border(y, mask)
+
+
 # -- what is planted -----------------------------------------------------------------------------
 
 
