@@ -20,9 +20,10 @@ white errors (`Curvature.overdispersion`), the evidence counts for 1/κ of that,
 the parameters (a composite likelihood adjusted in magnitude: Ribatet, Cooley and Davison,
 Statistica Sinica 22, 2012).
 
-Nothing shines negatively. S_c is the least of ‖y⊥ − A⊥ f‖² + α_c fᵀK f, and is then taken over
-f ≥ 0, with the α_c from before. A scene that is wrong needs negative light to explain a photograph
-more often than a right one; without this the wrong one may win.
+Images of any sign are integrated over, and f̂ = W z/(μ + α) is their mean. To keep the best fit from
+shining negatively while integrating over all would be no evidence of anything: where a border of
+the image is dark, volume and misfit no longer balance, and the right scene has a slope (a monitor's
+exponent ended 3 told errors off).
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class Explanation:
 
     @property
     def images(self) -> Array:
-        """(N, 3) the most probable hidden image, f̂ ≥ 0."""
+        """(N, 3) the most probable hidden image, f̂."""
         return self.fit.images
 
     @property
@@ -128,9 +129,8 @@ class Explanation:
     def projected(self, moved: Array) -> Array:
         """Return of `jacobian`s, (..., M, 3), what image, light and gain could not follow.
 
-        J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK of the patches where f̂ > 0, and of that
-        what no gain could follow. The information on two parameters is the product of one's J̃ and
-        the other's `jacobian`.
+        J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥ over σ κ^½, H = A⊥ᵀA⊥ + αK, and of that what no gain could follow.
+        The information on two parameters is the product of one's J̃ and the other's `jacobian`.
         """
         beyond = self.fit.beyond_image(moved)
         if not len(self.gain_terms):

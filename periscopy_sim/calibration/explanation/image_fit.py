@@ -37,9 +37,6 @@ LEAST = 1e-14
 LEAST_LEFT = 0.01
 """Part of an error that must be left in the residuals to be raised to the whole of it."""
 
-PATIENCE = 3
-"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
-
 
 @dataclass(frozen=True, eq=False)
 class ImageFit:
@@ -48,7 +45,7 @@ class ImageFit:
     Light and errors are as a symmetric filter, `whitening`, leaves them.
     """
 
-    images: Array  # (N, 3) the most probable hidden image, f̂ ≥ 0
+    images: Array  # (N, 3) the most probable hidden image, f̂
     evidence: float  # Σ E_c
     darkness: float  # the same of a black hidden image
     noise: Array  # (3,) σ_c, of what is left unexplained
@@ -84,13 +81,9 @@ class ImageFit:
         return np.asarray(light - self._background @ (self._background.T @ light))
 
     @cached_property
-    def _positive(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
-        """Where f̂ > 0 in each channel, and the Cholesky factor of H there."""
-        positive = [image > 0 for image in self.images.T]
-        return [
-            (on, linalg.cho_factor(H[np.ix_(on, on)], check_finite=False))
-            for on, H in zip(positive, self._hessians, strict=True)
-        ]
+    def _factors(self) -> list[tuple[Array, bool]]:
+        """The Cholesky factor of H in each channel."""
+        return [linalg.cho_factor(H, check_finite=False) for H in self._hessians]
 
     def information(self, moved: Array) -> Array:
         """Return the Fisher information, (K, K), on how much of some moves, (K, M, 3), there is.
@@ -98,9 +91,9 @@ class ImageFit:
         They are as `moved` returns them. What image and light could follow tells nothing.
         """
         total = np.zeros((len(moved), len(moved)))
-        for c, (positive, factor) in enumerate(self._positive):
+        for c, factor in enumerate(self._factors):
             J = moved[:, :, c].T
-            followed = _halfway(factor, self._projected[:, positive].T @ J)
+            followed = _halfway(factor, self._projected.T @ J)
             total += J.T @ J - followed.T @ followed
         return total
 
@@ -108,20 +101,17 @@ class ImageFit:
         """Return what hidden images leave of light, (..., M, 3), without a part in range(B)."""
         light = moved.reshape(-1, *moved.shape[-2:])
         beyond = np.empty_like(light)
-        for c, (positive, factor) in enumerate(self._positive):
+        for c, factor in enumerate(self._factors):
             J = light[:, :, c].T
-            response = np.zeros((len(self.images), len(light)))
-            response[positive] = linalg.cho_solve(
-                factor, (self._projected.T @ J)[positive], check_finite=False
-            )
+            response = linalg.cho_solve(factor, self._projected.T @ J, check_finite=False)
             beyond[:, :, c] = (J - self._projected @ response).T
         return beyond.reshape(moved.shape)
 
     def left_of_rows(self, rows: Array) -> Array:
         """Return what any image and light would leave of rows, (J, M), each taken as green."""
         errors = self.without_background(rows.T)
-        response = linalg.solve(
-            self._hessians[1], self._projected.T @ errors, assume_a="pos", check_finite=False
+        response = linalg.cho_solve(
+            self._factors[1], self._projected.T @ errors, check_finite=False
         )
         return np.asarray((errors - self._projected @ response).T)
 
@@ -143,8 +133,8 @@ class ImageFit:
         Methodol. 28, 2002).
         """
         raised, light = np.empty_like(errors), self._background[pixels]
-        for c, (positive, factor) in enumerate(self._positive):
-            followed = _halfway(factor, self._projected[np.ix_(pixels, positive)].T)
+        for c, factor in enumerate(self._factors):
+            followed = _halfway(factor, self._projected[pixels].T)
             leverage = light @ light.T + followed.T @ followed
             left, directions = np.linalg.eigh(np.eye(len(pixels)) - leverage)
             whole = (directions.T @ errors[:, c]) / np.sqrt(np.maximum(left, LEAST_LEFT))
@@ -183,15 +173,10 @@ def fit_image(
     images, hessians = np.empty_like(correlation), []
     for c in range(3):
         ratio, value = _best_ratio(path, c, float(energy[c]), freedom)
-        free = path.fit(ratio, c) / np.sqrt(unit)
+        images[:, c] = path.fit(ratio, c) / np.sqrt(unit)
         hessians.append(gram + ratio * unit * K)
-        images[:, c] = nonnegative(hessians[c], correlation[:, c], free)
-        least, attained = (
-            max(energy[c] - float(f @ correlation[:, c]), LEAST * energy.max())
-            for f in (free, images[:, c])
-        )
-        evidence += value + (freedom * np.log(attained / least) if least > 0 else 0.0)
-        misfit[c] = attained
+        misfit[c] = max(energy[c] - float(images[:, c] @ correlation[:, c]), LEAST * energy.max())
+        evidence += value
     return ImageFit(
         images=images,
         evidence=evidence,
@@ -212,36 +197,6 @@ def _halfway(factor: tuple[Array, bool], h: Array) -> Array:
     return np.asarray(
         linalg.solve_triangular(root, h, trans=int(not lower), lower=lower, check_finite=False)
     )
-
-
-def nonnegative(H: Array, h: Array, start: Array) -> Array:
-    """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
-
-    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
-    side change sides at once, while that helps; else the last of them alone. The positive entries
-    of `start`, (N,), are tried first.
-    """
-    positive = start > 0
-    fewest, patience = len(h) + 1, PATIENCE
-    tolerance = 1e-12 * float(np.abs(h).max())
-    while True:
-        f = np.zeros_like(h)
-        if positive.any():
-            factor = linalg.cho_factor(
-                H[np.ix_(positive, positive)], overwrite_a=True, check_finite=False
-            )
-            f[positive] = linalg.cho_solve(factor, h[positive], check_finite=False)
-        wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
-        count = int(wrong.sum())
-        if count == 0:
-            return f
-        if count < fewest:
-            fewest, patience = count, PATIENCE
-        elif patience > 0:
-            patience -= 1
-        else:
-            wrong[: np.flatnonzero(wrong)[-1]] = False
-        positive ^= wrong
 
 
 def _best_ratio(path: RidgePath, c: int, energy: float, freedom: float) -> tuple[float, float]:

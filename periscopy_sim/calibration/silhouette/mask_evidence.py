@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS, nonnegative
+from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
@@ -29,6 +29,9 @@ RATIOS = np.geomspace(1e-7, 1e2, 40)
 
 LEAST = 1e-12
 """Of the photograph's energy: below it is rounding, not misfit."""
+
+PATIENCE = 3
+"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
 
 Single = NDArray[np.float32]
 
@@ -119,3 +122,33 @@ class MaskEvidence:
     def _projected(self, light: Single) -> Single:
         """Return light, (M, N), with range(B) projected out."""
         return light - self.background @ (self.background.T @ light)
+
+
+def nonnegative(H: Array, h: Array, start: Array) -> Array:
+    """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
+
+    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
+    side change sides at once, while that helps; else the last of them alone. The positive entries
+    of `start`, (N,), are tried first.
+    """
+    positive = start > 0
+    fewest, patience = len(h) + 1, PATIENCE
+    tolerance = 1e-12 * float(np.abs(h).max())
+    while True:
+        f = np.zeros_like(h)
+        if positive.any():
+            factor = linalg.cho_factor(
+                H[np.ix_(positive, positive)], overwrite_a=True, check_finite=False
+            )
+            f[positive] = linalg.cho_solve(factor, h[positive], check_finite=False)
+        wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return f
+        if count < fewest:
+            fewest, patience = count, PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        positive ^= wrong
