@@ -29,6 +29,9 @@ Image = NDArray[np.floating[Any]]
 RIDGE = 0.01
 """Weight of K beside A⊥ᵀA⊥ in the image that the scale is taken from."""
 
+BLACK = 1e-3
+"""Over the image's scale, root mean square: an image so dark is black."""
+
 FARTHEST = 1e12
 """A frame before that is brighter is cut off here, so that squares stay finite."""
 
@@ -103,6 +106,7 @@ class Objective:
             drawn_to = np.ascontiguousarray(np.clip(previous, -FARTHEST, FARTHEST), np.float32)
         split = start.scaled(scale, threshold) if start else Splitting.zeros(self.hidden_shape)
         pull = l1_weight * threshold
+        black = BLACK * scale * float(np.sqrt(split.v.size))
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
             g = right_hand_side(split)
@@ -113,7 +117,7 @@ class Objective:
                 f = np.ascontiguousarray(axes.T @ f)
             iteration += 1
             image = f.reshape(split.v.shape)
-            residuals = advance(image, split, threshold, self.positive, drawn_to, pull)
+            residuals = advance(image, split, threshold, self.positive, drawn_to, pull, black)
             if iteration % schedule.checked == 0 or iteration == schedule.max_iterations:
                 residual = float(max(residuals))
         return Minimum(split.v, split.scaled(1 / scale, 1 / threshold), iteration, residual)

@@ -62,20 +62,21 @@ def advance(
     positive: bool,
     previous: Image | None = None,
     pull: float = 0.0,
+    black: float = 0.0,
 ) -> tuple[float, float]:
     """Update u, v, p and q of a split in place from a new f, and return the residuals.
 
     f and the frame before, if any, are (3, R, C) in single precision, the latter ≥ 0 where v is.
     The threshold is λ/ρ, `pull` the weight of the distance to that frame over ρ. The residuals are
     the primal ‖(∇f − u, f − v)‖ over the larger of ‖(∇f, f)‖ and ‖(u, v)‖, and the change of (u, v)
-    over ‖(u, v)‖, to which the dual one is in proportion.
+    over ‖(u, v)‖, to which the dual one is in proportion. None is over less than `black`, the norm
+    of an image that counts as black: one that becomes so would never be told from its own rounding.
     """
     fields = split.u, split.p, split.v, split.q
     sums = _advance(f, *fields, threshold, positive, previous, pull, RELAXATION)
     gap, change, size, split_size = (math.sqrt(value) for value in sums)
-    if split_size == 0:
-        return (gap / size if size else 0.0), 0.0
-    return gap / max(size, split_size), change / split_size
+    whole, split_size = max(size, split_size, black), max(split_size, black)
+    return (gap / whole if gap else 0.0), (change / split_size if change else 0.0)
 
 
 @compiled_reordered

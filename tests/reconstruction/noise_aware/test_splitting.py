@@ -65,3 +65,10 @@ def test_frame_before_that_is_far_away_pulls_by_its_weight_alone():
     direction = np.array([2.0, 1.0, 2.0])[:, None, None] / 3
     v = drawn(TARGETS, 1e12 * direction + 0 * TARGETS, False, 0.5)
     np.testing.assert_allclose(v, TARGETS + 0.5 * direction, atol=1e-6)
+
+
+def test_an_image_that_becomes_black_ends_the_iterations():
+    f, split = np.full((3, 2, 2), -1e-6, np.float32), Splitting.zeros((2, 2))
+    own = advance(f, split, 1.0, True)
+    over_an_image = advance(f, Splitting.zeros((2, 2)), 1.0, True, black=1.0)
+    assert max(own) > 0.5 and max(over_an_image) < 1e-5
