@@ -33,6 +33,7 @@ from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search.fisher_information import block_scores
 from periscopy_sim.calibration.search.global_search import explore
 from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import walk
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
@@ -248,10 +249,10 @@ def calibrate_levels(
     fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
     for walked in range(WALKS + 1):
         here = shift.settled(fine, *settle(fine, end, steps))
-        undone = shift.undone(end.explanation, end.curvature, fine.hidden_shape)
+        moves, _ = undone(end.explanation, end.curvature, fine.hidden_shape, ~shift.alone)
         # A row or a column of patches has no place beside it.
         several = np.array(fine.hidden_shape[::-1]) > 1
-        patches = np.hstack([undone, shift.by_patch * several])
+        patches = np.hstack([moves, shift.by_patch * several])
         values, after, alike = walk(fine, end, *here, patches, log.looked)
         if np.array_equal(values, here[0]) or walked == WALKS:
             break

@@ -143,12 +143,12 @@ class Explanation:
         """Return what image, light and gain would leave of small errors, (..., M, 3) over σ κ^½."""
         return self.projected(self.fit.without_background(errors))
 
-    def shift(self, hidden_shape: tuple[int, int], axis: int) -> Array:
-        """Return how the photograph moves as the hidden image does, by a patch down (0) or right.
+    def shown(self, images: Array) -> Array:
+        """Return how the photograph moves, (M, 3), as the hidden image does by (N, 3).
 
-        (M, 3) over σ κ^½, the unit of `jacobian`.
+        It is over σ κ^½, the unit of `jacobian`.
         """
-        return np.asarray(self.fit.shifted(hidden_shape, axis) / self.deviations)
+        return np.asarray(self.fit.shown(images) / self.deviations)
 
     def unabsorbed(self, pixels: NDArray[np.intp]) -> Array:
         """Return residuals over σ κ^½ at some pixels, (m, 3), raised by what was absorbed."""

@@ -59,7 +59,11 @@ class ImageFit:
     @property
     def light(self) -> Array:
         """(M, 3) A⊥ f̂, what is explained by the image."""
-        return np.asarray(self._projected @ self.images)
+        return self.shown(self.images)
+
+    def shown(self, images: Array) -> Array:
+        """Return the light of hidden images, (N, 3): A⊥ f, (M, 3)."""
+        return np.asarray(self._projected @ images)
 
     @cached_property
     def volume(self) -> Array:
@@ -114,16 +118,6 @@ class ImageFit:
             self._factors[1], self._projected.T @ errors, check_finite=False
         )
         return np.asarray((errors - self._projected @ response).T)
-
-    def shifted(self, hidden_shape: tuple[int, int], axis: int) -> Array:
-        """Return how the photograph moves, (M, 3), as the image does, a patch down (0) or right.
-
-        A⊥ (S f̂ − f̂); what enters is black.
-        """
-        image = self.images.reshape(*hidden_shape, 3)
-        moved = np.roll(image, 1, axis)
-        moved[(slice(None),) * axis + (0,)] = 0
-        return np.asarray(self._projected @ (moved - image).reshape(-1, 3))
 
     def unabsorbed(self, pixels: NDArray[np.intp], errors: Array) -> Array:
         """Return errors left at some pixels, (m, 3), raised by what was absorbed of them.

@@ -4,9 +4,7 @@ A monitor that moves in its own plane while its image moves the other way sends 
 Only its border tells: where nothing shines any more. Between one patch of shift and the next the
 evidence has a dip, whatever is true, for an image on a grid must be shifted by whole patches.
 
-Nor does a photograph tell a small occluder that moves from an image that does, as a pinhole camera
-does not: so what moves an occluder, too, may be found a whole patch of shift off
-(`ImageShift.undone`, `patch_walk`).
+What moves an occluder, too, is found up to patches for another reason: see `image_warp`.
 """
 
 from __future__ import annotations
@@ -22,16 +20,12 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.fisher_information import UNSEEN, Curvature
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Occluder, Scenario
 
 OUT_OF_PLANE = 0.25
 """Part of a shift, at most, that leads out of the monitor's plane: 14 degrees."""
-
-ALIKE = 0.5
-"""Part of what a shift of the image does to the photograph, at least, that parameters undo."""
 
 SAME = 1e-6
 """Of the largest coordinate: within it points are the same, known to single precision."""
@@ -130,31 +124,6 @@ class ImageShift:
         loss = between_patches(level, near, there) - between_patches(level, values, seen)
         worse = loss > BETWEEN_PATCHES * NEGLIGIBLE
         return (values, seen) if worse else (near, there)
-
-    def undone(
-        self, explanation: Explanation, about: Curvature, hidden_shape: tuple[int, int]
-    ) -> Array:
-        """Return how far parameters move, (P, 2), to undo a shift of the image down and right.
-
-        By a patch each: the photograph stays as it is, as far as they can, and the ruler lets them.
-        Where they cannot they stay; so do those of `alone`, which need not move.
-        """
-        found, others = np.zeros((len(self.alone), 2)), ~self.alone
-        if not others.any():
-            return found
-        moved = about.jacobian.moved.mean(axis=0)[others]
-        moved = moved.reshape(len(moved), -1)
-        normal = moved @ moved.T + np.diag(about.prior.precision[others])
-        normal[np.diag_indices_from(normal)] *= 1 + UNSEEN
-        for axis, patches in enumerate(hidden_shape):
-            shift = explanation.shift(hidden_shape, axis).ravel()
-            if patches == 1 or not shift.any() or not normal.any(axis=0).all():
-                continue
-            undone = -np.linalg.solve(normal, moved @ shift)
-            left = shift + undone @ moved
-            if left @ left < (1 - ALIKE) * (shift @ shift):
-                found[others, axis] = undone
-        return found
 
 
 def between_patches(level: ResolutionLevel, values: Values, seen: Explanation) -> float:

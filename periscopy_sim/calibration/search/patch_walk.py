@@ -1,7 +1,7 @@
 """The same photograph one patch on: the evidence has a dip at each, and a descent is held by one.
 
-Where an occluder moves shadows as a shift of the image does (`ImageShift.undone`), there is a place
-for each whole patch that explains nearly as much, as there is where the monitor itself moves
+Where an occluder moves shadows as a warp of the image does (`image_warp`), there is a place for
+each whole patch that explains nearly as much, as there is where the monitor itself moves
 (`ImageShift.by_patch`); between them the image, on a grid, cannot follow.
 Slopes tell of these walls, not of how the dips compare, so the dips beside a descent's end are
 looked at. One patch on the photograph looks the same, and so do its derivatives: a few renderings
@@ -62,8 +62,8 @@ def walk(
     values, seen
         (P,) where it settled, and what is seen there.
     patches
-        (P, K) how far parameters move to the same photograph a patch on, see `ImageShift.undone`
-        and `ImageShift.by_patch`.
+        (P, K) how far parameters move to the same photograph a patch on, see
+        `image_warp.undone` and `ImageShift.by_patch`.
     looked
         Called whenever a place was looked at.
 
@@ -72,7 +72,7 @@ def walk(
     values, seen
         Of the best dip.
     alike
-        (P, K) those of the patches by which the next dip loses less than is telling; else 0.
+        (P, K) how far it is to the next dips that lose less than is telling; 0 of others.
     """
 
     def explain(at: Values) -> Explanation:
@@ -97,8 +97,11 @@ def walk(
             break
         dips, values, seen = {(k, -sign): (values, seen)}, *best
     telling = seen.evidence + TELLING
-    alike = {k for (k, _), dip in dips.items() if dip and dip[1].evidence < telling}
-    return values, seen, np.where(np.isin(np.arange(patches.shape[1]), list(alike)), patches, 0.0)
+    alike = np.zeros_like(patches)
+    for (k, sign), dip in dips.items():
+        if dip and dip[1].evidence < telling:
+            alike[:, k] = sign * (dip[0] - values)
+    return values, seen, alike
 
 
 def _dip(

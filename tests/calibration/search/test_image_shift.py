@@ -7,7 +7,6 @@ import pytest
 from periscopy_sim.calibration.calibrated_scene import with_defaults
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search import image_shift
-from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.image_shift import ImageShift, shifts_image
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -141,18 +140,3 @@ def test_a_photograph_that_tells_patches_apart_keeps_its_place(worse, moved):
     found, seen = shift.settled(level, values, SimpleNamespace(evidence=1000.0))
     assert found == pytest.approx(0.001 if moved else 0.021)
     assert (seen is there) == moved
-
-
-def test_a_chair_moves_as_a_pinhole_does_that_follows_the_image(chair_before_a_small_image):
-    level, scenario = chair_before_a_small_image
-    start, steps = np.zeros(3), np.array([0.004, 0.004, 1.0])
-    here = level.explain(start)
-    about = curvature(level, start, here, differences(level, start, np.diag(steps)))
-    found = ImageShift.none(3).undone(here, about, level.hidden_shape)
-    patch = [np.linalg.norm(each[0]) for each in (scenario.patch_up, scenario.patch_across)]
-    monitor, wall = scenario.patch_centers[:, 1].mean(), scenario.wall_points[:, 1].mean()
-    chair = np.mean([part.vertices[:, 1].mean() for part in scenario.occluders])
-    # A pinhole there would have to move by this part of the image's shift.
-    part = (wall - chair) / (wall - monitor)
-    assert np.abs([found[1, 0], found[0, 1]]) == pytest.approx(np.multiply(part, patch), rel=0.25)
-    assert abs(found[0, 0]) < 0.1 * patch[0] and abs(found[1, 1]) < 0.1 * patch[1]
