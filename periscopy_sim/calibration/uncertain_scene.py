@@ -1,4 +1,7 @@
-"""What errors of a scene's parameters do to its light transport, by rendering it at either side."""
+"""What errors of a scene's parameters do to its light transport: A at either side, by areas or rays.
+
+Areas leave no noise, see `area_transport`; rays are for the scenes that these do not take.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.calibration.constraints import InFront
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
@@ -23,7 +27,7 @@ STEPS = 1.0, 0.5, 0.25
 """Parts of a standard error by which a scene is moved, the first to both sides of which it can."""
 
 SETS = 2
-"""Of rays, where the scene is looked for; its errors alone are counted with one."""
+"""Of rays, where the scene is looked for; its errors alone are counted with one, and so by areas."""
 
 
 def uncertain_transport(
@@ -62,7 +66,7 @@ def uncertain_transport(
         If a parameter is unknown, no number or not seen, an error not positive, or the scene not
         physical at either side.
     PeriscopyError
-        If there is not enough memory: two matrices of the size of A for each error.
+        If there is not enough memory: a matrix of the size of A for each error, by rays two.
     VariantError
         In scalar variants, which would take hours.
     """
@@ -72,7 +76,8 @@ def uncertain_transport(
             raise SceneError(f"standard error {error:g} of '{name}': give a positive number")
     renderer = _Renderer(scenario, tuple(errors), samples, seed)
     directions = np.diag(list(errors.values()))
-    changes = renderer.changes(values, directions, SETS, progress)
+    sets = 1 if renderer.by_area else SETS
+    changes = renderer.changes(values, directions, sets, progress)
     for name, change in zip(errors, changes[0], strict=True):
         if not change.any():
             raise SceneError(
@@ -120,6 +125,7 @@ class _Renderer:
         self._scenario, self._names = scenario, names
         self._samples, self._seed = samples, seed
         self._check = InFront(scenario).check
+        self.by_area = has_areas(scenario)
 
     def changes(
         self,
@@ -130,14 +136,14 @@ class _Renderer:
     ) -> NDArray[np.float32]:
         """Return the changes of A along directions, (P, K), (sets, K, M, N).
 
-        Each is half of the difference between the two sides, by the same rays.
+        Each is half of the difference between the two sides, by the same rays if not by areas.
         """
         count = directions.shape[1]
         pixels, patches = self._scenario.transport_shape
         size = 4.0 * sets * count * pixels * patches
         if not has_memory(size):
             raise PeriscopyError(
-                f"{sets * count} matrices of {pixels} pixels x {patches} patches, of what errors "
+                f"{sets * count} times {pixels} pixels x {patches} patches, of what errors "
                 f"of {len(self._names)} parameters do, need {size / 1e9:.1f} GB of memory, where "
                 f"{(available_memory() or 0) / 1e9:.1f} GB can be had; name fewer by --uncertain "
                 "(or none), or average pixels by periscopy prepare --bin"
@@ -149,7 +155,7 @@ class _Renderer:
                 seed = (
                     self._seed + 1 + s
                 )  # none of A's own rays, whose noise the image has followed
-                ahead, behind = (self._penumbrae(side, seed) for side in sides)
+                ahead, behind = (self._softly(side, seed) for side in sides)
                 changes[s, k] = (ahead - behind) / (2 * part)
                 if progress is not None:
                     progress((k + (s + 1) / sets) / count)
@@ -178,9 +184,16 @@ class _Renderer:
             photograph=self._scenario.photograph_shape,
         )
         self._check(scenario)
+        if self.by_area and not has_areas(scenario):
+            raise SceneError(
+                f"scene '{scenario.path}': an occluder reaches the monitor's plane or the wall"
+            )
         return scenario
 
-    def _penumbrae(self, scenario: Scenario, seed: int) -> NDArray[np.float32]:
+    def _softly(self, scenario: Scenario, seed: int) -> NDArray[np.float32]:
+        """Return A, its shadows' edges as soft as they are."""
+        if self.by_area:
+            return area_transport(scenario)
         if scenario.wall_texture is not None:
             return render_transport(scenario, samples=self._samples, seed=seed)
         return render_penumbrae(scenario, samples=self._samples, pixel_samples=1, seed=seed)
