@@ -1,6 +1,6 @@
-"""What errors of a scene's parameters do to its light transport: A at either side, by areas or rays.
+"""What errors of a scene's parameters do to its light transport: A to either side of where it is.
 
-Areas leave no noise, see `area_transport`; rays are for the scenes that these do not take.
+It is had by areas, without noise, see `area_transport`, or by rays where these do not serve.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STEPS = 1.0, 0.5, 0.25
 """Parts of a standard error by which a scene is moved, the first to both sides of which it can."""
 
 SETS = 2
-"""Of rays, where the scene is looked for; its errors alone are counted with one, and so by areas."""
+"""Of rays, where the scene is looked for; its errors alone are counted with one, as by areas."""
 
 
 def uncertain_transport(
