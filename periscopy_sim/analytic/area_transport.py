@@ -35,7 +35,7 @@ RELIEF = 1e-4
 """Of the field of view's width: how far the wall may stand out of its plane anywhere."""
 
 CELLS = 12
-"""Rows and columns of cells, at least, over which light is linear: A is good to 1e-5, then."""
+"""Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
 
 NEAR = 1e-6
 """Part of the way from the monitor to the wall that occluders must leave free at either end."""

@@ -332,7 +332,7 @@ def _covariances(
 ) -> tuple[Array, Array]:
     """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
 
-    Both are `bounded`; `alike`, (P, K), are patches that are, see `walk`, `moves`, (P, U), those of
+    Both are `bounded`; `alike`, (P, K), lead to dips that are, see `walk`; `moves`, (P, U), are of
     `sensitivity`. Parameters that are `shifting`, (P,), the image alone are known by the ruler, and
     so the others, which move as they do, no better: a room that is moved as a whole looks the same.
     If `set_back`, all are the ruler's.

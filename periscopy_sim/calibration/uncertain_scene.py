@@ -6,6 +6,7 @@ It is had by areas, without noise, see `area_transport`, or by rays where these 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.calibration.constraints import InFront
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.errors import PeriscopyError, SceneError, VariantError
+from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, VariantError
 from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -143,7 +144,7 @@ class _Renderer:
         size = 4.0 * sets * count * pixels * patches
         if not has_memory(size):
             raise PeriscopyError(
-                f"{sets * count} times {pixels} pixels x {patches} patches, of what errors "
+                f"{sets * count} matrices of {pixels} pixels x {patches} patches, of what errors "
                 f"of {len(self._names)} parameters do, need {size / 1e9:.1f} GB of memory, where "
                 f"{(available_memory() or 0) / 1e9:.1f} GB can be had; name fewer by --uncertain "
                 "(or none), or average pixels by periscopy prepare --bin"
@@ -152,11 +153,7 @@ class _Renderer:
         for k, direction in enumerate(directions.T):
             part, sides = self._sides(values, direction)
             for s in range(sets):
-                seed = (
-                    self._seed + 1 + s
-                )  # none of A's own rays, whose noise the image has followed
-                ahead, behind = (self._softly(side, seed) for side in sides)
-                changes[s, k] = (ahead - behind) / (2 * part)
+                changes[s, k] = self._difference(sides, s) / (2 * part)
                 if progress is not None:
                     progress((k + (s + 1) / sets) / count)
         return changes
@@ -184,16 +181,19 @@ class _Renderer:
             photograph=self._scenario.photograph_shape,
         )
         self._check(scenario)
-        if self.by_area and not has_areas(scenario):
-            raise SceneError(
-                f"scene '{scenario.path}': an occluder reaches the monitor's plane or the wall"
-            )
         return scenario
 
-    def _softly(self, scenario: Scenario, seed: int) -> NDArray[np.float32]:
-        """Return A, its shadows' edges as soft as they are."""
+    def _difference(self, sides: list[Scenario], s: int) -> NDArray[np.float32]:
+        """Return by how much A differs, by areas or by a set of rays."""
         if self.by_area:
-            return area_transport(scenario)
+            with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
+                ahead, behind = (area_transport(side) for side in sides)
+                return np.asarray(ahead - behind)
+        seed = self._seed + 1 + s  # none of A's own rays, whose noise the image has followed
+        ahead, behind = (self._penumbrae(side, seed) for side in sides)
+        return np.asarray(ahead - behind)
+
+    def _penumbrae(self, scenario: Scenario, seed: int) -> NDArray[np.float32]:
         if scenario.wall_texture is not None:
             return render_transport(scenario, samples=self._samples, seed=seed)
         return render_penumbrae(scenario, samples=self._samples, pixel_samples=1, seed=seed)

@@ -78,7 +78,9 @@ def test_errors_that_mean_nothing_are_refused(chair, errors, words):
 
 def test_more_errors_than_memory_holds_are_refused(chair, monkeypatch):
     monkeypatch.setattr(uncertain_scene, "has_memory", lambda _: False)
-    with pytest.raises(PeriscopyError, match=r"1 times 576 pixels x 20 patches.* need 0\.0 GB"):
+    with pytest.raises(
+        PeriscopyError, match=r"1 matrices of 576 pixels x 20 patches.* need 0\.0 GB"
+    ):
         ps.uncertain_transport(chair, {"occluder_dx": 0.1})
 
 

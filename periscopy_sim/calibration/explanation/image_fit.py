@@ -37,6 +37,9 @@ LEAST = 1e-14
 LEAST_LEFT = 0.01
 """Part of an error that must be left in the residuals to be raised to the whole of it."""
 
+PATIENCE = 3
+"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
+
 
 @dataclass(frozen=True, eq=False)
 class ImageFit:
@@ -55,6 +58,7 @@ class ImageFit:
     _projected: Array
     _background: Array
     _hessians: tuple[Array, ...]
+    _nonnegative: bool
 
     @property
     def light(self) -> Array:
@@ -85,9 +89,16 @@ class ImageFit:
         return np.asarray(light - self._background @ (self._background.T @ light))
 
     @cached_property
-    def _factors(self) -> list[tuple[Array, bool]]:
-        """The Cholesky factor of H in each channel."""
-        return [linalg.cho_factor(H, check_finite=False) for H in self._hessians]
+    def _following(self) -> list[tuple[NDArray[np.bool_], tuple[Array, bool]]]:
+        """Which patches of each channel follow a change, and the Cholesky factor of H there.
+
+        All do, unless images are kept from shining negatively: then those that shine.
+        """
+        shine = (self.images > 0).T if self._nonnegative else np.ones_like(self.images.T, bool)
+        return [
+            (on, linalg.cho_factor(H[np.ix_(on, on)], check_finite=False))
+            for on, H in zip(shine, self._hessians, strict=True)
+        ]
 
     def information(self, moved: Array) -> Array:
         """Return the Fisher information, (K, K), on how much of some moves, (K, M, 3), there is.
@@ -95,9 +106,9 @@ class ImageFit:
         They are as `moved` returns them. What image and light could follow tells nothing.
         """
         total = np.zeros((len(moved), len(moved)))
-        for c, factor in enumerate(self._factors):
+        for c, (on, factor) in enumerate(self._following):
             J = moved[:, :, c].T
-            followed = _halfway(factor, self._projected.T @ J)
+            followed = _halfway(factor, self._projected[:, on].T @ J)
             total += J.T @ J - followed.T @ followed
         return total
 
@@ -105,17 +116,18 @@ class ImageFit:
         """Return what hidden images leave of light, (..., M, 3), without a part in range(B)."""
         light = moved.reshape(-1, *moved.shape[-2:])
         beyond = np.empty_like(light)
-        for c, factor in enumerate(self._factors):
+        for c, (on, factor) in enumerate(self._following):
             J = light[:, :, c].T
-            response = linalg.cho_solve(factor, self._projected.T @ J, check_finite=False)
+            response = np.zeros((len(self.images), len(light)))
+            response[on] = linalg.cho_solve(factor, (self._projected.T @ J)[on], check_finite=False)
             beyond[:, :, c] = (J - self._projected @ response).T
         return beyond.reshape(moved.shape)
 
     def left_of_rows(self, rows: Array) -> Array:
         """Return what any image and light would leave of rows, (J, M), each taken as green."""
         errors = self.without_background(rows.T)
-        response = linalg.cho_solve(
-            self._factors[1], self._projected.T @ errors, check_finite=False
+        response = linalg.solve(
+            self._hessians[1], self._projected.T @ errors, assume_a="pos", check_finite=False
         )
         return np.asarray((errors - self._projected @ response).T)
 
@@ -127,8 +139,8 @@ class ImageFit:
         Methodol. 28, 2002).
         """
         raised, light = np.empty_like(errors), self._background[pixels]
-        for c, factor in enumerate(self._factors):
-            followed = _halfway(factor, self._projected[pixels].T)
+        for c, (on, factor) in enumerate(self._following):
+            followed = _halfway(factor, self._projected[np.ix_(pixels, on)].T)
             leverage = light @ light.T + followed.T @ followed
             left, directions = np.linalg.eigh(np.eye(len(pixels)) - leverage)
             whole = (directions.T @ errors[:, c]) / np.sqrt(np.maximum(left, LEAST_LEFT))
@@ -142,11 +154,13 @@ def fit_image(
     y: Array,
     hidden_shape: tuple[int, int],
     whitening: Filter | None = None,
+    nonnegative: bool = False,
 ) -> ImageFit:
     """Fit image and light to a photograph y, (M, 3) of any unit, by a matrix A, (M, N), N = R C.
 
     The background is an orthonormal basis of range(B), (M, r). All are as a symmetric filter,
-    `whitening`, leaves them, A as it comes.
+    `whitening`, leaves them, A as it comes. Images that are `nonnegative` shine so where they fit
+    best; the volume is that of images of any sign all the same.
     """
     Q = background
     if whitening is not None:
@@ -157,7 +171,7 @@ def fit_image(
     K = laplacian(hidden_shape)
     K[np.diag_indices_from(K)] += ROUGHNESS - 1
     gram = projected.T @ projected
-    unit = np.trace(gram) / len(gram)
+    unit = np.trace(gram) / len(gram) or 1.0  # of darkness, which explains nothing
     correlation = projected.T @ rest
     path = RidgePath.of(gram / unit, K, correlation / np.sqrt(unit))
     freedom = len(y) - Q.shape[1]
@@ -167,10 +181,14 @@ def fit_image(
     images, hessians = np.empty_like(correlation), []
     for c in range(3):
         ratio, value = _best_ratio(path, c, float(energy[c]), freedom)
-        images[:, c] = path.fit(ratio, c) / np.sqrt(unit)
         hessians.append(gram + ratio * unit * K)
+        images[:, c] = path.fit(ratio, c) / np.sqrt(unit)
         misfit[c] = max(energy[c] - float(images[:, c] @ correlation[:, c]), LEAST * energy.max())
         evidence += value
+        if nonnegative:
+            images[:, c] = nonnegative_fit(hessians[c], correlation[:, c], images[:, c])
+            least, misfit[c] = misfit[c], energy[c] - float(images[:, c] @ correlation[:, c])
+            evidence += freedom * np.log(max(misfit[c] / least, 1.0)) if least > 0 else 0.0
     return ImageFit(
         images=images,
         evidence=evidence,
@@ -182,6 +200,7 @@ def fit_image(
         _projected=projected,
         _background=Q,
         _hessians=tuple(hessians),
+        _nonnegative=nonnegative,
     )
 
 
@@ -191,6 +210,36 @@ def _halfway(factor: tuple[Array, bool], h: Array) -> Array:
     return np.asarray(
         linalg.solve_triangular(root, h, trans=int(not lower), lower=lower, check_finite=False)
     )
+
+
+def nonnegative_fit(H: Array, h: Array, start: Array) -> Array:
+    """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
+
+    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
+    side change sides at once, while that helps; else the last of them alone. The positive entries
+    of `start`, (N,), are tried first.
+    """
+    positive = start > 0
+    fewest, patience = len(h) + 1, PATIENCE
+    tolerance = 1e-12 * float(np.abs(h).max())
+    while True:
+        f = np.zeros_like(h)
+        if positive.any():
+            factor = linalg.cho_factor(
+                H[np.ix_(positive, positive)], overwrite_a=True, check_finite=False
+            )
+            f[positive] = linalg.cho_solve(factor, h[positive], check_finite=False)
+        wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return f
+        if count < fewest:
+            fewest, patience = count, PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        positive ^= wrong
 
 
 def _best_ratio(path: RidgePath, c: int, energy: float, freedom: float) -> tuple[float, float]:

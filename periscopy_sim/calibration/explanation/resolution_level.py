@@ -69,6 +69,7 @@ class ResolutionLevel:
     """
 
     overdispersion = 1.0
+    _nonnegative = False
     _whitening: Whitening | None = None
     _white_noise: WhiteNoise | None = None
     _leverage: Array | None = None
@@ -130,6 +131,12 @@ class ResolutionLevel:
         """Return the same level with other rays."""
         other = copy(self)
         other.seed = seed
+        return other
+
+    def of_nonnegative_images(self) -> ResolutionLevel:
+        """Return the same level, whose best images are kept from shining negatively."""
+        other = copy(self)
+        other._nonnegative = True
         return other
 
     def overdispersed(self, overdispersion: float) -> ResolutionLevel:
@@ -349,7 +356,7 @@ class ResolutionLevel:
             volume = 6 * float(np.log(np.abs(np.diag(root))).sum()) / self.overdispersion
         if fit is None:
             bright = self._gain.field[:, None] * A
-            fit = fit_image(bright, Q, y, self.hidden_shape, self._whitening)
+            fit = fit_image(bright, Q, y, self.hidden_shape, self._whitening, self._nonnegative)
         found = Explanation.of(fit, self.overdispersion).with_gain(self._gain, A, self._leverage)
         evidence, darkness = (each + volume for each in (found.evidence, found.darkness))
         return replace(found, evidence=evidence + self.prior.penalty(values), darkness=darkness)

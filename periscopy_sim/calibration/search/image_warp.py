@@ -19,6 +19,9 @@ from periscopy_sim.scenario import Array
 LEFT = 0.25
 """Part of what a warp does to the photograph, at most, that parameters leave of it."""
 
+SAME = 0.95
+"""Part of a mixture that displacements walked by themselves may have for it to be walked, too."""
+
 
 def displacements(hidden_shape: tuple[int, int]) -> Array:
     """Return affine displacements of an image's patches, (K, 2, R, C), down and across.
@@ -51,7 +54,7 @@ def undone(
     hidden_shape: tuple[int, int],
     free: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """Return how far parameters move to undo warps of the image, and which, the easiest first.
+    """Return how far parameters move to undo warps of the image, and which.
 
     Parameters
     ----------
@@ -67,7 +70,8 @@ def undone(
     moves, warps
         (P, W) of parameters, and (K, W) how much there is of each of the `displacements`: together
         a patch in the root mean square. Of what the warp does to the photograph at most `LEFT`
-        stays.
+        stays. They are those of the `displacements` of which that is so, for an image on a grid
+        follows by whole patches along it, and of the easiest mixtures those that are none of these.
     """
     fields = displacements(hidden_shape)
     light = np.array(
@@ -89,8 +93,13 @@ def undone(
     # A warp that does nothing to the photograph is none that anything undoes.
     ridge = UNSEEN * np.trace(whole) / len(whole) * np.eye(len(whole))
     left = whole + (moved @ light.T).T @ undoing
-    parts, warps = eigh((left + left.T) / 2 + ridge, whole + ridge)
-    warps = (warps / np.linalg.norm(warps, axis=0))[:, parts < LEFT]
+    left = (left + left.T) / 2 + ridge
+    whole += ridge
+    parts, mixtures = eigh(left, whole)
+    mixtures = (mixtures / np.linalg.norm(mixtures, axis=0))[:, parts < LEFT]
+    plain = np.diag(left) < LEFT * np.diag(whole)
+    mixed = np.linalg.norm(mixtures[plain], axis=0) < SAME
+    warps = np.hstack([np.eye(len(whole))[:, plain], mixtures[:, mixed]])
     moves = np.zeros((len(free), warps.shape[1]))
     moves[free] = undoing @ warps
     return moves, warps

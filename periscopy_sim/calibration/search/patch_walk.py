@@ -10,7 +10,7 @@ find the bottom of a dip.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -37,6 +37,9 @@ MORE = 4.0
 
 FARTHEST = 4
 """Patches walked, at most."""
+
+SAME = 0.8
+"""Squared cosine of the angle between two moves from which they lead to dips in one row."""
 
 Dip = tuple[Values, Explanation]
 
@@ -72,7 +75,7 @@ def walk(
     values, seen
         Of the best dip.
     alike
-        (P, K) how far it is to the next dips that lose less than is telling; 0 of others.
+        (P, K) how far it is to the next dips that lose less than is telling.
     """
 
     def explain(at: Values) -> Explanation:
@@ -97,11 +100,21 @@ def walk(
             break
         dips, values, seen = {(k, -sign): (values, seen)}, *best
     telling = seen.evidence + TELLING
-    alike = np.zeros_like(patches)
-    for (k, sign), dip in dips.items():
-        if dip and dip[1].evidence < telling:
-            alike[:, k] = sign * (dip[0] - values)
-    return values, seen, alike
+    ends = [dip[0] - values for dip in dips.values() if dip and dip[1].evidence < telling]
+    return values, seen, _distinct(ends, end.curvature.invertible())
+
+
+def _distinct(moves: Sequence[Values], metric: Array) -> Array:
+    """Return of moves, (P,) each, those that are not much the same, or opposite: (P, K).
+
+    The farther first, by a metric, (P, P): what leads to the same dip must not count twice.
+    """
+    found: list[Values] = []
+    for move in sorted(moves, key=lambda move: -float(move @ metric @ move)):
+        aside = [(move @ metric @ each) ** 2 / (each @ metric @ each) for each in found]
+        if all(square < SAME * (move @ metric @ move) for square in aside):
+            found.append(move)
+    return np.array(found).reshape(len(found), len(metric)).T
 
 
 def _dip(

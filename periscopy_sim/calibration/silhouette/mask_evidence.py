@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS
+from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS, nonnegative_fit
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
@@ -29,9 +29,6 @@ RATIOS = np.geomspace(1e-7, 1e2, 40)
 
 LEAST = 1e-12
 """Of the photograph's energy: below it is rounding, not misfit."""
-
-PATIENCE = 3
-"""Exchanges of all patches on the wrong side that may fail to lessen their number."""
 
 Single = NDArray[np.float32]
 
@@ -101,7 +98,7 @@ class MaskEvidence:
         factor = linalg.cholesky(H, lower=True, check_finite=False)
         volume = 2 * float(np.log(np.diag(factor)).sum()) - self._log_volume(α)
         images = np.column_stack(
-            [nonnegative(H, h, f) for h, f in zip(correlation.T, start.T, strict=True)]
+            [nonnegative_fit(H, h, f) for h, f in zip(correlation.T, start.T, strict=True)]
         )
         whole = self.energy
         left = (1 + allowance) * whole - np.einsum("nc,nc->c", images, correlation)
@@ -122,33 +119,3 @@ class MaskEvidence:
     def _projected(self, light: Single) -> Single:
         """Return light, (M, N), with range(B) projected out."""
         return light - self.background @ (self.background.T @ light)
-
-
-def nonnegative(H: Array, h: Array, start: Array) -> Array:
-    """Minimize fᵀHf/2 − hᵀf over f ≥ 0, (N,), exactly, for a positive definite H.
-
-    Block principal pivoting (Kim and Park, SIAM J. Sci. Comput. 33, 2011): all patches on the wrong
-    side change sides at once, while that helps; else the last of them alone. The positive entries
-    of `start`, (N,), are tried first.
-    """
-    positive = start > 0
-    fewest, patience = len(h) + 1, PATIENCE
-    tolerance = 1e-12 * float(np.abs(h).max())
-    while True:
-        f = np.zeros_like(h)
-        if positive.any():
-            factor = linalg.cho_factor(
-                H[np.ix_(positive, positive)], overwrite_a=True, check_finite=False
-            )
-            f[positive] = linalg.cho_solve(factor, h[positive], check_finite=False)
-        wrong = (f < 0) | (~positive & (H @ f - h < -tolerance))
-        count = int(wrong.sum())
-        if count == 0:
-            return f
-        if count < fewest:
-            fewest, patience = count, PATIENCE
-        elif patience > 0:
-            patience -= 1
-        else:
-            wrong[: np.flatnonzero(wrong)[-1]] = False
-        positive ^= wrong

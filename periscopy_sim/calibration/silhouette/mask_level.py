@@ -40,7 +40,8 @@ class MaskFit:
 class MaskLevel:
     """A photograph at one resolution, explained by a mask of (rows, columns) of cells.
 
-    The level's scene is without the mask.
+    The level's scene is without the mask, and its images are nonnegative: that is what tells most
+    masks from the right one, see `mask_evidence`.
     """
 
     level: ResolutionLevel
@@ -51,7 +52,11 @@ class MaskLevel:
     def of(cls, level: ResolutionLevel, plane: MaskPlane, cells: tuple[int, int]) -> Self:
         """Return that of a mask in a plane."""
         A, scenario = level.matrix(NOTHING), level.scenario(NOTHING)
-        return cls(level, CellShadows.of(A, scenario, plane, cells, level.used), cells)
+        return cls(
+            level.of_nonnegative_images(),
+            CellShadows.of(A, scenario, plane, cells, level.used),
+            cells,
+        )
 
     @cached_property
     def evidence(self) -> MaskEvidence:

@@ -68,7 +68,7 @@ class UncertainTransport:
         if shape[1:] != (count, *transport_shape) or shape[0] not in (1, 2):
             raise ValueError(
                 f"uncertain: changes have shape {shape}; A is {transport_shape}, so with "
-                f"{count} directions they must be {(2, count, *transport_shape)}"
+                f"{count} directions they must be {(1, count, *transport_shape)}, or 2 of them"
             )
         for direction, change in zip(self.directions.T, self.changes[0], strict=True):
             if not np.isfinite(change).all():
@@ -91,7 +91,7 @@ class UncertainTransport:
         used = slice(None) if mask is None else mask.ravel()
         f = images.astype(np.float32)
         return np.array(
-            [[(change @ f)[used].T for change in by_rays] for by_rays in self.changes], np.float64
+            [[(change @ f)[used].T for change in each] for each in self.changes], np.float64
         )
 
     def change(self, u: Array, mask: NDArray[np.bool_] | None = None) -> Array:

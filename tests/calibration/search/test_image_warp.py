@@ -89,6 +89,15 @@ def test_what_moves_the_photograph_as_a_stretch_undoes_it_alone(seen):
     np.testing.assert_allclose(moves[:, 0] * np.sign(warps[1, 0]), [-0.25, 0], atol=1e-3)
 
 
+def test_warps_that_are_undone_alike_are_walked_along_the_grid(seen):
+    """Any mixture of two would do as well, but dips lie by whole patches along either."""
+    fields = displacements(SHAPE)[[0, 3]]
+    shifts = [100 * (warped(seen.images, d) - warped(seen.images, -d)) / 2 for d in fields]
+    moves, warps = undone(seen, known(np.array(shifts)), SHAPE, np.ones(2, bool))
+    np.testing.assert_array_equal(warps, np.eye(6)[:, [0, 3]])
+    np.testing.assert_allclose(moves, -np.eye(2), atol=1e-3)
+
+
 def test_what_may_not_move_or_a_ruler_holds_undoes_nothing(seen):
     field = displacements(SHAPE)[1]
     stretch = 100 * (warped(seen.images, field) - warped(seen.images, -field)) / 2

@@ -34,7 +34,7 @@ def test_parameters_and_their_errors_follow_the_directions():
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"changes": CHANGES[:, :2]}, "with 3 directions they must be (2, 3, 8, 5)"),
+        ({"changes": CHANGES[:, :2]}, "with 3 directions they must be (1, 3, 8, 5), or 2 of them"),
         ({"changes": np.concatenate([CHANGES, CHANGES])}, "changes have shape (4, 3, 8, 5)"),
         ({"names": ("x",)}, "1 names and 2 values"),
         ({"directions": np.zeros((2, 0))}, "directions of shape (2, 0)"),
