@@ -125,6 +125,9 @@ class PlateLevel(ResolutionLevel):
         """Return the level itself: there are no rays of which differences need fewer."""
         return self
 
+    def unphysical(self, values: Array) -> None:
+        """Return that there is a plate at any values."""
+
     def matrix(self, values: Array, seed: int | None = None) -> Array:
         """Return the transport matrix; no ray is random, whatever the seed."""
         del seed

@@ -94,6 +94,13 @@ class SlatLevel:
         other.overdispersion = overdispersion
         return other
 
+    def unphysical(self, values):
+        try:
+            self.matrix(values)
+        except SceneError as error:
+            return error
+        return None
+
     def matrix(self, values, seed=None):
         if values[1] < NEAREST or values[1] > 0.9:
             raise SceneError(f"the slat is in the wall at distance = {values[1]:.3g}")

@@ -230,6 +230,14 @@ class ResolutionLevel:
         self._check(scenario)
         return scenario
 
+    def unphysical(self, values: Values) -> SceneError | None:
+        """Return why there is no scene at some values; None if there is one."""
+        try:
+            self.scenario(values)
+        except SceneError as error:
+            return error
+        return None
+
     def matrix(self, values: Values, seed: int | None = None) -> NDArray[np.float32]:
         """Return the transport matrix at some values, (used pixels, N); by the level's own rays.
 

@@ -30,6 +30,9 @@ LONGER_STEP, LONGEST_STEP = 1.5, 4.0
 TRIALS = 5
 """Steps tried, each shorter, before a point is called the best."""
 
+PARTS = 0.25, 0.0625
+"""Of a step that are tried towards the border of what is physical."""
+
 SEEDS = 3
 """Of an iteration: two of its differences, one of a test of its end."""
 
@@ -55,7 +58,8 @@ def descend(
     """Walk downhill from a start, (P,), until nothing is gained; each is passed to `visit`.
 
     Derivatives are taken by moves of `steps`, (P,), to either side, see `differences`. A step goes
-    no farther than `longest`, (P,), before it is extended. Each iteration has rays of its own: a
+    no farther than `longest`, (P,), before it is extended; parameters that it would take past what
+    is physical go a part of it. Each iteration has rays of its own: a
     place that was chosen by some rays looks better by them than it is. It begins with the gain over
     the wall and the discrepancy that are found there: a misplaced scene leaves a structured one,
     which goes as the scene finds its place. Steps are taken by what is found where they lead, see
@@ -71,11 +75,12 @@ def descend(
             break
         gain, unphysical = 0.0, None
         for trial in range(TRIALS):
-            step = about.step(damping, longest)
+            step, error = _physical_step(drawn, about, values, damping, longest)
+            unphysical = error if trial == 0 else unphysical
             try:
                 tried = drawn.judged(values + step)
-            except SceneError as error:
-                unphysical = error if trial == 0 else unphysical
+            except SceneError as refused:
+                unphysical = refused if trial == 0 else unphysical
             else:
                 if tried.evidence < here.evidence:
                     if trial == 0:
@@ -92,6 +97,30 @@ def descend(
         level = drawn.gained(tried).reseeded(level.seed)
     ended = drawn.reseeded(level.seed)
     return ended, Descent(values, here, about, unphysical if gain < NEGLIGIBLE_GAIN else None)
+
+
+def _physical_step(
+    level: ResolutionLevel, about: Curvature, values: Values, damping: float, longest: Values
+) -> tuple[Values, SceneError | None]:
+    """Return Newton's step, and why it is not physical; then as much of it as is.
+
+    Parameters that it takes past the border by themselves go a part of the way, the others where
+    that is best: an exponent that a ruler has near 0 must not hold up all.
+    """
+    step = about.step(damping, longest)
+    error = level.unphysical(values + step)
+    if error is None:
+        return step, None
+    moves = np.diag(step)
+    free = np.array([level.unphysical(values + move) is None for move in moves])
+    if free.all() or not free.any():
+        return step, error
+    found = np.zeros_like(step)
+    found[free] = about.of(free).step(damping, longest[free])
+    for move in moves[~free]:
+        parts = (part for part in PARTS if level.unphysical(values + part * move) is None)
+        found += next(parts, 0.0) * move
+    return found, error
 
 
 def _looked(

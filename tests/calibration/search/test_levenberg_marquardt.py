@@ -163,6 +163,23 @@ def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_s
     assert end.values[1] == pytest.approx(0.45, abs=5e-3)
 
 
+def test_a_parameter_at_the_border_of_the_physical_does_not_hold_up_others(slat_level):
+    """The second is at 0.4; where it starts, no step of it leads on the physical side."""
+    level = slat_level(noise=1e-3, seed=4)
+    whole = level.matrix
+
+    def within(values, seed=None):
+        if values[1] < 0.4499:
+            raise SceneError("the slat is in the wall")
+        return whole(values, seed)
+
+    level.matrix = within
+    _, end = descend(level, np.array([0.08, 0.45]), STEPS / 10, LONGEST, 6, ignore)
+    assert end.values[1] == pytest.approx(0.45, abs=2e-4)
+    known = end.curvature.of(np.array([True, False]))
+    assert known.predicted_gain < 1
+
+
 def search_that_nothing_betters(level, is_beyond):
     """Descend where no step is better, the n-th refused if `is_beyond(n)`; also count the steps."""
     start, whole, trials = np.array([0.1, 0.45]), level.explain, []
