@@ -10,7 +10,8 @@ Of 1120 closed-form photographs of chair, plate, plant and boards across the pic
 with 0 to 2 % of noise, one was said to have stripes. With at most 0.35 % of noise, a row or column
 of chair, plate or plant that is 1 % too dark or bright was found in nine of ten photographs of 126
 pixels a side and in eight of ten of 63, one that is 3 % too dark in all; a ramp of 1 % over 3 % of
-a side in half of them. Beside edges that are as sharp, of a board near the wall, few are found.
+a side in half of them. Beside edges that are as sharp, of a board near the wall, few are found. An
+only edge that runs along a whole side, within two pixels of it, is taken for a stripe.
 """
 
 from __future__ import annotations
