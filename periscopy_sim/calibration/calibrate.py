@@ -63,6 +63,9 @@ millimetres from the best; slopes, of wide differences, need fewer."""
 ITERATIONS = 10
 """Of a descent, at most; the last of them gain little and take long."""
 
+GAINS = 3
+"""Times that the gain over the wall is found anew before a descent: it is linearized each time."""
+
 WALKS = 3
 """From patch to patch after which a descent follows, at most; the last one has none."""
 
@@ -306,9 +309,17 @@ def calibrate_levels(
 
 
 def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
-    """Return a level whose wall's unevenness, as it shows at some values, is divided out."""
-    found = level.explain(values)
-    return level.evened(found).gained(found)
+    """Return a level whose wall's unevenness, as it shows at some values, is divided out.
+
+    It begins with the gain that is found there. Images that may shine negatively would follow a
+    strong gain, and lead to one that is upside down.
+    """
+    found = level.of_nonnegative_images().explain(values)
+    level = level.evened(found)
+    for _ in range(GAINS):
+        level = level.gained(found)
+        found = level.of_nonnegative_images().explain(values)
+    return level.gained(found)
 
 
 def _require_shadows(level: ResolutionLevel, values: Values) -> None:
