@@ -3,8 +3,8 @@
 The light that a shadow takes away changes where its border moves, by what shines there, and with
 what shines within (Reynolds' transport theorem). The first is an integral along the shadow's
 outline, of all parameters at once; the second, smooth, is a difference with the border as it is.
-Differences of areas themselves, in which the border moves, are good to a percent or so, by which
-the least that a dozen parameters can change together would be overrated many times over.
+Derivatives good to a percent would not do: of what each of a dozen parameters does a hundredth may
+be all by which they are told apart.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ Statistica Sinica 22, 2012).
 Images of any sign are integrated over, and f̂ = W z/(μ + α) is their mean. To keep the best fit from
 shining negatively while integrating over all would be no marginal likelihood: where a border of
 the image is dark, volume and misfit no longer balance, and the right scene has a slope (a monitor's
-exponent ended 3 told errors off).
+exponent ended 3 told errors off). Masks are told by it all the same, see `mask_evidence`.
 """
 
 from __future__ import annotations

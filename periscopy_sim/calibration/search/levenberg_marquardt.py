@@ -59,12 +59,12 @@ def descend(
 
     Derivatives are taken by moves of `steps`, (P,), to either side, see `differences`. A step goes
     no farther than `longest`, (P,), before it is extended; parameters that it would take past what
-    is physical go a part of it. Each iteration has rays of its own: a
-    place that was chosen by some rays looks better by them than it is. It begins with the gain over
-    the wall and the discrepancy that are found there: a misplaced scene leaves a structured one,
-    which goes as the scene finds its place. Steps are taken by what is found where they lead, see
-    `ResolutionLevel.judged`. Returned is also the level, of the rays given, that has the last
-    discrepancy. A SceneError is raised if the start is not physical.
+    is physical go a part of it. Each iteration has rays of its own: a place that was chosen by some
+    rays looks better by them than it is. It begins with the gain over the wall and the discrepancy
+    that are found there: a misplaced scene leaves a structured one, which goes as the scene finds
+    its place. Steps are taken by what is found where they lead, see `ResolutionLevel.judged`.
+    Returned is also the level, of the rays given, that has the last discrepancy. A SceneError is
+    raised if the start is not physical.
     """
     values, damping, gain, unphysical = start, DAMPING, np.inf, None
     for iteration in range(iterations + 1):

@@ -19,7 +19,8 @@ of u, and H = Tᵀ(I − F Fᵀ)T / σ²κ,
 D is rendered, and images follow nearly all of what it does. In the little that they leave, noise
 multiplied by itself would pass for information; so there are two sets of rays, T = (T₁ + T₂)/2, and
 H̄ = T₁ᵀ(I − F Fᵀ)T₂ / σ²κ is free of it. Noise in T draws v̂ towards the ruler's, and no farther; v₀
-is given back by H̄. The errors are those of this estimator, not of one that knew D:
+is given back by H̄. By areas D has no noise, and one set serves as both. The errors are those of
+this estimator, not of one that knew D:
 
     Cov(v̂ − v) = (I − K H̄) Λ⁻¹ (I − K H̄)ᵀ + K H K,
 

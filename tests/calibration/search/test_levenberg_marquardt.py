@@ -7,11 +7,13 @@ import pytest
 
 from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.levenberg_marquardt import (
+    DAMPING,
     LONGEST_STEP,
     SEEDS,
     TRIALS,
     Descent,
     _extended,
+    _physical_step,
     descend,
     settle,
 )
@@ -163,21 +165,30 @@ def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_s
     assert end.values[1] == pytest.approx(0.45, abs=5e-3)
 
 
-def test_a_parameter_at_the_border_of_the_physical_does_not_hold_up_others(slat_level):
-    """The second is at 0.4; where it starts, no step of it leads on the physical side."""
-    level = slat_level(noise=1e-3, seed=4)
-    whole = level.matrix
+@pytest.mark.parametrize(("border", "part"), [(0.4499, 0.0), (0.44, 0.25)])
+def test_a_parameter_at_the_border_of_the_physical_does_not_hold_up_others(
+    slat_level, border, part
+):
+    """The second wants to go from 0.45 to 0.4; the first goes where that is best without it."""
+    level, start = slat_level(noise=1e-3, seed=4), np.array([0.08, 0.45])
+    about = ended(level, start).curvature
+    whole = about.step(DAMPING, LONGEST / 3)
+    assert start[1] + whole[1] < border
+    level.unphysical = lambda values: SceneError("the wall") if values[1] < border else None
+    step, error = _physical_step(level, about, start, DAMPING, LONGEST / 3)
+    alone = about.of(np.array([True, False])).step(DAMPING, LONGEST[:1] / 3)
+    assert step == pytest.approx([alone[0], part * whole[1]])
+    assert step[0] != pytest.approx(whole[0], rel=1e-3) and "the wall" in str(error)
 
-    def within(values, seed=None):
-        if values[1] < 0.4499:
-            raise SceneError("the slat is in the wall")
-        return whole(values, seed)
 
-    level.matrix = within
-    _, end = descend(level, np.array([0.08, 0.45]), STEPS / 10, LONGEST, 6, ignore)
-    assert end.values[1] == pytest.approx(0.45, abs=2e-4)
-    known = end.curvature.of(np.array([True, False]))
-    assert known.predicted_gain < 1
+@pytest.mark.parametrize("beyond", [False, True])
+def test_a_step_that_all_or_none_may_take_is_left_as_it_is(slat_level, beyond):
+    level, start = slat_level(noise=1e-3, seed=4), np.array([0.08, 0.45])
+    about = ended(level, start).curvature
+    level.unphysical = lambda _: SceneError("the wall") if beyond else None
+    step, error = _physical_step(level, about, start, DAMPING, LONGEST)
+    assert step == pytest.approx(about.step(DAMPING, LONGEST))
+    assert (error is not None) == beyond
 
 
 def search_that_nothing_betters(level, is_beyond):
