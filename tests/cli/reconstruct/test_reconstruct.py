@@ -30,7 +30,10 @@ def test_hidden_image_is_recovered_beside_ambient_light(light, reconstruct, hidd
     image, summary = reconstruct("y.npy", *PLAIN)
     assert image.shape == (4, 5, 3) and image.dtype == np.float32
     assert np.allclose(image, hidden, rtol=1e-4)
-    assert max(summary["noise"]) < 1e-5 * signal.mean()  # P is of single precision
+    # P y is of single precision, and the energy that it explains is taken from the whole: what is
+    # left is right to half a unit in the last place of the light that B leaves.
+    rounding = np.sqrt(np.finfo(np.float32).eps / 2 * np.mean(signal**2))
+    assert max(summary["noise"]) < rounding
 
 
 @pytest.mark.usefixtures("drawings")

@@ -27,8 +27,12 @@ def published_solver(K, b, weight, white, most):
     """[15] with the data term ½‖K f − b‖² itself; its K and its image, in [0, 1], scaled so."""
     b = b / white
 
-    def data(f):
-        return 0.5 * np.sum((K @ f - b) ** 2)
+    def excess(change):
+        """Return data(y + change) − data(y) − ∇data(y)·change.
+
+        The difference of the two data terms themselves is lost in rounding where a change is small.
+        """
+        return 0.5 * np.sum((K @ change) ** 2)
 
     def norm(f):
         return np.linalg.norm(f.reshape(SHAPE), 2)
@@ -42,7 +46,7 @@ def published_solver(K, b, weight, white, most):
     for iteration in range(1, most + 1):
         slope = K.T @ (K @ y - b)
         x = prox(y - step * slope, λ * used)
-        while data(x) > data(y) + slope @ (x - y) + norm(x - y) ** 2 / (2 * step):
+        while excess(x - y) > norm(x - y) ** 2 / (2 * step):
             step *= 0.3
             used = step
             x = prox(y - step * slope, λ * used)
