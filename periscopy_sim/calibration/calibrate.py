@@ -36,6 +36,7 @@ from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import walk
+from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
@@ -95,9 +96,10 @@ def calibrate(
 
     Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
     ambient light but that it comes from afar, see `evidence`, nor of a smooth gain over the wall,
-    see `SmoothGain`. Of the parameters is known what the
-    ruler says, see `Prior`: there the descent begins. Where it knows nothing of one, the best of
-    many points of a box is looked for first, at a low resolution.
+    see `SmoothGain`. Of the parameters is known what the ruler says, see `Prior`: descents begin
+    there and at places within its errors, at a low resolution, and another goes on from the best of
+    their ends. Where the ruler knows nothing of one, the best of many points of a box is looked for
+    instead.
 
     Parameters
     ----------
@@ -244,9 +246,15 @@ def calibrate_levels(
     steps = np.minimum(scales, prior.errors)
     ruled = bool(np.isfinite(prior.errors).all())
     log = Progress(len(start), ruled, ITERATIONS, progress)
-    # What a ruler leaves open is too little for a coarse level to tell.
-    values = start if ruled else explore(coarse, start, spreads, coarse.seed, log.at(coarse))
-    _require_shadows(coarse, values)
+    if ruled:
+        _require_shadows(coarse, start)
+        looks = log.at(coarse), log.at(coarse)
+        ends = ends_from_ruler(_evened(coarse, start), start, steps, *looks)
+        evened = _evened(fine, start)
+        values = min(ends, key=lambda end: evened.judged(end).evidence)
+    else:
+        values = explore(coarse, start, spreads, coarse.seed, log.at(coarse))
+        _require_shadows(coarse, values)
     visit = log.at(fine)
     fine = _evened(fine, values)
     fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)

@@ -1,0 +1,68 @@
+"""Where to begin where a ruler knows all parameters: at its word, or elsewhere within its errors.
+
+A scene that is wrong by all errors of a ruler at once leaves much that no small move explains: it
+passes for what the model lacks, the photograph counts for little, and a descent ends where it
+began. Other places that the ruler allows lie nearer to the best. At a low resolution they are cheap
+to look at, and slopes reach farther.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.search.levenberg_marquardt import descend
+from periscopy_sim.errors import SceneError
+
+PLACES, MOST_PLACES = 8, 32
+"""Looked at for each parameter, and at most."""
+
+DESCENTS, ITERATIONS = 3, 4
+"""From the ruler's word and the best places; and of each, at most."""
+
+TAILS = 1e-3
+"""Probability beyond which nothing is drawn, to either side."""
+
+
+def places_visited(parameters: int) -> tuple[int, int]:
+    """Return how many places are looked at, and how many the descents visit at most."""
+    return min(PLACES * parameters, MOST_PLACES), DESCENTS * (ITERATIONS + 1)
+
+
+def ends_from_ruler(
+    level: ResolutionLevel, start: Values, steps: Values, visit: Visit, visit_descent: Visit
+) -> list[Values]:
+    """Return where descents end, (P,) each, from the start and from places that the ruler allows.
+
+    The places are drawn from the ruler's errors about the start (Sobol's sequence); descents, as
+    in `descend`, follow on those with the best evidence. What is not physical is left out, the
+    start alone raises a SceneError.
+    """
+    places = _drawn(level, start, visit)
+    _, end = descend(level, start, steps, 5 * steps, ITERATIONS, visit_descent)
+    ends = [end.values]
+    for place in places[: DESCENTS - 1]:
+        with suppress(SceneError):
+            _, end = descend(level, place, steps, 5 * steps, ITERATIONS, visit_descent)
+            ends.append(end.values)
+    return ends
+
+
+def _drawn(level: ResolutionLevel, start: Values, visit: Visit) -> list[Values]:
+    """Return places within the ruler's errors, those of the best evidence first."""
+    from scipy.stats import norm, qmc
+
+    count, _ = places_visited(len(start))
+    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed)).random(2 * count)
+    places = start + level.prior.errors * norm.ppf(np.clip(even, TAILS, 1 - TAILS))
+    looked: list[tuple[float, int]] = []
+    for k, place in enumerate(places):
+        if len(looked) == count:
+            break
+        with suppress(SceneError):
+            evidence = level.judged(place).evidence
+            visit(place, evidence)
+            looked.append((evidence, k))
+    return [places[k] for _, k in sorted(looked)]
