@@ -45,12 +45,15 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
 @pytest.mark.parametrize(("overrated", "part"), [(1.0, 1.0), (3.0, 3.0), (100.0, LONGEST_STEP)])
 def test_steps_that_are_too_short_are_extended_to_the_bottom(overrated, part):
     """E = (x − 1)², whose curvature is told too large: Newton's step is as much too short."""
-    level = SimpleNamespace(judged=lambda at: SimpleNamespace(evidence=float((at[0] - 1) ** 2)))
+
+    def explain(at):
+        return SimpleNamespace(evidence=float((at[0] - 1) ** 2))
+
     step, start = np.array([1 / overrated]), np.zeros(1)
     rate = -2 * float(step[0])
-    found, seen = _extended(level, start, step, rate, level.judged(start), level.judged(step))
+    found, seen = _extended(explain, start, step, rate, explain(start), explain(step))
     assert found == pytest.approx(part * step)
-    assert seen.evidence == level.judged(found).evidence
+    assert seen.evidence == explain(found).evidence
 
 
 def test_a_step_past_which_nothing_is_physical_is_not_extended():
@@ -61,7 +64,7 @@ def test_a_step_past_which_nothing_is_physical_is_not_extended():
 
     start, step = np.zeros(1), np.array([0.3])
     ends = explain(start), explain(step)
-    found, seen = _extended(SimpleNamespace(judged=explain), start, step, -0.6, *ends)
+    found, seen = _extended(explain, start, step, -0.6, *ends)
     assert found is step and seen is ends[1]
 
 
