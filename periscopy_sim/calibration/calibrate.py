@@ -248,8 +248,7 @@ def calibrate_levels(
     log = Progress(len(start), ruled, ITERATIONS, progress)
     if ruled:
         _require_shadows(coarse, start)
-        looks = log.at(coarse), log.at(coarse)
-        ends = ends_from_ruler(_evened(coarse, start), start, steps, *looks)
+        ends = ends_from_ruler(_evened(coarse, start), start, steps, log.at(coarse))
         evened = _evened(fine, start)
         values = min(ends, key=lambda end: evened.judged(end).evidence)
     else:
@@ -287,7 +286,7 @@ def calibrate_levels(
     plain = fine.as_it_comes()
     left_before, left = plain.explain(start), plain.explain(values)
     misfit = left.left if fine.discrepancy > STRUCTURED else 0.0
-    why = doubts(names, values, spreads, prior, gained, known, misfit)
+    why = doubts(names, values, spreads, prior, gained, known, misfit, after.darker_than_black)
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
     ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)

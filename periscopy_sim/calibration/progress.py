@@ -9,15 +9,15 @@ import numpy as np
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
 from periscopy_sim.calibration.result import Visited
 from periscopy_sim.calibration.search.global_search import points_visited
-from periscopy_sim.calibration.search.ruled_starts import places_visited
+from periscopy_sim.calibration.search.ruled_starts import DESCENTS, ITERATIONS, places_looked_at
 
 LOOK, LOOKS = 3.0, 28
 """What a look of the walk costs, in renderings of the fine level for a difference; how many it
 takes as a rule."""
 
 
-COARSER = 5.0
-"""Times less that an iteration costs on the coarse level."""
+COARSE = 0.2
+"""What coarse costs, of the same at the fine level."""
 
 
 class Progress:
@@ -37,11 +37,12 @@ class Progress:
         # In units of a rendering of the fine level for a difference; a descent's visits each stand
         # for an iteration, and what precedes it for one more.
         iteration = 2 * parameters + 6
-        coarse = [(0.2, points_visited(parameters))]
+        coarse = (COARSE, points_visited(parameters))
         if ruled:
-            places, descents = places_visited(parameters)
-            coarse = [(0.2, places), (iteration / COARSER, descents)]
-        phases = [*coarse, (float(iteration), iterations + 2)]
+            looks, descents = places_looked_at(parameters), DESCENTS * (ITERATIONS + 1)
+            share = descents / (looks + descents)
+            coarse = (COARSE * (1 + share * iteration), looks + descents)
+        phases = [coarse, (float(iteration), iterations + 2)]
         self._costs = [cost for cost, _ in phases]
         self._starts = [0.0, *np.cumsum([cost * points for cost, points in phases]).tolist()]
         self._all = self._starts[-1] + LOOK * LOOKS

@@ -17,6 +17,10 @@ MISFIT = 0.4
 """Part of what no smooth light makes, above which a structured residual is no small thing: in
 simulations more than that was left beside near lamps, and the images were worse by 10 dB."""
 
+NEGATIVE = 0.16
+"""Part of the hidden image's light that may be negative: in simulations it was 0.2 to 1 beside near
+lamps, and at most 0.09 elsewhere, of pictures that are half black."""
+
 CHANCE = 0.01
 """Of gaining as much where the ruler is right."""
 
@@ -61,12 +65,14 @@ def doubts(
     gained: bool,
     known: float,
     misfit: float,
+    negative: float,
 ) -> tuple[str, ...]:
     """Return why parameters, (P,), are not to be believed; empty where nothing says so.
 
     `spreads` are the half widths of what was searched, `gained` whether they explain more than
     the start does, `known` how many of them the photograph determines, `misfit` what part of it
-    no smooth light and no such scene makes, but for noise.
+    no smooth light and no such scene makes, but for noise, `negative` what part of the hidden
+    image's light is.
     """
     found = []
     for name, value, center, spread, distance in zip(
@@ -89,5 +95,11 @@ def doubts(
             f"of what no smooth light explains, {100 * misfit:.0f} % stay unexplained, and are no "
             "noise: a near lamp whose light no --background shows, a poster (--mask), a number "
             "that the ruler has far off, or something that the scene lacks"
+        )
+    if negative > NEGATIVE:
+        found.append(
+            f"{100 * negative:.0f} % of the light of the hidden image that explains most would be "
+            "negative: what the photograph shows is not the monitor's light alone; a near lamp "
+            "whose light no --background shows, or a number that the ruler has far off"
         )
     return tuple(found)

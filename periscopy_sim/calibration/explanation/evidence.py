@@ -87,6 +87,12 @@ class Explanation:
             np.linalg.norm(self.residuals) / np.linalg.norm(self.residuals + self.fit.light)
         )
 
+    @property
+    def darker_than_black(self) -> float:
+        """Part of the hidden image's light, in absolute value, that is negative."""
+        images = self.images
+        return float(np.maximum(-images, 0).sum() / (np.abs(images).sum() or 1.0))
+
     def _gained(self, light: NDArray[np.floating[Any]]) -> Any:
         """Return light, (M, ...), as the gain makes it."""
         if self.gain is None:

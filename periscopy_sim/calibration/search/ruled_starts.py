@@ -26,26 +26,26 @@ TAILS = 1e-3
 """Probability beyond which nothing is drawn, to either side."""
 
 
-def places_visited(parameters: int) -> tuple[int, int]:
-    """Return how many places are looked at, and how many the descents visit at most."""
-    return min(PLACES * parameters, MOST_PLACES), DESCENTS * (ITERATIONS + 1)
+def places_looked_at(parameters: int) -> int:
+    """Return how many places are looked at before the descents."""
+    return min(PLACES * parameters, MOST_PLACES)
 
 
 def ends_from_ruler(
-    level: ResolutionLevel, start: Values, steps: Values, visit: Visit, visit_descent: Visit
+    level: ResolutionLevel, start: Values, steps: Values, visit: Visit
 ) -> list[Values]:
     """Return where descents end, (P,) each, from the start and from places that the ruler allows.
 
     The places are drawn from the ruler's errors about the start (Sobol's sequence); descents, as
-    in `descend`, follow on those with the best evidence. What is not physical is left out, the
-    start alone raises a SceneError.
+    in `descend`, follow on those with the best evidence. All that is visited is passed to `visit`.
+    What is not physical is left out, the start alone raises a SceneError.
     """
     places = _drawn(level, start, visit)
-    _, end = descend(level, start, steps, 5 * steps, ITERATIONS, visit_descent)
+    _, end = descend(level, start, steps, 5 * steps, ITERATIONS, visit)
     ends = [end.values]
     for place in places[: DESCENTS - 1]:
         with suppress(SceneError):
-            _, end = descend(level, place, steps, 5 * steps, ITERATIONS, visit_descent)
+            _, end = descend(level, place, steps, 5 * steps, ITERATIONS, visit)
             ends.append(end.values)
     return ends
 
@@ -54,8 +54,8 @@ def _drawn(level: ResolutionLevel, start: Values, visit: Visit) -> list[Values]:
     """Return places within the ruler's errors, those of the best evidence first."""
     from scipy.stats import norm, qmc
 
-    count, _ = places_visited(len(start))
-    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed)).random(2 * count)
+    count = places_looked_at(len(start))
+    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed)).random(2 * MOST_PLACES)
     places = start + level.prior.errors * norm.ppf(np.clip(even, TAILS, 1 - TAILS))
     looked: list[tuple[float, int]] = []
     for k, place in enumerate(places):

@@ -150,6 +150,17 @@ def test_patches_that_would_shine_negatively_are_integrated_over_like_all(proble
     assert np.vdot(found.projected(moved), moved) == pytest.approx(expected, rel=1e-3)
 
 
+def test_negative_light_is_told_as_a_part_of_all(problem):
+    A, Q, y, _ = problem
+    lit = explain(A, Q, A @ np.ones((12, 3)), SHAPE)
+    assert lit.darker_than_black == 0
+    found = explain(A, Q, y - 1.5 * A[:, [2]] - 1.2 * A[:, [7]], SHAPE)
+    parts = [np.abs(found.images[sign * found.images > 0]).sum() for sign in (-1, 1)]
+    assert found.darker_than_black == pytest.approx(parts[0] / sum(parts)) and parts[0] > 0
+    assert explain(A, Q, -A @ np.ones((12, 3)), SHAPE).darker_than_black == 1
+    assert explain(A, Q, np.zeros_like(y), SHAPE).darker_than_black == 0
+
+
 def test_without_noise_there_is_that_of_single_precision(problem):
     A, Q, _, _ = problem
     y = A @ np.ones((12, 3))

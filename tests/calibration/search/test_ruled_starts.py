@@ -10,7 +10,7 @@ from periscopy_sim.calibration.search.ruled_starts import (
     MOST_PLACES,
     PLACES,
     ends_from_ruler,
-    places_visited,
+    places_looked_at,
 )
 from periscopy_sim.errors import SceneError
 
@@ -25,7 +25,7 @@ class TwoDips:
 
     def __init__(self, *, beyond=np.inf, seed=0):
         self.prior, self.seed, self.beyond = Prior(RULER, ERRORS), seed, beyond
-        self.dip = RULER + [0.12, -2.4]
+        self.dip = RULER + np.array([0.12, -2.4])
 
     def judged(self, at):
         if self.prior.distance(at)[0] > self.beyond:
@@ -39,7 +39,8 @@ def descents(monkeypatch):
     """Descents to the dip from within its reach, to where they began from elsewhere."""
     begun = []
 
-    def descend(level, start, steps, longest, iterations, visit):
+    def descend(level, start, *search):
+        *_, visit = search
         begun.append(start)
         seen = level.judged(start)
         visit(start, seen.evidence)
@@ -51,15 +52,11 @@ def descents(monkeypatch):
 
 
 def ended(level, start=RULER):
-    places, descended = [], []
-    ends = ends_from_ruler(
-        level,
-        start,
-        ERRORS / 8,
-        lambda at, evidence: places.append((at, evidence)),
-        lambda at, evidence: descended.append(at),
-    )
-    return ends, places, descended
+    """Return the ends, the places looked at, and where descents were."""
+    seen = []
+    ends = ends_from_ruler(level, start, ERRORS / 8, lambda *visited: seen.append(visited))
+    places = len(seen) - len(ends)
+    return ends, seen[:places], seen[places:]
 
 
 def test_a_dip_that_no_descent_from_the_ruler_reaches_is_found_within_its_errors(descents):
@@ -92,7 +89,7 @@ def test_places_that_are_not_physical_are_drawn_again():
 
 
 def test_a_descent_that_leaves_the_physical_is_left_out(monkeypatch):
-    def refused(level, start, *others):
+    def refused(level, start, *_):
         if start is not RULER:
             raise SceneError("the plate is in the wall")
         return level, SimpleNamespace(values=start)
@@ -117,4 +114,4 @@ def test_the_same_seed_looks_at_the_same_places():
     ("parameters", "places"), [(1, PLACES), (3, 3 * PLACES), (24, MOST_PLACES)]
 )
 def test_so_many_places_are_announced(parameters, places):
-    assert places_visited(parameters)[0] == places
+    assert places_looked_at(parameters) == places
