@@ -250,7 +250,8 @@ def _draw_ways(figure: object, outcomes: Sequence[Outcome]) -> None:
         ax.axhline(0, color="black", linewidth=0.6, linestyle=":")
         ax.set_title(name)
         shapes = [visited.photograph_shape for visited in outcomes[0].found.path]
-        ax.set_xticks([0.5, 1.5, 2.5], [f"{rows} x {columns}" for rows, columns in shapes])
+        middles = np.arange(len(shapes)) + 0.5
+        ax.set_xticks(middles, [f"{rows} x {columns}" for rows, columns in shapes])
         ax.set_xlabel("pixels of the level")
     axes[0].set_ylabel("from the ruler's place, cm")
 
