@@ -247,13 +247,13 @@ def calibrate_levels(
     ruled = bool(np.isfinite(prior.errors).all())
     log = Progress(len(start), ruled, ITERATIONS, progress)
     if ruled:
-        _require_shadows(coarse, start)
-        ends = ends_from_ruler(_evened(coarse, start), start, steps, log.at(coarse))
-        evened = _evened(fine, start)
-        values = min(ends, key=lambda end: evened.judged(end).evidence)
+        evened = _evened(coarse, start).comparable(start)
+        ends = ends_from_ruler(evened, start, steps, log.at(coarse))
+        evened = _evened(fine, start).comparable(start)
+        values = min([start, *ends], key=evened.judgement)
     else:
         values = explore(coarse, start, spreads, coarse.seed, log.at(coarse))
-        _require_shadows(coarse, values)
+    _require_shadows(coarse, values)
     visit = log.at(fine)
     fine = _evened(fine, values)
     fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
@@ -285,8 +285,10 @@ def calibrate_levels(
     visit(values, after.evidence)
     plain = fine.as_it_comes()
     left_before, left = plain.explain(start), plain.explain(values)
-    misfit = left.left if fine.discrepancy > STRUCTURED else 0.0
-    why = doubts(names, values, spreads, prior, gained, known, misfit, after.darker_than_black)
+    structured = fine.discrepancy > STRUCTURED
+    misfit = left.left if structured else 0.0
+    negative = after.darker_than_black if structured else 0.0
+    why = doubts(names, values, spreads, prior, gained, known, misfit, negative)
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
     ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
@@ -321,6 +323,7 @@ def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
     It begins with the gain that is found there. Images that may shine negatively would follow a
     strong gain, and lead to one that is upside down.
     """
+    level.background(values)  # once for this level and all that are made of it
     found = level.of_nonnegative_images().explain(values)
     level = level.evened(found)
     for _ in range(GAINS):

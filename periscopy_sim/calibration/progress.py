@@ -9,14 +9,18 @@ import numpy as np
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
 from periscopy_sim.calibration.result import Visited
 from periscopy_sim.calibration.search.global_search import points_visited
-from periscopy_sim.calibration.search.ruled_starts import DESCENTS, ITERATIONS, places_looked_at
+from periscopy_sim.calibration.search.ruled_starts import (
+    DESCENT_ITERATIONS,
+    DESCENTS,
+    places_looked_at,
+)
 
 LOOK, LOOKS = 3.0, 28
 """What a look of the walk costs, in renderings of the fine level for a difference; how many it
 takes as a rule."""
 
 
-COARSE = 0.2
+COARSE_COST = 0.2
 """What coarse costs, of the same at the fine level."""
 
 
@@ -37,11 +41,11 @@ class Progress:
         # In units of a rendering of the fine level for a difference; a descent's visits each stand
         # for an iteration, and what precedes it for one more.
         iteration = 2 * parameters + 6
-        coarse = (COARSE, points_visited(parameters))
+        coarse = (COARSE_COST, points_visited(parameters))
         if ruled:
-            looks, descents = places_looked_at(parameters), DESCENTS * (ITERATIONS + 1)
+            looks, descents = places_looked_at(parameters), DESCENTS * (DESCENT_ITERATIONS + 1)
             share = descents / (looks + descents)
-            coarse = (COARSE * (1 + share * iteration), looks + descents)
+            coarse = (COARSE_COST * (1 + share * iteration), looks + descents)
         phases = [coarse, (float(iteration), iterations + 2)]
         self._costs = [cost for cost, _ in phases]
         self._starts = [0.0, *np.cumsum([cost * points for cost, points in phases]).tolist()]

@@ -18,8 +18,9 @@ MISFIT = 0.4
 simulations more than that was left beside near lamps, and the images were worse by 10 dB."""
 
 NEGATIVE = 0.16
-"""Part of the hidden image's light that may be negative: in simulations it was 0.2 to 1 beside near
-lamps, and at most 0.09 elsewhere, of pictures that are half black."""
+"""Part of the hidden image's light that may be negative where the residual is structured: in
+simulations it was 0.2 to 1 beside near lamps, and at most 0.09 elsewhere, of pictures half black.
+Of small bright things on black, in noise alone, it can be 0.3."""
 
 CHANCE = 0.01
 """Of gaining as much where the ruler is right."""
@@ -72,7 +73,7 @@ def doubts(
     `spreads` are the half widths of what was searched, `gained` whether they explain more than
     the start does, `known` how many of them the photograph determines, `misfit` what part of it
     no smooth light and no such scene makes, but for noise, `negative` what part of the hidden
-    image's light is.
+    image's light is, 0 where what is left is but noise.
     """
     found = []
     for name, value, center, spread, distance in zip(
@@ -99,7 +100,7 @@ def doubts(
     if negative > NEGATIVE:
         found.append(
             f"{100 * negative:.0f} % of the light of the hidden image that explains most would be "
-            "negative: what the photograph shows is not the monitor's light alone; a near lamp "
-            "whose light no --background shows, or a number that the ruler has far off"
+            "negative, and what is left is no noise: a near lamp whose light no --background shows "
+            "may pass for the monitor's, or a number that the ruler has far off"
         )
     return tuple(found)

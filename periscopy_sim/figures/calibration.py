@@ -86,7 +86,7 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     parameter = calibration.parameters[k]
     looks = [("descent", {"color": "#08519c"})]
     if len(calibration.path) > 1:
-        looks.insert(0, ("tried about the start", {"color": "#a0a0a0", "linestyle": "none"}))
+        looks.insert(0, ("tried at a low resolution", {"color": "#a0a0a0", "linestyle": "none"}))
     for level, (visited, (label, look)) in enumerate(zip(calibration.path, looks, strict=True)):
         # A level's points take equal room, however many they are.
         place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)

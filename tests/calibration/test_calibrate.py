@@ -58,6 +58,22 @@ def test_a_ruler_that_errs_is_corrected_by_the_photograph():
         assert abs(parameter.value - truth) < 4 * parameter.standard_error
 
 
+@pytest.mark.parametrize("best", [0, 1, 2])
+def test_it_goes_on_from_the_best_end_at_the_fine_level(monkeypatch, best):
+    ends = [TRUTH + 0.03, TRUTH - 0.02, ERRING]
+    ends[best] = TRUTH
+    monkeypatch.setattr(calibration, "ends_from_ruler", lambda *_: ends)
+    _, descent = (found := calibrated(ERRING, [0.02, 0.02])).path
+    np.testing.assert_array_equal(descent.values[0], TRUTH)
+    assert found.trusted
+
+
+def test_it_goes_on_from_the_rulers_word_where_all_ends_are_worse(monkeypatch):
+    monkeypatch.setattr(calibration, "ends_from_ruler", lambda *_: [TRUTH + 0.06, TRUTH - 0.06])
+    _, descent = calibrated(ERRING, [0.02, 0.02]).path
+    np.testing.assert_array_equal(descent.values[0], ERRING)
+
+
 @pytest.fixture
 def behind_a_lens():
     """A slat whose light a gain spoils that is brighter to the right and darker at the sides."""

@@ -100,7 +100,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
         quadrature = np.hypot(told["statistical_error"], moves[name])
         assert told["standard_error"] == pytest.approx(quadrature)
     assert max(record["unexplained"]) < min(record["unexplained_before"])
-    assert [len(level["values"][0]) for level in record["path"]] == [2]
+    assert [len(level["values"][0]) for level in record["path"]] == [2, 2]
     with Image.open(tmp_path / "new/found.png") as picture:
         assert picture.info["command"].startswith("periscopy calibrate")
     defaults = {

@@ -163,6 +163,11 @@ class ResolutionLevel:
         other._white_noise = WhiteNoise.by(found, self.used, self.seed, left_of)
         return other
 
+    def comparable(self, values: Values) -> ResolutionLevel:
+        """Return the same level, `compared` with white noise as image and light leave it."""
+        found = self.as_it_comes().explain(values)
+        return self.compared(found, lambda errors: errors)
+
     def whitened(self, found: Explanation) -> ResolutionLevel:
         """Return the same level, errors of the spectrum that an explanation leaves made white.
 
@@ -383,10 +388,18 @@ class ResolutionLevel:
 
     def evidence(self, values: Values) -> float:
         """Return the evidence at some values; infinite where they are not physical."""
-        try:
-            return self.explain(values).evidence
-        except SceneError:
-            return np.inf
+        return _or_infinite(self.explain, values)
+
+    def judgement(self, values: Values) -> float:
+        """Return the evidence at some values by their own errors, see `judged`, or infinity."""
+        return _or_infinite(self.judged, values)
+
+
+def _or_infinite(explain: Callable[[Values], Explanation], values: Values) -> float:
+    try:
+        return explain(values).evidence
+    except SceneError:
+        return np.inf
 
 
 def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:

@@ -66,8 +66,8 @@ def descend(
     is physical go a part of it. Each iteration has rays of its own: a place that was chosen by some
     rays looks better by them than it is. It begins with the gain over the wall and the discrepancy
     that are found there: a misplaced scene leaves a structured one, which goes as the scene finds
-    its place. Steps are taken by what is found where they lead, see `ResolutionLevel.judged`. Once
-    a step has gained little, both are kept: found anew, they would move the best back and forth.
+    its place. Steps are taken by what is found where they lead, see `ResolutionLevel.judged`.
+    After a step that gained little both are kept: found anew, they move the best back and forth.
     Returned is also the level, of the rays given, that has the last discrepancy. A SceneError is
     raised if the start is not physical.
     """
@@ -134,11 +134,9 @@ def _physical_step(
 def _seen(
     level: ResolutionLevel, values: Values, steps: Values
 ) -> tuple[ResolutionLevel, Explanation, Curvature]:
-    """Return a level, and what is seen at some values by it as it is."""
-    A = level.matrix(values)
-    found = level.explained_by(A, values)
-    about = curvature(level, values, found, differences(level, values, np.diag(steps)))
-    return level, found, about.tempered(level.overdispersion)
+    """Return a level, and what is seen at some values by it as it is: by its κ, filter and gain."""
+    found = level.explained_by(level.matrix(values), values)
+    return level, found, curvature(level, values, found, differences(level, values, np.diag(steps)))
 
 
 def _looked(

@@ -13,17 +13,21 @@ from contextlib import suppress
 import numpy as np
 
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.parameters import BOX
 from periscopy_sim.calibration.search.levenberg_marquardt import descend
 from periscopy_sim.errors import SceneError
 
 PLACES, MOST_PLACES = 8, 32
 """Looked at for each parameter, and at most."""
 
-DESCENTS, ITERATIONS = 3, 4
-"""From the ruler's word and the best places; and of each, at most."""
+DRAWN = 256
+"""Places drawn at most: those that are not physical are passed over."""
 
-TAILS = 1e-3
-"""Probability beyond which nothing is drawn, to either side."""
+DESCENTS = 3
+"""One from the ruler's word, the others from the best places."""
+
+DESCENT_ITERATIONS = 4
+"""Of each, at most."""
 
 
 def places_looked_at(parameters: int) -> int:
@@ -41,11 +45,11 @@ def ends_from_ruler(
     What is not physical is left out, the start alone raises a SceneError.
     """
     places = _drawn(level, start, visit)
-    _, end = descend(level, start, steps, 5 * steps, ITERATIONS, visit)
+    _, end = descend(level, start, steps, 5 * steps, DESCENT_ITERATIONS, visit)
     ends = [end.values]
     for place in places[: DESCENTS - 1]:
         with suppress(SceneError):
-            _, end = descend(level, place, steps, 5 * steps, ITERATIONS, visit)
+            _, end = descend(level, place, steps, 5 * steps, DESCENT_ITERATIONS, visit)
             ends.append(end.values)
     return ends
 
@@ -55,8 +59,8 @@ def _drawn(level: ResolutionLevel, start: Values, visit: Visit) -> list[Values]:
     from scipy.stats import norm, qmc
 
     count = places_looked_at(len(start))
-    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed)).random(2 * MOST_PLACES)
-    places = start + level.prior.errors * norm.ppf(np.clip(even, TAILS, 1 - TAILS))
+    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed)).random(DRAWN)
+    places = start + level.prior.errors * np.clip(norm.ppf(even), -BOX, BOX)
     looked: list[tuple[float, int]] = []
     for k, place in enumerate(places):
         if len(looked) == count:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.search import levenberg_marquardt
 from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.levenberg_marquardt import (
     DAMPING,
@@ -13,7 +14,9 @@ from periscopy_sim.calibration.search.levenberg_marquardt import (
     TRIALS,
     Descent,
     _extended,
+    _looked,
     _physical_step,
+    _seen,
     descend,
     settle,
 )
@@ -150,6 +153,33 @@ def test_steps_are_doubled_while_that_gains(slat_level):
     last, end = descend(level, start, STEPS / 4, longest, 1, ignore)
     assert 3 * longest[0] < np.abs(end.values - start).max() <= 8 * longest[0]
     assert end.explanation.evidence == last.explain(end.values).evidence
+
+
+def test_what_is_kept_is_seen_again_as_it_was_found(slat_level):
+    """Errors that neighbours share make κ large; it must not divide the information twice."""
+    level = slat_level(noise=0.002, seed=1, rows=12, grain=(3, 12))
+    kept, here, about = _looked(level, TRUTH, STEPS / 4)
+    same, again, seen = _seen(kept, TRUTH, STEPS / 4)
+    assert same is kept and kept.overdispersion > 1.5
+    assert again.evidence == pytest.approx(here.evidence, rel=1e-6)
+    np.testing.assert_allclose(seen.slope, about.slope, rtol=0.02)
+    np.testing.assert_allclose(seen.information, about.information, rtol=0.02)
+
+
+@pytest.mark.parametrize(("settled", "later"), [(0.0, "_looked"), (np.inf, "_seen")])
+def test_what_is_left_is_found_anew_while_steps_gain_much(slat_level, monkeypatch, settled, later):
+    looks = []
+    for name in ("_looked", "_seen"):
+        look = getattr(levenberg_marquardt, name)
+        monkeypatch.setattr(
+            levenberg_marquardt,
+            name,
+            lambda *given, name=name, look=look: looks.append(name) or look(*given),
+        )
+    monkeypatch.setattr(levenberg_marquardt, "SETTLED", settled)
+    level = slat_level(noise=1e-3, seed=3)
+    descend(level, np.array([0.1, 0.45]), STEPS / 4, LONGEST, 5, ignore)
+    assert looks[0] == "_looked" and set(looks[1:]) == {later}
 
 
 def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_so(slat_level):

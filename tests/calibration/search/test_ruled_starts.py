@@ -76,7 +76,7 @@ def test_descents_follow_on_the_places_of_the_best_evidence(descents):
 
 def test_places_are_spread_as_the_ruler_errs():
     off = np.array([TwoDips().prior.distance(at) for at, _ in ended(TwoDips())[1]])
-    assert np.abs(off).max() < 3.1
+    assert np.abs(off).max() <= 3
     # 16 of Sobol's points are more even than as many of chance.
     assert np.abs(off.mean(axis=0)).max() < 0.2 and np.abs(off.std(axis=0) - 1).max() < 0.2
 
