@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.calibration.calibrate import _evened
 from periscopy_sim.calibration.explanation import resolution_level
 from periscopy_sim.calibration.explanation.discrepancy import Whitening
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
@@ -123,6 +124,8 @@ def test_paint_that_a_photograph_with_the_monitor_off_shows_is_divided_out():
     before, after = (each.explain(values).noise.mean() for each in (painted, evened))
     assert before > 4 * noise  # of the columns of B alone
     assert after < 2.5 * noise  # the noise of both photographs
+    anew = _evened(level(on, [off], resolution=resolution), values)  # looked at by copies alone
+    assert anew.explain(values).noise.mean() < 2.5 * noise
     even = level((signal + ambient) * 1.0, resolution=resolution)
     assert even.evened(even.explain(values)) is even
 
