@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -34,9 +33,6 @@ TRIALS = 5
 PARTS = 0.25, 0.0625
 """Of a step that are tried towards the border of what is physical."""
 
-SETTLED = 1.0
-"""Gain in evidence, for each parameter, below which what a scene leaves hardly changes any more."""
-
 SEEDS = 3
 """Of an iteration: two of its differences, one of a test of its end."""
 
@@ -67,16 +63,12 @@ def descend(
     rays looks better by them than it is. It begins with the gain over the wall and the discrepancy
     that are found there: a misplaced scene leaves a structured one, which goes as the scene finds
     its place. Steps are taken by what is found where they lead, see `ResolutionLevel.judged`.
-    After a step that gained little both are kept: found anew, they move the best back and forth.
     Returned is also the level, of the rays given, that has the last discrepancy. A SceneError is
     raised if the start is not physical.
     """
     values, damping, gain, unphysical = start, DAMPING, np.inf, None
     for iteration in range(iterations + 1):
-        drawn = level.reseeded(level.seed + SEEDS * iteration)
-        settled = gain < SETTLED * len(start)
-        drawn, here, about = (_seen if settled else _looked)(drawn, values, steps)
-        explain = drawn.explain if settled else drawn.judged
+        drawn, here, about = _looked(level.reseeded(level.seed + SEEDS * iteration), values, steps)
         if not iteration:
             visit(values, here.evidence)
         if iteration == iterations or min(gain, about.predicted_gain) < NEGLIGIBLE_GAIN:
@@ -86,14 +78,14 @@ def descend(
             step, error = _physical_step(drawn, about, values, damping, longest)
             unphysical = error if trial == 0 else unphysical
             try:
-                tried = explain(values + step)
+                tried = drawn.judged(values + step)
             except SceneError as refused:
                 unphysical = refused if trial == 0 else unphysical
             else:
                 if tried.evidence < here.evidence:
                     if trial == 0:
                         rate = 2 * float(about.slope @ step)
-                        step, tried = _extended(explain, values, step, rate, here, tried)
+                        step, tried = _extended(drawn, values, step, rate, here, tried)
                     gain = here.evidence - tried.evidence
                     values = values + step
                     visit(values, tried.evidence)
@@ -102,7 +94,7 @@ def descend(
             damping = max(damping, DAMPING) * 10
         else:
             break
-        level = (drawn if settled else drawn.gained(tried)).reseeded(level.seed)
+        level = drawn.gained(tried).reseeded(level.seed)
     ended = drawn.reseeded(level.seed)
     return ended, Descent(values, here, about, unphysical if gain < NEGLIGIBLE_GAIN else None)
 
@@ -131,14 +123,6 @@ def _physical_step(
     return found, error
 
 
-def _seen(
-    level: ResolutionLevel, values: Values, steps: Values
-) -> tuple[ResolutionLevel, Explanation, Curvature]:
-    """Return a level, and what is seen at some values by it as it is: by its κ, filter and gain."""
-    found = level.explained_by(level.matrix(values), values)
-    return level, found, curvature(level, values, found, differences(level, values, np.diag(steps)))
-
-
 def _looked(
     level: ResolutionLevel, values: Values, steps: Values
 ) -> tuple[ResolutionLevel, Explanation, Curvature]:
@@ -159,7 +143,7 @@ def _looked(
 
 
 def _extended(
-    explain: Callable[[Values], Explanation],
+    level: ResolutionLevel,
     values: Values,
     step: Values,
     rate: float,
@@ -176,7 +160,7 @@ def _extended(
     part = min(-rate / (2 * bend), LONGEST_STEP) if bend > 0 else LONGEST_STEP
     if part > LONGER_STEP:
         with suppress(SceneError):
-            farther = explain(values + part * step)
+            farther = level.judged(values + part * step)
             if farther.evidence < there.evidence:
                 return part * step, farther
     return step, there

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.search import levenberg_marquardt
 from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.levenberg_marquardt import (
     DAMPING,
@@ -14,9 +13,7 @@ from periscopy_sim.calibration.search.levenberg_marquardt import (
     TRIALS,
     Descent,
     _extended,
-    _looked,
     _physical_step,
-    _seen,
     descend,
     settle,
 )
@@ -48,15 +45,12 @@ def test_it_ends_at_the_truth_where_noise_is_low(slat_level, start):
 @pytest.mark.parametrize(("overrated", "part"), [(1.0, 1.0), (3.0, 3.0), (100.0, LONGEST_STEP)])
 def test_steps_that_are_too_short_are_extended_to_the_bottom(overrated, part):
     """E = (x − 1)², whose curvature is told too large: Newton's step is as much too short."""
-
-    def explain(at):
-        return SimpleNamespace(evidence=float((at[0] - 1) ** 2))
-
+    level = SimpleNamespace(judged=lambda at: SimpleNamespace(evidence=float((at[0] - 1) ** 2)))
     step, start = np.array([1 / overrated]), np.zeros(1)
     rate = -2 * float(step[0])
-    found, seen = _extended(explain, start, step, rate, explain(start), explain(step))
+    found, seen = _extended(level, start, step, rate, level.judged(start), level.judged(step))
     assert found == pytest.approx(part * step)
-    assert seen.evidence == explain(found).evidence
+    assert seen.evidence == level.judged(found).evidence
 
 
 def test_a_step_past_which_nothing_is_physical_is_not_extended():
@@ -67,7 +61,7 @@ def test_a_step_past_which_nothing_is_physical_is_not_extended():
 
     start, step = np.zeros(1), np.array([0.3])
     ends = explain(start), explain(step)
-    found, seen = _extended(explain, start, step, -0.6, *ends)
+    found, seen = _extended(SimpleNamespace(judged=explain), start, step, -0.6, *ends)
     assert found is step and seen is ends[1]
 
 
@@ -153,33 +147,6 @@ def test_steps_are_doubled_while_that_gains(slat_level):
     last, end = descend(level, start, STEPS / 4, longest, 1, ignore)
     assert 3 * longest[0] < np.abs(end.values - start).max() <= 8 * longest[0]
     assert end.explanation.evidence == last.explain(end.values).evidence
-
-
-def test_what_is_kept_is_seen_again_as_it_was_found(slat_level):
-    """Errors that neighbours share make κ large; it must not divide the information twice."""
-    level = slat_level(noise=0.002, seed=1, rows=12, grain=(3, 12))
-    kept, here, about = _looked(level, TRUTH, STEPS / 4)
-    same, again, seen = _seen(kept, TRUTH, STEPS / 4)
-    assert same is kept and kept.overdispersion > 1.5
-    assert again.evidence == pytest.approx(here.evidence, rel=1e-6)
-    np.testing.assert_allclose(seen.slope, about.slope, rtol=0.02)
-    np.testing.assert_allclose(seen.information, about.information, rtol=0.02)
-
-
-@pytest.mark.parametrize(("settled", "later"), [(0.0, "_looked"), (np.inf, "_seen")])
-def test_what_is_left_is_found_anew_while_steps_gain_much(slat_level, monkeypatch, settled, later):
-    looks = []
-    for name in ("_looked", "_seen"):
-        look = getattr(levenberg_marquardt, name)
-        monkeypatch.setattr(
-            levenberg_marquardt,
-            name,
-            lambda *given, name=name, look=look: looks.append(name) or look(*given),
-        )
-    monkeypatch.setattr(levenberg_marquardt, "SETTLED", settled)
-    level = slat_level(noise=1e-3, seed=3)
-    descend(level, np.array([0.1, 0.45]), STEPS / 4, LONGEST, 5, ignore)
-    assert looks[0] == "_looked" and set(looks[1:]) == {later}
 
 
 def test_a_search_that_wants_to_leave_the_physical_ends_at_its_border_and_says_so(slat_level):
