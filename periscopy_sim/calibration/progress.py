@@ -19,7 +19,6 @@ LOOK, LOOKS = 3.0, 28
 """What a look of the walk costs, in renderings of the fine level for a difference; how many it
 takes as a rule."""
 
-
 COARSE_COST = 0.2
 """What coarse costs, of the same at the fine level."""
 

@@ -157,7 +157,9 @@ class ResolutionLevel:
         other._whitening = other._leverage = None
         return other
 
-    def compared(self, found: Explanation, left_of: Callable[[Array], Array]) -> ResolutionLevel:
+    def compared(
+        self, found: Explanation, left_of: Callable[[Array], Array] = lambda errors: errors
+    ) -> ResolutionLevel:
         """Return the same level, to compare errors with white noise that is left so, see there."""
         other = copy(self)
         other._white_noise = WhiteNoise.by(found, self.used, self.seed, left_of)
@@ -165,8 +167,7 @@ class ResolutionLevel:
 
     def comparable(self, values: Values) -> ResolutionLevel:
         """Return the same level, `compared` with white noise as image and light leave it."""
-        found = self.as_it_comes().explain(values)
-        return self.compared(found, lambda errors: errors)
+        return self.compared(self.as_it_comes().explain(values))
 
     def whitened(self, found: Explanation) -> ResolutionLevel:
         """Return the same level, errors of the spectrum that an explanation leaves made white.

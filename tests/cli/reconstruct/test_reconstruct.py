@@ -30,8 +30,9 @@ def test_hidden_image_is_recovered_beside_ambient_light(light, reconstruct, hidd
     image, summary = reconstruct("y.npy", *PLAIN)
     assert image.shape == (4, 5, 3) and image.dtype == np.float32
     assert np.allclose(image, hidden, rtol=1e-4)
-    # P y is of single precision, and the energy that it explains is taken from the whole: what is
-    # left is right to half a unit in the last place of the light that B leaves.
+    # P y is of single precision, and the energy that it explains is taken from the whole: rounding,
+    # of some units in the last place of the light that B leaves, passes for noise. Of the whole
+    # signal, 20 times that light, half a unit is a bound.
     rounding = np.sqrt(np.finfo(np.float32).eps / 2 * np.mean(signal**2))
     assert max(summary["noise"]) < rounding
 
