@@ -33,9 +33,8 @@ from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search.fisher_information import block_scores
 from periscopy_sim.calibration.search.global_search import explore
 from periscopy_sim.calibration.search.image_shift import ImageShift
-from periscopy_sim.calibration.search.image_warp import undone
-from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.search.patch_walk import walk
+from periscopy_sim.calibration.search.levenberg_marquardt import Descent
+from periscopy_sim.calibration.search.patch_search import ITERATIONS, search_patches
 from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
@@ -61,14 +60,8 @@ LEVELS = (
 down to the last. With fewer rays, where areas do not serve, it has dips that hold a descent,
 millimetres from the best; slopes, of wide differences, need fewer."""
 
-ITERATIONS = 10
-"""Of a descent, at most; the last of them gain little and take long."""
-
 GAINS = 3
 """Times that the gain over the wall is found anew before a descent: it is linearized each time."""
-
-WALKS = 3
-"""From patch to patch after which a descent follows, at most; the last one has none."""
 
 MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
@@ -256,21 +249,12 @@ def calibrate_levels(
     _require_shadows(coarse, values)
     visit = log.at(fine)
     fine = _evened(fine, values)
-    fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
-    for walked in range(WALKS + 1):
-        here = shift.settled(fine, *settle(fine, end, steps))
-        moves, _ = undone(end.explanation, end.curvature, fine.hidden_shape, ~shift.alone)
-        # A row or a column of patches has no place beside it.
-        several = np.array(fine.hidden_shape[::-1]) > 1
-        patches = np.hstack([moves, shift.by_patch * several])
-        values, after, alike = walk(fine, end, *here, patches, log.looked)
-        if np.array_equal(values, here[0]) or walked == WALKS:
-            break
-        fine, end = descend(fine, values, steps, 5 * steps, ITERATIONS, visit)
+    best = search_patches(fine, values, steps, shift, visit, log.looked)
+    values, after, fine, end = best.values, best.seen, best.level, best.end
     if end.unphysical is not None:
-        best = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
+        place = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
         raise SceneError(
-            f"the search left the physical, past {best}: {end.unphysical}; free less, or fix "
+            f"the search left the physical, past {place}: {end.unphysical}; free less, or fix "
             "the one that went too far by -D"
         )
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
@@ -292,7 +276,7 @@ def calibrate_levels(
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
     ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
-    alone, covariance = _covariances(fine, end, alike, moves, ruler, shift.alone, set_back)
+    alone, covariance = _covariances(fine, end, best.alike, moves, ruler, shift.alone, set_back)
     deviations = np.sqrt(np.diag(covariance))
     log.report(1.0)
     columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors

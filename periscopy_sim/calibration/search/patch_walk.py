@@ -30,7 +30,7 @@ TELLING = 100.0
 wrong patch by more than 30."""
 
 CHORDS = 6
-"""Steps to the bottom of a dip, at most; one that does not gain is halved."""
+"""Steps to the bottom of a dip, at most; one that does not gain, or is not physical, is halved."""
 
 MORE = 4.0
 """Times what a chord promises that a dip may gain yet."""
@@ -145,22 +145,26 @@ def _dip(
     def is_own(at: Values) -> bool:
         return bool((at - values) @ metric > 0.5 * (patch @ metric))
 
-    try:
-        bottom, seen, part = values + patch, explain(values + patch), 1.0
-        along = step(bottom, seen)
-        for _ in range(CHORDS):
-            gain = float(along @ about.damped(DAMPING) @ along)
-            if not is_own(bottom) or seen.evidence - MORE * gain > limit:
-                return None
-            tried = explain(bottom + part * along)
-            gain = seen.evidence - tried.evidence
-            if gain > 0:
-                bottom, seen, part = bottom + part * along, tried, 1.0
-                along = step(bottom, seen)
-                if gain < NEGLIGIBLE:
-                    break
-            else:
-                part /= 2
-    except SceneError:
+    def look(at: Values) -> Explanation | None:
+        try:
+            return explain(at)
+        except SceneError:
+            return None
+
+    bottom, part = values + patch, 1.0
+    if (seen := look(bottom)) is None:
         return None
-    return bottom if is_own(bottom) else None
+    for _ in range(CHORDS):
+        along = step(bottom, seen)
+        promised = float(along @ about.damped(DAMPING) @ along)
+        if not is_own(bottom) or seen.evidence - MORE * promised > limit:
+            return None
+        tried = look(bottom + part * along)
+        if tried is None or tried.evidence >= seen.evidence:
+            part /= 2
+            continue
+        gain = seen.evidence - tried.evidence
+        bottom, seen, part = bottom + part * along, tried, 1.0
+        if gain < NEGLIGIBLE:
+            break
+    return bottom if is_own(bottom) and seen.evidence < limit else None

@@ -48,8 +48,9 @@ class Comb:
     def judged(self, values):
         return self.explain(values)
 
-    def end(self, value):
-        information = np.array([[np.sum(MOVED**2)]])
+    def end(self, value, known=1.0):
+        """Return a descent's end there that knows so much of the information."""
+        information = known * np.array([[np.sum(MOVED**2)]])
         seen = self.explain([value])
         slope = -np.array([np.sum(seen.residuals * MOVED[0])])
         pair = np.stack([MOVED, MOVED])
@@ -77,6 +78,14 @@ def test_the_bottom_is_reached_from_its_walls(patch):
     values, seen, _ = Comb({0: 0, 1: -30}).walked(0.0, patch)
     assert values == pytest.approx([1.0], abs=0.02)
     assert seen.evidence == pytest.approx(-30, abs=0.5)
+
+
+def test_chords_that_lead_past_the_physical_are_halved():
+    """They are half as long again as they should be, and a wall stands right behind the bottom."""
+    comb = Comb({0: 0, 1: -30}, border=1.1)
+    end = comb.end(0.0, known=2 / 3)
+    values, _, _ = walk(comb, end, end.values, end.explanation, np.array([[0.6, 0.0]]))
+    assert values == pytest.approx([1.0], abs=0.05)
 
 
 def test_a_bowl_has_no_dip_beside():

@@ -1,0 +1,75 @@
+"""Descents, each to where the image lies within a patch, and walks from one patch to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.image_warp import undone
+from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
+from periscopy_sim.calibration.search.patch_walk import walk
+from periscopy_sim.scenario import Array
+
+ITERATIONS = 10
+"""Of a descent, at most; the last of them gain little and take long."""
+
+WALKS = 3
+"""From patch to patch after which a descent follows, at most; the last one has none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best parameters, (P,), what is seen there, and what tells how well they are known."""
+
+    values: Values
+    seen: Explanation
+    level: ResolutionLevel  # with the discrepancy of the last descent
+    end: Descent
+    alike: Array  # (P, K) how far it is to where the photograph looks much the same, see `walk`
+
+
+def search_patches(
+    level: ResolutionLevel,
+    start: Values,
+    steps: Values,
+    shift: ImageShift,
+    visit: Visit,
+    looked: Callable[[], None],
+) -> Best:
+    """Find the best parameters about a start, (P,): descend and walk by turns until neither gains.
+
+    All that descents reach is passed to `visit`; `looked` is called for each place that a walk
+    looks at. Steps are those of `descend`. A SceneError is raised if the start is not physical.
+    """
+    # A row or a column of patches has no place beside it.
+    by_patch = shift.by_patch * (np.array(level.hidden_shape[::-1]) > 1)
+    values = start
+    for walked in range(WALKS + 1):
+        level, end, here = _descended(level, values, steps, shift, visit)
+        moves, _ = undone(end.explanation, end.curvature, level.hidden_shape, ~shift.alone)
+        values, seen, alike = walk(level, end, *here, np.hstack([moves, by_patch]), looked)
+        if np.array_equal(values, here[0]) or walked == WALKS:
+            break
+    return Best(values, seen, level, end, alike)
+
+
+def _descended(
+    level: ResolutionLevel, start: Values, steps: Values, shift: ImageShift, visit: Visit
+) -> tuple[ResolutionLevel, Descent, tuple[Values, Explanation]]:
+    """Descend, and once more from where the ruler has the image, if that is whole patches away.
+
+    The photograph looks nearly the same there, but its perspective is another: all parameters have
+    to follow.
+    """
+    level, end = descend(level, start, steps, 5 * steps, ITERATIONS, visit)
+    here = settle(level, end, steps)
+    nearest = shift.settled(level, *here)
+    if np.array_equal(nearest[0], here[0]):
+        return level, end, here
+    level, end = descend(level, nearest[0], steps, 5 * steps, ITERATIONS, visit)
+    return level, end, settle(level, end, steps)

@@ -1,0 +1,86 @@
+"""Descents and walks by turns, in the world of the slat."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.search import patch_search
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.levenberg_marquardt import Descent
+from periscopy_sim.calibration.search.patch_search import WALKS, search_patches
+
+START, PATCH, FOLLOWED = np.array([[0.3, 0.0, 0.0], [0.0, 1.0, 0.0], [0.01, 0.0, 0.0]])
+LEVEL = SimpleNamespace(hidden_shape=(1, 5), names=("occluder", "monitor_x", "monitor_z"))
+
+
+class Searched:
+    """What was asked of descents and walks that follow a script, and what came of it."""
+
+    def __init__(self, monkeypatch, settled, walks):
+        self.starts, self.patches, self.walks = [], [], list(walks)
+        monkeypatch.setattr(patch_search, "descend", self.descend)
+        monkeypatch.setattr(patch_search, "settle", self.settle)
+        monkeypatch.setattr(patch_search, "undone", lambda *_: (np.zeros((3, 0)), None))
+        monkeypatch.setattr(patch_search, "walk", self.walk)
+        shift = ImageShift(np.eye(3)[1:])
+        object.__setattr__(shift, "settled", settled)
+        self.found = search_patches(LEVEL, START, np.ones(3), shift, None, lambda: None)
+
+    def descend(self, level, start, steps, longest, iterations, visit):
+        """Follow by the occluder, by a hundredth, wherever the monitor is."""
+        del steps, longest, iterations, visit
+        self.starts.append(start)
+        curvature = f"about {len(self.starts)}"
+        return level, Descent(start + FOLLOWED, SimpleNamespace(), curvature, None)
+
+    def settle(self, level, end, steps):
+        del level, steps
+        return end.values, f"seen by {end.curvature}"
+
+    def walk(self, level, end, values, seen, patches, looked):
+        del level, end, looked
+        self.patches.append(patches)
+        return values + self.walks.pop(0), seen, np.zeros((3, 0))
+
+
+def stays(level, values, seen):
+    del level
+    return values, seen
+
+
+def nearest_to_zero(level, values, seen):
+    """The ruler has the monitor at 0: whole patches from wherever it is."""
+    del level
+    return (
+        (values, seen) if abs(values[1]) < 0.5 else (values - PATCH * values, "seen a patch away")
+    )
+
+
+def test_where_nothing_is_gained_one_descent_is_all(monkeypatch):
+    searched = Searched(monkeypatch, stays, [0 * PATCH])
+    np.testing.assert_array_equal(searched.starts, [START])
+    np.testing.assert_allclose(searched.found.values, START + FOLLOWED)
+    assert searched.found.seen == "seen by about 1"
+
+
+def test_what_is_shifted_to_the_ruler_is_descended_from_again(monkeypatch):
+    """After the walk the monitor is a patch off, which the descent then keeps."""
+    searched = Searched(monkeypatch, nearest_to_zero, [PATCH, 0 * PATCH])
+    expected = [START, START + FOLLOWED + PATCH, START + 2 * FOLLOWED]
+    np.testing.assert_allclose(searched.starts, expected)
+    np.testing.assert_allclose(searched.found.values, START + 3 * FOLLOWED)
+    assert searched.found.end.curvature == "about 3"
+    assert searched.found.seen == "seen by about 3"
+
+
+def test_a_walk_is_followed_by_a_descent_but_for_the_last(monkeypatch):
+    searched = Searched(monkeypatch, stays, [PATCH] * (WALKS + 1))
+    assert len(searched.starts) == WALKS + 1
+    assert searched.found.values[1] == pytest.approx(WALKS + 1)
+
+
+def test_a_row_of_patches_has_no_place_above(monkeypatch):
+    searched = Searched(monkeypatch, stays, [0 * PATCH])
+    across, up = searched.patches[0].T
+    assert across.any() and not up.any()
