@@ -147,7 +147,8 @@ class FittedScene(AmbientMethod[np.float64]):
         """Return what errors of scene and ambient light do, for `standard_errors`; None without."""
         responses = [self.geometry_response(found)]
         if self._ambient_prior is not None and found.ambient is not None:
-            responses.append(self._ambient_prior.response(self._transport, found.ambient))
+            seen = self._transport, found.ambient, found.noise
+            responses.append(self._ambient_prior.response(*seen))
         known = [each for each in responses if each is not None]
         return np.concatenate(known) if known else None
 
@@ -208,14 +209,17 @@ class FittedScene(AmbientMethod[np.float64]):
         level, share = evidence.level * rest.level, evidence.share * rest.level
         return replace(rest, level=level, share=share), planes[0]
 
-    def _ambient_light(self, evidence: Evidence, y: Array, means: Array) -> AmbientEstimate | None:
-        """Return the ambient light beyond range(B) of the y of an evidence, if there is any."""
+    def _ambient_share(self, evidence: Evidence, y: Array, means: Array) -> AmbientEstimate | None:
+        """Return how much ambient light beyond range(B) the y of an evidence shows, if any."""
         if self._ambient_prior is None:
             return None
         coordinates = evidence.coefficients[:, self._seen] / np.sqrt(self._curvatures)
-        seen = y, coordinates, evidence.noise, means / evidence.level
-        found = self._ambient_prior.estimate(*seen)
-        return None if found is None else found.scaled(evidence.level)
+        return self._ambient_prior.estimate(y, coordinates, evidence.noise, means / evidence.level)
+
+    def _light_of(self, image: Image) -> Array:
+        """Return A⊥ f, (3, M'), of an image, (R, C, 3)."""
+        f = np.ascontiguousarray(image.reshape(-1, 3).T, np.float32)
+        return np.asarray(self._rejected_rows(combine_rows(f, self._transport)), np.float64)
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""

@@ -33,6 +33,7 @@ from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image
+from periscopy_sim.reconstruction.noise_aware.ambient_prior import AmbientEstimate, found_beside
 from periscopy_sim.reconstruction.noise_aware.common_noise import (
     common_noise,
     noise_covariance,
@@ -251,6 +252,24 @@ class NoiseAware(FittedScene):
         gain, mask = found.gain.ravel(), self.observation.mask
         added = (gain if mask is None else gain[mask.ravel()]) - 1
         return light + added[:, None] * transport.light(found.first_image.reshape(-1, 3))
+
+    def _ambient_light(self, evidence: Evidence, y: Array, means: Array) -> AmbientEstimate | None:
+        """Return the ambient light beyond range(B) of the y of an evidence, if there is any.
+
+        Light and image are found by turns.
+        """
+        share = self._ambient_share(evidence, y, means)
+        if share is None:
+            return None
+        split = None
+
+        def left_beside(light: Array) -> Array:
+            nonlocal split
+            rest, _ = self._without(evidence, y, evidence.level * light)
+            found, split = self.recover(rest, start=split)
+            return y - self._light_of(found.image / evidence.level)
+
+        return found_beside(share, left_beside).scaled(evidence.level)
 
     def recover(
         self,

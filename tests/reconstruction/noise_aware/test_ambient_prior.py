@@ -6,7 +6,12 @@ from numpy.polynomial import legendre
 
 from periscopy_sim.evaluation.metrics import mean_squared_error
 from periscopy_sim.reconstruction.noise_aware import ambient_prior
-from periscopy_sim.reconstruction.noise_aware.ambient_prior import STRENGTHS, AmbientPrior
+from periscopy_sim.reconstruction.noise_aware.ambient_prior import (
+    STRENGTHS,
+    AmbientEstimate,
+    AmbientPrior,
+    found_beside,
+)
 from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis, laplacian
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
@@ -88,7 +93,7 @@ def polynomials(used):
 
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("beyond", [0.0, 2e-3])
-def test_estimate_is_the_mean_of_the_posterior_by_dense_algebra(masked, beyond, monkeypatch):
+def test_strengths_are_the_likeliest_by_dense_algebra(masked, beyond, monkeypatch):
     monkeypatch.setattr(ambient_prior, "DECISIVE", -np.inf)
     mask = np.ones(WALL, bool)
     mask[3:9, 20:31] = not masked
@@ -141,16 +146,50 @@ def test_estimate_is_the_mean_of_the_posterior_by_dense_algebra(masked, beyond, 
         tried = [np.where(np.arange(3) == group, κ, strengths) for κ in STRENGTHS]
         strengths = max(tried, key=evidence)
     np.testing.assert_allclose(found.strengths, strengths)
-    for c, (H, q, ambient) in enumerate(parts):
+    for c, (*_, ambient) in enumerate(parts):
         v = np.repeat((strengths * ambient) ** 2 * len(y) / np.array(sizes), sizes)
-        covariance = np.linalg.inv(H / noise[c] ** 2 / φ + np.diag(1 / v))
-        light = D @ covariance @ q / noise[c] ** 2 / φ
-        size = np.abs(light).max()
-        np.testing.assert_allclose(found.light[c], light, atol=5e-3 * size)
-        known = np.sqrt(np.sum((D @ covariance) * D, axis=1))
-        own = prior_rows(prior)
-        told = np.sqrt(np.sum((own.T @ found.covariance[c]) * own.T, axis=1))
-        np.testing.assert_allclose(told, known, rtol=5e-3)
+        np.testing.assert_allclose(found.shares[c], v / (v + φ * noise[c] ** 2), rtol=5e-3)
+    assert not found.light.any()  # of an image that leaves nothing
+
+
+def share_of(rng, overdispersion=1.5):
+    """An estimate of three channels' light along six unit vectors, none of it found yet."""
+    rows = np.linalg.qr(rng.standard_normal((60, 6)))[0].T.astype(np.float32)
+    shares = rng.uniform(0.2, 0.99, (3, 6))
+    return AmbientEstimate(np.zeros((3, 6)), rows, np.full(3, 1e-3), shares, overdispersion)
+
+
+def test_image_and_light_found_by_turns_minimize_the_sum_of_their_objectives():
+    """Of images with a quadratic penalty: then the minimum is that of linear equations."""
+    rng = np.random.default_rng(0)
+    share, a, y = share_of(rng), rng.standard_normal((60, 20)), rng.standard_normal((3, 60))
+    S = a.T @ a + 2 * np.eye(20)
+    D = share.rows.T.astype(np.float64)
+
+    def left_beside(light):
+        return y - np.linalg.solve(S, a.T @ (y - light).T).T @ a.T
+
+    found = found_beside(share, left_beside)
+    for c, part in enumerate(share.shares):
+        whole = np.block([[S, a.T @ D], [D.T @ a, np.diag(1 / part)]])
+        e = np.linalg.solve(whole, np.concatenate([a.T @ y[c], D.T @ y[c]]))[20:]
+        np.testing.assert_allclose(found.coefficients[c], e, atol=3e-3 * np.abs(e).max())
+
+
+def test_errors_of_light_are_those_beside_an_unknown_image():
+    prior, _, left, *_ = fitted()
+    noise, D = np.array([0.1, 0.2, 0.3]), prior_rows(prior).T
+    shares = np.random.default_rng(1).uniform(0.2, 0.99, (3, D.shape[1]))
+    share = AmbientEstimate(np.zeros(shares.shape), prior._rows, np.full(3, 1e-3), shares, 1.5)
+    moved = prior.response(np.ascontiguousarray(A.T, np.float32), share, noise)
+    moved = moved.reshape(3, -1, 3, N)
+    for c, part in enumerate(shares):
+        whole = np.block([[left.T @ left, left.T @ D], [D.T @ left, np.diag(1 / part)]])
+        covariance = 1.5 * noise[c] ** 2 * np.linalg.inv(whole)[N:, N:]
+        expected = left.T @ D @ covariance @ D.T @ left
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(moved[c, :, c].T @ moved[c, :, c], expected, atol=2e-3 * size)
+        assert not np.delete(moved[c], c, axis=1).any()
 
 
 def prior_rows(prior):
@@ -172,6 +211,17 @@ def test_light_that_an_edge_cuts_off_does_less_harm(methods, along, part):
         errors.append([mean_squared_error(m.reconstruct(y), image(seed)) for m in methods])
     without, freed = np.mean(errors, axis=0)
     assert freed < part * without
+
+
+def test_light_that_an_image_can_show_is_left_to_it(methods, monkeypatch):
+    """Wherever it is looked for: no ghosts beside images under light that lamps explain."""
+    monkeypatch.setattr(ambient_prior, "DECISIVE", -np.inf)
+    errors = []
+    for seed in range(6):
+        y = photograph(seed, brightness=2.0)
+        errors.append([mean_squared_error(m.reconstruct(y), image(seed)) for m in methods])
+    without, freed = np.mean(errors, axis=0)
+    assert freed < 1.1 * without
 
 
 def test_light_that_lamps_explain_is_left_to_them(methods):
@@ -236,10 +286,10 @@ def test_walls_of_few_rows_have_fewer_polynomials(shape, monkeypatch):
 
 
 def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypatch):
-    """Light drawn from the prior itself leaves errors that are told no smaller than without any.
+    """Light drawn from the prior itself: without it errors are told half as large as they are.
 
-    Rather larger: with the image's prior as weak as the light is found by, less is known of it than
-    total variation knows.
+    Ratios are squares of errors over those told. Patches are few here, and the light is 20 times
+    theirs: errors of total variation's pull, which noise follows, are told a little too small.
     """
     method, ratios = methods[1], []
     prior = method._ambient_prior
@@ -253,13 +303,12 @@ def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypat
     for seed in range(12):
         e = np.random.default_rng(seed).standard_normal((3, len(prior._rows)))
         light = (1e-3 * level[:, None] * roots * e) @ prior._rows
-        smooth = method.solve(photograph(seed, noise=3e-4))
         found = method.solve(photograph(seed, noise=3e-4) + light.T.reshape(*WALL, 3))
         assert found.ambient is not None
         counted = ratio(found, seed)
         with monkeypatch.context() as patch:
             patch.setattr(method, "_error_response", lambda _: None)
-            ratios.append([ratio(smooth, seed), counted, ratio(found, seed)])
-    smooth, counted, alone = np.mean(ratios, axis=0)
-    assert counted < 1.2 * smooth
+            ratios.append([counted, ratio(found, seed)])
+    counted, alone = np.mean(ratios, axis=0)
+    assert counted < 1.6
     assert alone > 1.7 * counted
