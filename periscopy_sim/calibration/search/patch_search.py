@@ -13,6 +13,7 @@ from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import walk
+from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
 ITERATIONS = 10
@@ -64,12 +65,17 @@ def _descended(
     """Descend, and once more from where the ruler has the image, if that is whole patches away.
 
     The photograph looks nearly the same there, but its perspective is another: all parameters have
-    to follow.
+    to follow. Where they would have to leave the physical, they stay.
     """
     level, end = descend(level, start, steps, 5 * steps, ITERATIONS, visit)
     here = settle(level, end, steps)
     nearest = shift.settled(level, *here)
     if np.array_equal(nearest[0], here[0]):
         return level, end, here
-    level, end = descend(level, nearest[0], steps, 5 * steps, ITERATIONS, visit)
-    return level, end, settle(level, end, steps)
+    try:
+        followed, again = descend(level, nearest[0], steps, 5 * steps, ITERATIONS, visit)
+    except SceneError:
+        return level, end, nearest
+    if again.unphysical is not None:
+        return level, end, nearest
+    return followed, again, settle(followed, again, steps)

@@ -160,7 +160,7 @@ def _dip(
         if not is_own(bottom) or seen.evidence - MORE * promised > limit:
             return None
         tried = look(bottom + part * along)
-        if tried is None or tried.evidence >= seen.evidence:
+        if tried is None or not tried.evidence < seen.evidence:
             part /= 2
             continue
         gain = seen.evidence - tried.evidence

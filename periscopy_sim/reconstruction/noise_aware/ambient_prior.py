@@ -29,8 +29,9 @@ well it would take a part for ambient, and leave ghosts. So image and light are 
 
     ê_c = v_c/(v_c + φ σ_c²) Dᵀ(y_c − A⊥ f̂_c).
 
-By turns they come to the minimum of the sum of both objectives; Anderson's mixing (J. ACM 12, 1965)
-makes tens of turns of hundreds. Of e's errors beside those of f see `AmbientPrior.response`.
+By turns they come to where neither moves the other, from a black ê, σ_c being what is left of noise
+at each turn; Anderson's mixing (J. ACM 12, 1965) makes tens of turns of hundreds. Of e's errors see
+`AmbientPrior.response`.
 
 Light with edges as sharp as the penumbrae's own is beyond this model; background photographs show
 it.
@@ -39,6 +40,7 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -91,7 +93,7 @@ class AmbientEstimate:
     coefficients: Array  # (3, r) e
     rows: Image  # (r, M') D, transposed
     strengths: Array  # (3,) κ of each group
-    shares: Array  # (3, r) v/(v + φ σ²): of what images leave along D
+    variances: Array  # (3, r) v
     overdispersion: float  # φ
 
     @property
@@ -99,36 +101,48 @@ class AmbientEstimate:
         """(3, M') D ê."""
         return np.asarray(self.coefficients @ self.rows)
 
-    def beside(self, left: Array) -> AmbientEstimate:
-        """Return the estimate beside an image that leaves so much of y⊥, (3, M')."""
+    def shares(self, noise: Array) -> Array:
+        """Return v/(v + φ σ²), (3, r), of noise of standard deviations σ, (3,)."""
+        own = self.overdispersion * np.maximum(noise, ROUNDING)[:, None] ** 2
+        return np.asarray(self.variances / (self.variances + own))
+
+    def beside(self, left: Array, noise: Array) -> AmbientEstimate:
+        """Return the estimate of what an image leaves, (3, M'), of such noise, (3,)."""
         along = times_rows(left.astype(np.float32), self.rows)
-        return replace(self, coefficients=self.shares * along)
+        return replace(self, coefficients=self.shares(noise) * along)
 
     def scaled(self, unit: float) -> AmbientEstimate:
         """Return the estimate in another unit of light."""
-        return replace(self, coefficients=unit * self.coefficients)
+        scaled = unit * self.coefficients, self.rows, self.strengths, unit**2 * self.variances
+        return AmbientEstimate(*scaled, self.overdispersion)
 
 
-def found_beside(share: AmbientEstimate, left_beside: Callable[[Array], Array]) -> AmbientEstimate:
+def found_beside(
+    black: AmbientEstimate, left_beside: Callable[[Array], tuple[Array, Array]]
+) -> AmbientEstimate:
     """Return the light of an estimate's strengths and the image beside it, found by turns.
 
     Given light, (3, M'), `left_beside` returns what the image that is found of y⊥ without it leaves
-    of y⊥, the light in it.
+    of y⊥, the light in it, and the noise, (3,), that is left then. It begins with the estimate's.
     """
     from scipy.optimize import NoConvergence, anderson
 
-    def change(e: Array) -> Array:
-        light = replace(share, coefficients=e).light
-        return share.beside(left_beside(light)).coefficients - e
+    best, least = black.coefficients, np.inf
 
-    try:
-        e = anderson(
-            change, share.coefficients, alpha=1.0, line_search=None, maxiter=TURNS,
+    def change(e: Array) -> Array:
+        nonlocal best, least
+        light = replace(black, coefficients=e).light
+        changed = black.beside(*left_beside(light)).coefficients - e
+        if (size := float(np.linalg.norm(changed))) < least:
+            best, least = e.copy(), size
+        return changed
+
+    with suppress(NoConvergence):  # where the minimum is flat, or images are hardly iterated
+        anderson(
+            change, black.coefficients, alpha=1.0, line_search=None, maxiter=TURNS,
             f_tol=np.inf, f_rtol=SETTLED, tol_norm=np.linalg.norm,
         )  # fmt: skip
-    except NoConvergence as last:  # where the minimum is flat, or iterations of images leave noise
-        e = np.reshape(last.args[0], share.coefficients.shape)
-    return replace(share, coefficients=e)
+    return replace(black, coefficients=best)
 
 
 class AmbientPrior:
@@ -203,20 +217,22 @@ class AmbientPrior:
         v = variances(strengths)
         if not terms.evidence(v, φ) > DECISIVE:
             return None
-        return AmbientEstimate(np.zeros_like(v), self._rows, np.array(strengths), v / (1 + v), φ)
+        return AmbientEstimate(
+            np.zeros_like(v), self._rows, np.array(strengths), φ * σ[:, None] ** 2 * v, φ
+        )
 
     def response(self, transport: Image, found: AmbientEstimate, noise: Array) -> Array:
         """Return A⊥ᵀ D L, (3 r, 3, N), L Lᵀ the covariance of each channel's e in turn.
 
         It is e's beside an image of which nothing is known, so that only what no image shows tells
         of e: φ σ_c² (I + φ σ_c² diag(v_c)⁻¹ − Dᵀ A⊥ (A⊥ᵀA⊥)⁻¹ A⊥ᵀ D)⁻¹. The transport is Aᵀ,
-        (N, M'), that the prior was fitted to; the noise, (3,), is σ_c.
+        (N, M'), that the prior was fitted to; the noise, (3,), is σ_c, what is left without D ê.
         """
         light = times_rows(self._rows, transport).astype(np.float64)
         responses = np.zeros((3, len(light), 3, len(transport)))
-        shown = self._shown @ self._shown.T
-        for channel, (share, σ) in enumerate(zip(found.shares, noise, strict=True)):
-            known = np.linalg.cholesky(np.diag(1 / np.maximum(share, ROUNDING) + ROUNDING) - shown)
+        unshown = _definite(np.eye(len(light)) - self._shown @ self._shown.T)
+        for channel, (share, σ) in enumerate(zip(found.shares(noise), noise, strict=True)):
+            known = np.linalg.cholesky(unshown + np.diag(1 / np.maximum(share, ROUNDING) - 1))
             half = linalg.solve_triangular(known, light, lower=True)
             responses[channel, :, channel] = σ * np.sqrt(found.overdispersion) * half
         return responses.reshape(-1, 3, len(transport))
@@ -227,8 +243,8 @@ class _Terms:
 
     def __init__(self, products: Image, shown: Array, σ: Array, shares: Array, z: Array) -> None:
         self._q = np.asarray(products, np.float64) / σ[:, None] - (shares * z) @ shown.T
-        eye = (1 + ROUNDING) * np.eye(len(shown))
-        self._H = np.array([eye - (shown * share) @ shown.T for share in shares])
+        eye = np.eye(len(shown))
+        self._H = np.array([_definite(eye - (shown * share) @ shown.T) for share in shares])
 
     def mean_ratio(self) -> float:
         """Return qᵀH⁻¹q for each term, which is 1 of noise; 0 without terms."""
@@ -251,6 +267,12 @@ class _Terms:
             C = np.linalg.cholesky(np.eye(len(q)) + roots[:, None] * H * roots)
             found.append((C, linalg.solve_triangular(C, roots * q, lower=True)))
         return found
+
+
+def _definite(H: Array) -> Array:
+    """Return a symmetric H with eigenvalues that rounding left too small raised to `ROUNDING`."""
+    values, vectors = np.linalg.eigh(H)
+    return np.asarray((vectors * np.maximum(values, ROUNDING)) @ vectors.T)
 
 
 def _explained_share(z: Array, curvatures: Array) -> Array:

@@ -209,7 +209,9 @@ class FittedScene(AmbientMethod[np.float64]):
         level, share = evidence.level * rest.level, evidence.share * rest.level
         return replace(rest, level=level, share=share), planes[0]
 
-    def _ambient_share(self, evidence: Evidence, y: Array, means: Array) -> AmbientEstimate | None:
+    def _ambient_strength(
+        self, evidence: Evidence, y: Array, means: Array
+    ) -> AmbientEstimate | None:
         """Return how much ambient light beyond range(B) the y of an evidence shows, if any."""
         if self._ambient_prior is None:
             return None
@@ -229,8 +231,10 @@ class FittedScene(AmbientMethod[np.float64]):
         left = self._rejected_rows(rows).astype(np.float32)
         shown = times_rows(times_rows(left, self._transport), self._basis.rows)
         # Weaker patterns explain nothing beyond single precision.
-        shown[:, self._basis.curvatures <= STRONG * self._basis.curvatures[-1]] = 0
-        coefficients = (shown / (self._unit**2 * self._basis.curvatures)).astype(np.float32)
+        least = STRONG * self._basis.curvatures[-1]
+        shown[:, self._basis.curvatures <= least] = 0
+        curvatures = np.maximum(self._basis.curvatures, least)  # where it is 0, too
+        coefficients = (shown / (self._unit**2 * curvatures)).astype(np.float32)
         images = combine_rows(coefficients, self._basis.rows)
         return left - self._rejected_rows(combine_rows(images, self._transport))
 

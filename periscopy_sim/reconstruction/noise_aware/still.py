@@ -258,18 +258,19 @@ class NoiseAware(FittedScene):
 
         Light and image are found by turns.
         """
-        share = self._ambient_share(evidence, y, means)
-        if share is None:
+        black = self._ambient_strength(evidence, y, means)
+        if black is None:
             return None
         split = None
 
-        def left_beside(light: Array) -> Array:
+        def left_beside(light: Array) -> tuple[Array, Array]:
             nonlocal split
             rest, _ = self._without(evidence, y, evidence.level * light)
             found, split = self.recover(rest, start=split)
-            return y - self._light_of(found.image / evidence.level)
+            left = y - self._light_of(found.image / evidence.level)
+            return left, found.noise / evidence.level
 
-        return found_beside(share, left_beside).scaled(evidence.level)
+        return found_beside(black, left_beside).scaled(evidence.level)
 
     def recover(
         self,

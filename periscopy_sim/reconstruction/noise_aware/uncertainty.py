@@ -29,7 +29,8 @@ H⁻¹A⊥ᵀT_k e_k/σ², alike in all channels, and adds to the covariance
 
 as the inverse of H beside the scene's errors has it, block by block. Where images undo what the
 errors do, as a monitor's shift, nothing is known of these but the ruler's word, and edges err most.
-Likewise counts what is not known of ambient light that was subtracted (`ambient_prior`).
+Likewise counts what is not known, beside an unknown image, of ambient light that was subtracted
+(`ambient_prior`).
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ import pytest
 from periscopy_sim.calibration.search import patch_search
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
-from periscopy_sim.calibration.search.patch_search import WALKS, search_patches
+from periscopy_sim.calibration.search.patch_search import ITERATIONS, WALKS, search_patches
+from periscopy_sim.errors import SceneError
 
 START, PATCH, FOLLOWED = np.array([[0.3, 0.0, 0.0], [0.0, 1.0, 0.0], [0.01, 0.0, 0.0]])
 LEVEL = SimpleNamespace(hidden_shape=(1, 5), names=("occluder", "monitor_x", "monitor_z"))
@@ -17,29 +18,35 @@ LEVEL = SimpleNamespace(hidden_shape=(1, 5), names=("occluder", "monitor_x", "mo
 class Searched:
     """What was asked of descents and walks that follow a script, and what came of it."""
 
-    def __init__(self, monkeypatch, settled, walks):
+    def __init__(self, monkeypatch, settled, walks, unphysical=None):
         self.starts, self.patches, self.walks = [], [], list(walks)
+        self.unphysical = unphysical or {}
         monkeypatch.setattr(patch_search, "descend", self.descend)
         monkeypatch.setattr(patch_search, "settle", self.settle)
         monkeypatch.setattr(patch_search, "undone", lambda *_: (np.zeros((3, 0)), None))
         monkeypatch.setattr(patch_search, "walk", self.walk)
         shift = ImageShift(np.eye(3)[1:])
         object.__setattr__(shift, "settled", settled)
-        self.found = search_patches(LEVEL, START, np.ones(3), shift, None, lambda: None)
+        self.found = search_patches(LEVEL, START, np.ones(3), shift, "visit", "looked")
 
     def descend(self, level, start, steps, longest, iterations, visit):
         """Follow by the occluder, by a hundredth, wherever the monitor is."""
-        del steps, longest, iterations, visit
+        np.testing.assert_array_equal(longest, 5 * steps)
+        assert iterations == ITERATIONS and visit == "visit"
         self.starts.append(start)
+        error = self.unphysical.get(len(self.starts))
+        if error == "at once":
+            raise SceneError("the monitor is in the wall")
         curvature = f"about {len(self.starts)}"
-        return level, Descent(start + FOLLOWED, SimpleNamespace(), curvature, None)
+        return level, Descent(start + FOLLOWED, SimpleNamespace(), curvature, error)
 
     def settle(self, level, end, steps):
         del level, steps
         return end.values, f"seen by {end.curvature}"
 
     def walk(self, level, end, values, seen, patches, looked):
-        del level, end, looked
+        del level, end
+        assert looked == "looked"
         self.patches.append(patches)
         return values + self.walks.pop(0), seen, np.zeros((3, 0))
 
@@ -72,6 +79,16 @@ def test_what_is_shifted_to_the_ruler_is_descended_from_again(monkeypatch):
     np.testing.assert_allclose(searched.found.values, START + 3 * FOLLOWED)
     assert searched.found.end.curvature == "about 3"
     assert searched.found.seen == "seen by about 3"
+
+
+@pytest.mark.parametrize("error", ["at once", SceneError("the monitor is in the wall")])
+def test_where_the_rulers_image_leads_out_of_the_physical_its_place_is_kept(monkeypatch, error):
+    searched = Searched(monkeypatch, nearest_to_zero, [PATCH, 0 * PATCH], {3: error})
+    assert len(searched.starts) == 3
+    np.testing.assert_allclose(searched.found.values, START + 2 * FOLLOWED)
+    assert searched.found.end.curvature == "about 2"
+    assert searched.found.end.unphysical is None
+    assert searched.found.seen == "seen a patch away"
 
 
 def test_a_walk_is_followed_by_a_descent_but_for_the_last(monkeypatch):

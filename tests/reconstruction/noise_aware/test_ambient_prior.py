@@ -8,6 +8,7 @@ from periscopy_sim.evaluation.metrics import mean_squared_error
 from periscopy_sim.reconstruction.noise_aware import ambient_prior
 from periscopy_sim.reconstruction.noise_aware.ambient_prior import (
     STRENGTHS,
+    TURNS,
     AmbientEstimate,
     AmbientPrior,
     found_beside,
@@ -148,44 +149,56 @@ def test_strengths_are_the_likeliest_by_dense_algebra(masked, beyond, monkeypatc
     np.testing.assert_allclose(found.strengths, strengths)
     for c, (*_, ambient) in enumerate(parts):
         v = np.repeat((strengths * ambient) ** 2 * len(y) / np.array(sizes), sizes)
-        np.testing.assert_allclose(found.shares[c], v / (v + φ * noise[c] ** 2), rtol=5e-3)
-    assert not found.light.any()  # of an image that leaves nothing
-
-
-def share_of(rng, overdispersion=1.5):
-    """An estimate of three channels' light along six unit vectors, none of it found yet."""
-    rows = np.linalg.qr(rng.standard_normal((60, 6)))[0].T.astype(np.float32)
-    shares = rng.uniform(0.2, 0.99, (3, 6))
-    return AmbientEstimate(np.zeros((3, 6)), rows, np.full(3, 1e-3), shares, overdispersion)
+        np.testing.assert_allclose(found.variances[c], v, rtol=5e-3)
 
 
 def test_image_and_light_found_by_turns_minimize_the_sum_of_their_objectives():
     """Of images with a quadratic penalty: then the minimum is that of linear equations."""
     rng = np.random.default_rng(0)
-    share, a, y = share_of(rng), rng.standard_normal((60, 20)), rng.standard_normal((3, 60))
+    D, a = np.linalg.qr(rng.standard_normal((60, 6)))[0], rng.standard_normal((60, 20))
+    y, noise, v = rng.standard_normal((3, 60)), np.array([0.5, 1, 2]), rng.uniform(0.2, 9, (3, 6))
+    black = AmbientEstimate(np.zeros((3, 6)), D.T.astype(np.float32), np.full(3, 1e-3), v, 1.5)
     S = a.T @ a + 2 * np.eye(20)
-    D = share.rows.T.astype(np.float64)
 
     def left_beside(light):
-        return y - np.linalg.solve(S, a.T @ (y - light).T).T @ a.T
+        return y - np.linalg.solve(S, a.T @ (y - light).T).T @ a.T, noise
 
-    found = found_beside(share, left_beside)
-    for c, part in enumerate(share.shares):
-        whole = np.block([[S, a.T @ D], [D.T @ a, np.diag(1 / part)]])
+    found = found_beside(black, left_beside)
+    for c, σ in enumerate(noise):
+        whole = np.block([[S, a.T @ D], [D.T @ a, np.diag(1 + 1.5 * σ**2 / v[c])]])
         e = np.linalg.solve(whole, np.concatenate([a.T @ y[c], D.T @ y[c]]))[20:]
         np.testing.assert_allclose(found.coefficients[c], e, atol=3e-3 * np.abs(e).max())
+
+
+def test_where_turns_do_not_settle_the_light_that_moves_least_is_taken():
+    """An image that leaves other light at each turn, but nothing new beside one of them."""
+    D, rng = np.eye(60)[:, :6], np.random.default_rng(2)
+    black = AmbientEstimate(
+        np.zeros((3, 6)), D.T.astype(np.float32), np.ones(3), np.ones((3, 6)), 1
+    )
+
+    def left_beside(light):
+        e = light[:, :6]
+        left = e + (0.1 if len(asked) == 8 else 1.0) * rng.standard_normal(e.shape)
+        return 2 * left @ D.T, np.ones(3)  # half of it is ambient light's
+
+    asked = []
+    found = found_beside(black, lambda light: (asked.append(light[:, :6]), left_beside(light))[1])
+    np.testing.assert_allclose(found.coefficients, asked[7], atol=1e-12)
+    assert len(asked) > TURNS
 
 
 def test_errors_of_light_are_those_beside_an_unknown_image():
     prior, _, left, *_ = fitted()
     noise, D = np.array([0.1, 0.2, 0.3]), prior_rows(prior).T
-    shares = np.random.default_rng(1).uniform(0.2, 0.99, (3, D.shape[1]))
-    share = AmbientEstimate(np.zeros(shares.shape), prior._rows, np.full(3, 1e-3), shares, 1.5)
-    moved = prior.response(np.ascontiguousarray(A.T, np.float32), share, noise)
+    v = np.random.default_rng(1).uniform(0.01, 1, (3, D.shape[1]))
+    found = AmbientEstimate(np.zeros(v.shape), prior._rows, np.full(3, 1e-3), v, 1.5)
+    moved = prior.response(np.ascontiguousarray(A.T, np.float32), found, noise)
     moved = moved.reshape(3, -1, 3, N)
-    for c, part in enumerate(shares):
-        whole = np.block([[left.T @ left, left.T @ D], [D.T @ left, np.diag(1 / part)]])
-        covariance = 1.5 * noise[c] ** 2 * np.linalg.inv(whole)[N:, N:]
+    for c, σ in enumerate(noise):
+        about = np.diag(1 + 1.5 * σ**2 / v[c])
+        whole = np.block([[left.T @ left, left.T @ D], [D.T @ left, about]])
+        covariance = 1.5 * σ**2 * np.linalg.inv(whole)[N:, N:]
         expected = left.T @ D @ covariance @ D.T @ left
         size = np.abs(expected).max()
         np.testing.assert_allclose(moved[c, :, c].T @ moved[c, :, c], expected, atol=2e-3 * size)
@@ -283,6 +296,26 @@ def test_walls_of_few_rows_have_fewer_polynomials(shape, monkeypatch):
     method = NoiseAware(A, B, hidden_shape=HIDDEN, photograph_shape=shape)
     found = method.solve(photograph().reshape(*shape, 3))
     assert np.isfinite(found.image).all() and np.isfinite(found.ambient.light).all()
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-5])
+def test_patterns_that_rounding_hides_stop_nothing(noise):
+    """Shadows far softer than patches are small, and hardly any noise."""
+    hidden, columns = (12, 14), []
+    for i in range(hidden[0]):
+        for j in range(hidden[1]):
+            u, v = U - 0.9 * ((j + 0.5) / 14 - 0.5), V - 0.9 * ((i + 0.5) / 12 - 0.5)
+            shadow = np.prod([1 / (1 + np.exp(-12 * t)) for t in (u + 0.3, 0.3 - u, v + 0.4)], 0)
+            columns.append(((1 - shadow) / (1 + 0.3 * u**2 + 0.3 * v**2) ** 2).ravel())
+    soft = np.array(columns).T.astype(np.float32).astype(np.float64)
+    rng = np.random.default_rng(0)
+    signal = soft @ rng.uniform(0.1, 1, (168, 3))
+    light = 20 * (1 + 0.1 * U.ravel() + 2e-3 * edge(U))[:, None] * LIGHT
+    y = signal / signal.mean() + light
+    y += noise * y.mean() * rng.standard_normal(y.shape)
+    method = NoiseAware(soft, B, hidden_shape=hidden, photograph_shape=WALL)
+    found = method.solve(y.reshape(*WALL, 3))
+    assert found.image.max() > 0 and np.isfinite(method.standard_errors(found)).all()
 
 
 def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypatch):
