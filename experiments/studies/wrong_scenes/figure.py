@@ -129,8 +129,9 @@ def draw_images(out: Path, outcomes: Sequence[Outcome]) -> Path:
                 row[0].set_title(f"{scene}\nhidden image", fontsize=7)
                 for j, (name, image) in enumerate(zip(SCENES, shown.images, strict=True)):
                     ax = row[1 + len(SCENES) * k + j]
-                    show_light(ax, ps.gain_matched(image, shown.truth), 1)
-                    ax.set_title(f"SBR {sbr:g}, {name}\n{shown.psnr[name]:.1f} dB", fontsize=7)
+                    show_light(ax, ps.registered(image, shown.truth).image, 1)
+                    numbers = f"{shown.psnr[name]:.1f} / {shown.registered[name]:.1f} dB"
+                    ax.set_title(f"SBR {sbr:g}, {name}\n{numbers}", fontsize=7)
     return out / "wrong_scenes_images.png"
 
 

@@ -45,8 +45,9 @@ def write_report(
             ),
             Picture(
                 draw_images(out, outcomes),
-                "Of each scene and SBR the draw of the median loss; PSNR as it stands, each "
-                "channel multiplied by what fits the truth best.",
+                "Of each scene and SBR the draw of the median loss; PSNR as it stands / after the "
+                "shift that fits the truth best, as the pictures are drawn, each channel "
+                "multiplied by what fits best.",
             ),
         ],
         tables=[_summary(outcomes), _table(outcomes)],
