@@ -1,4 +1,4 @@
-"""Descents and walks by turns, in the world of the slat."""
+"""Descents and walks by turns; both follow a script."""
 
 from types import SimpleNamespace
 

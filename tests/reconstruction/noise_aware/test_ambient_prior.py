@@ -258,6 +258,13 @@ def test_units_do_not_matter(methods):
     np.testing.assert_allclose(other.image, 1e4 * one.image, rtol=1e-3, atol=1)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e4])
+def test_errors_are_told_in_any_unit_alike(methods, unit):
+    y = photograph(2, beyond=1e-3 * edge(V))
+    one, other = (methods[1].standard_errors(methods[1].solve(u * y)) for u in (1, unit))
+    np.testing.assert_allclose(other, unit * one, rtol=0.02)
+
+
 def test_residual_is_without_the_light_found(methods):
     y = photograph(1, beyond=1e-3 * edge(V))
     left = [m.residual(y, m.solve(y)).unexplained for m in methods]
@@ -319,10 +326,10 @@ def test_patterns_that_rounding_hides_stop_nothing(noise):
 
 
 def test_standard_errors_count_what_is_not_known_of_the_light(methods, monkeypatch):
-    """Light drawn from the prior itself: without it errors are told half as large as they are.
+    """Light drawn from the prior itself; ratios are squares of errors over those told.
 
-    Ratios are squares of errors over those told. Patches are few here, and the light is 20 times
-    theirs: errors of total variation's pull, which noise follows, are told a little too small.
+    Patches are few here, and the light is 20 times theirs: errors of total variation's pull, which
+    noise follows, are told a little too small.
     """
     method, ratios = methods[1], []
     prior = method._ambient_prior
