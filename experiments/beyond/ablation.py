@@ -51,7 +51,7 @@ from experiments.paper.background_models import FINER, grids, polynomials, sketc
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
 from periscopy_sim.reconstruction.background_subspace import background_basis
-from periscopy_sim.reconstruction.noise_aware.wall_gain import polynomials as gain_terms
+from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import polynomials as gain_terms
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]

@@ -5,9 +5,10 @@ explains,
 
     ĉ = argmin_c Σ_channels ‖(I − F Fᵀ)(y − Σ_k c_k p_k A f₀)‖² / σ²,   F a basis of [A, B],
 
-and ĝ = 1 + Σ_k ĉ_k p_k. The package's `noise_aware.wall_gain` starts from the same, of degree 2: it
-keeps smooth ambient light apart, asks by a test whether there is a gain at all, and subtracts
-what the gain adds instead of dividing the photograph, ambient light included, by it.
+and ĝ = 1 + Σ_k ĉ_k p_k. The package's own, `noise_aware.nuisance.wall_gain`, starts from the
+same, of degree 2: it keeps smooth ambient light apart, asks by a test whether there is a gain at
+all, and subtracts what the gain adds instead of dividing the photograph, ambient light included,
+by it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.noise_aware.wall_gain import BOUNDS
+from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import BOUNDS
 
 Array = NDArray[np.float64]
 

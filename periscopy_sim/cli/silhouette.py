@@ -61,7 +61,7 @@ def find_silhouette(
     with ExitStack() as stack:
         spare_inputs(outputs, (photo, path, *(background or []), mask))
         with timed("load the scene"), progress("loading the scene"):
-            from periscopy_sim.calibration.silhouette.mask_plane import mask_plane
+            from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
             from periscopy_sim.calibration.silhouette.masked_scene import (
                 local_coordinates,
                 write_masked_scene,

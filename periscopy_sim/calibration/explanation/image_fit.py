@@ -17,7 +17,7 @@ from scipy import linalg
 from scipy.optimize import minimize_scalar
 
 from periscopy_sim.calibration.explanation.ridge_path import RidgePath, inverse
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 
 Array = NDArray[np.float64]
 Filter = Callable[[NDArray[np.floating[Any]]], NDArray[np.floating[Any]]]

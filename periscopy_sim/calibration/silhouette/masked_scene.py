@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.calibration.silhouette.cell_mesh import cell_mesh
+from periscopy_sim.calibration.silhouette.cells.cell_mesh import cell_mesh
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.errors import SceneError

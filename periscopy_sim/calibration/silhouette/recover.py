@@ -32,28 +32,30 @@ from periscopy_sim.calibration.explanation.resolution_level import (
     ResolutionLevel,
 )
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.silhouette.binary_search import binarized
-from periscopy_sim.calibration.silhouette.cell_size import (
+from periscopy_sim.calibration.silhouette.cells.cell_size import (
     finest_photograph,
     fitted_cells,
     require_coarse,
 )
-from periscopy_sim.calibration.silhouette.mask_level import (
+from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane, mask_plane
+from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.result import Silhouette, overlap
+from periscopy_sim.calibration.silhouette.search.binary_search import binarized
+from periscopy_sim.calibration.silhouette.search.mask_level import (
     NOTHING,
     MaskFit,
     MaskLevel,
     opaque,
     usual_opacity,
 )
-from periscopy_sim.calibration.silhouette.mask_moves import (
+from periscopy_sim.calibration.silhouette.search.mask_moves import (
     patch_steps,
     resized,
     shifted,
     swapped,
 )
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane, mask_plane
-from periscopy_sim.calibration.silhouette.mask_prior import improbability
-from periscopy_sim.calibration.silhouette.opacity_descent import (
+from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
+from periscopy_sim.calibration.silhouette.search.opacity_descent import (
     FROM_AFAR,
     NEARBY,
     ONWARD,
@@ -61,8 +63,6 @@ from periscopy_sim.calibration.silhouette.opacity_descent import (
     descend,
     smooth_mask,
 )
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
-from periscopy_sim.calibration.silhouette.result import Silhouette, overlap
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import Backgrounds, named

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
 from periscopy_sim.scenario import Array
 
 Cells = NDArray[np.bool_]

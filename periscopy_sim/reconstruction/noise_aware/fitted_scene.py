@@ -19,17 +19,24 @@ from periscopy_sim.numerics.products import (
 from periscopy_sim.reconstruction.ambient_method import AmbientMethod
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image
-from periscopy_sim.reconstruction.noise_aware.ambient_prior import AmbientEstimate, AmbientPrior
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
     noise_of,
     noise_to_signal,
     root_mean_squares,
 )
-from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import (
+    AmbientEstimate,
+    AmbientPrior,
+)
+from periscopy_sim.reconstruction.noise_aware.nuisance.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import (
+    DEGREE,
+    WallGain,
+    polynomials,
+)
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
-from periscopy_sim.reconstruction.noise_aware.wall_gain import DEGREE, WallGain, polynomials
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis
 from periscopy_sim.reconstruction.residual.overdispersion import overdispersion_of
 from periscopy_sim.reconstruction.uncertain_scene.displacement import Displacement, estimate
 from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport

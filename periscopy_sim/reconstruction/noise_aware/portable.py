@@ -18,8 +18,8 @@ import numpy as np
 from array_api_compat import array_namespace, device
 
 from periscopy_sim.reconstruction.noise_aware.evidence import noise_of, noise_to_signal
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import RIDGE
-from periscopy_sim.reconstruction.noise_aware.splitting import RELAXATION
+from periscopy_sim.reconstruction.noise_aware.solver.penalized_likelihood import RIDGE
+from periscopy_sim.reconstruction.noise_aware.solver.splitting import RELAXATION
 from periscopy_sim.reconstruction.noise_aware.still import CHECKED, PENALTY, NoiseAware
 from periscopy_sim.reconstruction.observation import check_range
 

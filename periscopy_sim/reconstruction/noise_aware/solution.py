@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.method import Solution
-from periscopy_sim.reconstruction.noise_aware.ambient_prior import AmbientEstimate
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
+from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import AmbientEstimate
 from periscopy_sim.reconstruction.uncertain_scene.found_scene import FoundScene
 
 Array = NDArray[np.float64]

@@ -33,28 +33,31 @@ from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
 from periscopy_sim.reconstruction.explained import Explained
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image
-from periscopy_sim.reconstruction.noise_aware.ambient_prior import AmbientEstimate, found_beside
-from periscopy_sim.reconstruction.noise_aware.common_noise import (
-    common_noise,
-    noise_covariance,
-    shared_part,
-)
 from periscopy_sim.reconstruction.noise_aware.evidence import (
     Evidence,
 )
 from periscopy_sim.reconstruction.noise_aware.fitted_scene import FittedScene
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
+from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import (
+    AmbientEstimate,
+    found_beside,
+)
+from periscopy_sim.reconstruction.noise_aware.nuisance.common_noise import (
+    common_noise,
+    noise_covariance,
+    shared_part,
+)
+from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import WallGain
 from periscopy_sim.reconstruction.noise_aware.predicted_error import best_factor, probes_of
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.solver.penalized_likelihood import Objective, Schedule
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.solver.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.uncertainty import (
     ASSUMPTIONS,
     ASSUMPTIONS_BUT_ERRORS,
     standard_errors,
     weighed_axes,
 )
-from periscopy_sim.reconstruction.noise_aware.wall_gain import WallGain
 from periscopy_sim.reconstruction.observation import Mask
 from periscopy_sim.reconstruction.residual.residual import Residual
 from periscopy_sim.reconstruction.uncertain_scene.displacement import Displacement

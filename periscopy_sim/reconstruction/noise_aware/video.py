@@ -10,9 +10,9 @@ import numpy as np
 
 from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.solver.penalized_likelihood import Schedule
+from periscopy_sim.reconstruction.noise_aware.solver.splitting import Splitting
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 

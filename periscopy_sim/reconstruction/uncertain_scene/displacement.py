@@ -35,7 +35,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.noise_aware.wall_gain import SPREAD
+from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import SPREAD
 
 Array = NDArray[np.float64]
 Unexplained = Callable[[Array], Array]

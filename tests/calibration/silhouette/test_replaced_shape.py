@@ -48,7 +48,7 @@ def test_the_mask_moves_with_the_parameters_of_the_shape(flagged):
 
 
 def test_a_mask_found_in_a_moved_and_turned_shape_stands_where_it_was_found(scene, tmp_path):
-    from periscopy_sim.calibration.silhouette.mask_plane import mask_plane
+    from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
 
     values = {"shift": "0.01", "turn": "20", "size": "0.05"}
     plane = mask_plane(load_scenario(scene, HIDDEN, values), "card")

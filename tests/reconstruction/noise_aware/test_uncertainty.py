@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg
 
 from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 from periscopy_sim.reconstruction.noise_aware.uncertainty import (
     ROUNDING,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Scenario
 

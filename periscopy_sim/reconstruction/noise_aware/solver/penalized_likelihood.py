@@ -20,8 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting, advance, right_hand_side
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.solver.splitting import (
+    Splitting,
+    advance,
+    right_hand_side,
+)
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]

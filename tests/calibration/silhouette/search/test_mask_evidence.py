@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
-from periscopy_sim.calibration.silhouette.mask_evidence import MaskEvidence
+from periscopy_sim.calibration.silhouette.cells.cell_shadows import CellShadows
+from periscopy_sim.calibration.silhouette.search.mask_evidence import MaskEvidence
 
 pytestmark = pytest.mark.usefixtures("jit")
 

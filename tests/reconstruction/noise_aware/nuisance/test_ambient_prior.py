@@ -5,15 +5,15 @@ import pytest
 from numpy.polynomial import legendre
 
 from periscopy_sim.evaluation.metrics import mean_squared_error
-from periscopy_sim.reconstruction.noise_aware import ambient_prior
-from periscopy_sim.reconstruction.noise_aware.ambient_prior import (
+from periscopy_sim.reconstruction.noise_aware.nuisance import ambient_prior
+from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import (
     STRENGTHS,
     TURNS,
     AmbientEstimate,
     AmbientPrior,
     found_beside,
 )
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import SpectralBasis, laplacian
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis, laplacian
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 WALL, HIDDEN = (36, 40), (6, 7)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh
 
 Cells = NDArray[np.bool_]

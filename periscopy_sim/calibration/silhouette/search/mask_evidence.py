@@ -20,8 +20,8 @@ from scipy import linalg
 
 from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS, nonnegative_fit
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
-from periscopy_sim.reconstruction.noise_aware.spectral_basis import laplacian
+from periscopy_sim.calibration.silhouette.cells.cell_shadows import CellShadows
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.scenario import Array
 
 RATIOS = np.geomspace(1e-7, 1e2, 40)

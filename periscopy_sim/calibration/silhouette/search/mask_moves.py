@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from periscopy_sim.calibration.silhouette.mask_level import NOTHING, MaskFit, MaskLevel
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.search.mask_level import NOTHING, MaskFit, MaskLevel
 from periscopy_sim.scenario import Array, Scenario
 
 FARTHEST = 3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.analytic.shadow import connected_parts, is_convex
-from periscopy_sim.calibration.silhouette.cell_mesh import cell_mesh, rectangles
+from periscopy_sim.calibration.silhouette.cells.cell_mesh import cell_mesh, rectangles
 from tests.calibration.silhouette.conftest import FLAG
 
 

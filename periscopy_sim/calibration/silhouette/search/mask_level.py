@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.overdispersion import overdispersion
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.silhouette.cell_shadows import CellShadows
-from periscopy_sim.calibration.silhouette.mask_evidence import MaskEvidence
-from periscopy_sim.calibration.silhouette.mask_plane import MaskPlane
-from periscopy_sim.calibration.silhouette.mask_prior import improbability
+from periscopy_sim.calibration.silhouette.cells.cell_shadows import CellShadows
+from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.search.mask_evidence import MaskEvidence
+from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
 from periscopy_sim.scenario import Array
 
 NOTHING = np.zeros(0)

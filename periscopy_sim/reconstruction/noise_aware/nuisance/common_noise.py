@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO, CommonNoise
-from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.nuisance.noise_spectrum import NoiseSpectrum
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.silhouette.mask_level import MaskFit, MaskLevel, usual_opacity
-from periscopy_sim.calibration.silhouette.mask_prior import OUTLINE, cost_of_place
+from periscopy_sim.calibration.silhouette.search.mask_level import MaskFit, MaskLevel, usual_opacity
+from periscopy_sim.calibration.silhouette.search.mask_prior import OUTLINE, cost_of_place
 from periscopy_sim.scenario import Array
 
 THRESHOLDS = (0.3, 0.4, 0.5, 0.6, 0.7)

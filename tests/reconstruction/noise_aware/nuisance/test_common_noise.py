@@ -8,14 +8,14 @@ from scipy import ndimage
 
 from periscopy_sim.evaluation.metrics import mean_squared_error
 from periscopy_sim.reconstruction.noise_aware import still
-from periscopy_sim.reconstruction.noise_aware.common_noise import (
+from periscopy_sim.reconstruction.noise_aware.nuisance.common_noise import (
     ALL_SHARED,
     SHARED,
     common_noise,
     noise_covariance,
     shared_part,
 )
-from periscopy_sim.reconstruction.noise_aware.noise_spectrum import NoiseSpectrum
+from periscopy_sim.reconstruction.noise_aware.nuisance.noise_spectrum import NoiseSpectrum
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 SHAPE, HIDDEN = (40, 44), (6, 7)

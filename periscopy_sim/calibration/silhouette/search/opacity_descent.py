@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from periscopy_sim.calibration.silhouette.mask_evidence import MaskEvidence
-from periscopy_sim.calibration.silhouette.mask_level import opaque
-from periscopy_sim.calibration.silhouette.mask_prior import improbability
+from periscopy_sim.calibration.silhouette.search.mask_evidence import MaskEvidence
+from periscopy_sim.calibration.silhouette.search.mask_level import opaque
+from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
 from periscopy_sim.scenario import Array
 
 Stages = tuple[tuple[float, int], ...]

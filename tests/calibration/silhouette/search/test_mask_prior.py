@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from periscopy_sim.calibration.silhouette.mask_prior import improbability
+from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
 
 
 def test_the_gradient_of_the_prior_is_that_of_its_value():

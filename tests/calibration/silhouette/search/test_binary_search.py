@@ -1,6 +1,6 @@
 import numpy as np
 
-from periscopy_sim.calibration.silhouette.binary_search import _unlike
+from periscopy_sim.calibration.silhouette.search.binary_search import _unlike
 
 
 def test_flips_are_known_by_how_much_they_lengthen_the_outline():

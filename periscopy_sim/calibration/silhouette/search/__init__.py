@@ -1,0 +1,1 @@
+"""The search for the mask that explains a photograph best, whatever the hidden image."""

@@ -1,0 +1,1 @@
+"""The minimization behind the noise-aware method, and the basis that makes it quick."""
