@@ -151,7 +151,8 @@ class Sweep:
             "snr": float(self.snr),
             "base_seed": int(self.seed),
             "signal_sha256": array_sha256(self.signal),
-            "truth_sha256": array_sha256(self.truth),
+            # Single precision: its last bits follow how many threads read the image.
+            "truth_sha256": array_sha256(self.truth.astype(np.float32)),
             "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
             **({} if self.mask is None else {"mask_sha256": array_sha256(self.mask)}),
         }

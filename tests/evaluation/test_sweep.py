@@ -304,6 +304,11 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
     assert contents(folder) == before
 
 
+def test_last_bits_of_the_truth_make_no_other_sweep(done):
+    folder, results = done
+    assert run_sweep(sweep_of(truth=TRUTH * (1 + 2**-50)), folder).identical(results)
+
+
 def test_what_is_no_store_is_refused(tmp_path):
     (tmp_path / "sweep.zarr").mkdir()
     (tmp_path / "sweep.zarr" / "notes").write_text("kept")
