@@ -3,13 +3,17 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow lint validate paper beyond benchmark clean
+.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
 
 test: $(VENV)/installed-dev lint
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
+
+# What takes seconds a test, as statistics over many draws and the commands' longer ways.
+test-thorough: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -q -m thorough -n auto --maxprocesses 4 --dist worksteal
 
 # Minutes of rendering: every claim about accuracy at full size.
 test-slow: $(VENV)/installed-dev

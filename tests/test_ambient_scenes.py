@@ -198,6 +198,7 @@ def test_wall_is_white_and_reaches_0_2_m_beyond_the_field_of_view(name: str) -> 
     np.testing.assert_allclose(np.array(mi.traverse(wall)["bsdf.reflectance.value"]).ravel(), 0.8)
 
 
+@pytest.mark.thorough
 @vectorized
 @pytest.mark.parametrize("name", REALISTIC)
 def test_realistic_light_has_no_edge_in_the_field_of_view(name: str) -> None:
@@ -304,6 +305,7 @@ def test_colour_of_the_light_is_that_of_its_source(name: str, low: float, high: 
     assert low < red / blue < high
 
 
+@pytest.mark.thorough
 @vectorized
 def test_snow_throws_much_light_up_on_the_board_and_most_beside_the_bank() -> None:
     first, second = (render("snow", depth, 1024).mean(axis=2) for depth in (2, 3))

@@ -198,6 +198,7 @@ def test_plants_front_silhouette_has_gaps_and_edges_of_every_direction() -> None
     assert share.min() > 0.05 * share.sum()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", IMAGE_NAMES)
 def test_committed_image_is_what_the_script_draws(name: str) -> None:
     images = script("make_images")

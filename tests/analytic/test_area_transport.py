@@ -44,6 +44,7 @@ def test_without_occluders_it_is_the_integral(emission):
     assert relative(area_transport(scenario), oracle(scenario, (30, 30))) < 4e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_boxes_anywhere_hide_what_their_half_spaces_hide(seed):
     rng = np.random.default_rng(seed)
@@ -76,6 +77,7 @@ def test_a_pixel_is_the_mean_of_its_wall_points():
     np.testing.assert_allclose(area_transport(fine, 3), A, rtol=1e-5, atol=1e-4 * A.max())
 
 
+@pytest.mark.thorough
 def test_a_plate_without_thickness_hides_from_either_side():
     there = make_scenario([plate((0.4, 0.5, 0.2), (0.1, 0.1))])
     back = make_scenario([replace(there.occluders[0], faces=TWO_TRIANGLES[:, ::-1])])
@@ -235,6 +237,7 @@ def test_derivatives_hold_where_edges_run_along_the_rows(scene, name, middle, st
     assert relative(found, expected) < 0.005
 
 
+@pytest.mark.thorough
 def test_derivatives_of_several_parameters_are_each_its_own():
     sides = [between("occluder_dx", 0.002, 1e-3), between("monitor_turn", 0.4, 0.5)]
     both = area_derivatives(chair(), sides, 2)

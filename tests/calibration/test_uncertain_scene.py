@@ -23,6 +23,7 @@ def moved(**values):
     return ps.load_scenario("chair", HIDDEN, GIVEN | {k: str(v) for k, v in values.items()})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sets", [1, 2])
 def test_changes_are_half_the_difference_between_the_sides(chair, sets, monkeypatch):
     """By areas once; by rays, of a scene that areas do not take, twice."""

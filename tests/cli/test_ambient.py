@@ -89,6 +89,7 @@ def test_first_and_later_runs_get_the_same_photograph(periscopy, monkeypatch):
     assert first.tobytes() == second.tobytes()
 
 
+@pytest.mark.thorough
 @jit
 @pytest.mark.parametrize(
     ("command", "told"),

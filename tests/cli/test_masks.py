@@ -47,6 +47,7 @@ PAPER = ("--method", "preconditioned")
 METHODS = ("preconditioned", "differencing", "truncated-svd", "iterative")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("given")
 @pytest.mark.parametrize("method", METHODS)
 def test_garbage_under_the_mask_gives_the_image_of_the_clean_photograph(method, reconstruct):
@@ -215,6 +216,7 @@ def test_analysis_is_that_of_the_rows_used(succeeds, transport, tmp_path):
 # -- sweeps --------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_sweep_leaves_out_what_the_mask_does(succeeds, refused, sweep_input, sweep_command):
     mask = np.random.default_rng(4).random((21, 21)) > 0.2
     np.save(sweep_input / "mask.npy", mask)

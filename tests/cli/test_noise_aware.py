@@ -45,6 +45,7 @@ DOT[9, 14] = 1
 RAMP = np.linspace(1, 2, 24)[:, None] * np.ones((24, 24, 3))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize("y", [np.ones((24, 24, 3)), RAMP, RAMP.swapaxes(0, 1), DOT])
 def test_photograph_that_shows_nothing_is_told(periscopy, tmp_path, y):

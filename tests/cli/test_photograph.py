@@ -98,6 +98,7 @@ def test_noise_has_the_level_asked_for(shoot):
     assert abs(np.corrcoef(noise, other)[0, 1]) < 5 / np.sqrt(noise.size)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ambient", [(), ("--ambient", "ambient.npy", "--sbr", "0.25")])
 @pytest.mark.parametrize("noise", [("--snr", "40"), ("--electrons", "8000")])
 def test_path_tracing_noisier_than_what_is_added_is_told(ambient, noise, shoot, periscopy):

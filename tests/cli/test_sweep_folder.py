@@ -34,6 +34,7 @@ cli.main()
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_sweep_killed_twice_ends_in_the_same_bytes(
     succeeds, sweep_input, sweep_command, sweep_results
@@ -101,6 +102,7 @@ def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input
     assert "out holds another sweep (methods" in refused(*command)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("error", ["KeyError", "ValueError", "PermissionError"])
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(

@@ -16,6 +16,7 @@ def still(transport, scenario):
     return ps.NoiseAware.for_scene(scenario, transport, ps.point_light_backgrounds(scenario))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("options", "settings"),
     [

@@ -68,6 +68,7 @@ def own_metrics(frames, truth):
     return np.array(errors)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("given", ["clip.npy", "one.npy", "folder", "bars"])
 def test_truth_adds_metrics_and_a_contact_sheet(
     given, photographs, succeeds, clip, tiny, results, tmp_path

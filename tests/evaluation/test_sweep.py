@@ -346,6 +346,7 @@ tests.run_sweep(tests.sweep_of(), pathlib.Path({folder!r}))
 """
 
 
+@pytest.mark.thorough
 def test_sweep_killed_again_and_again_ends_in_the_same_bytes(done, tmp_path):
     complete = []
     # Each time a write is cut off, half way or just before its rename.

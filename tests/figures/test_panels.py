@@ -153,6 +153,7 @@ def test_maps_share_one_logarithmic_scale(tmp_path):
         assert covers(pixels[side], viridis(absent)).sum() < 0.01 * area
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("value", [1e-9, 1.0, 250.0])
 def test_constant_maps_are_drawn_in_one_colour(tmp_path, value):
     path = tmp_path / "maps.png"

@@ -43,6 +43,7 @@ def test_camera_is_found_from_what_it_sees(roll):
     assert aim.residual < 1e-7
 
 
+@pytest.mark.thorough
 def test_errors_are_those_of_many_noisy_measurements():
     """Each standard deviation over 400 draws is within 15 %: 4.2 of its own standard errors."""
     rng = np.random.default_rng(7)

@@ -94,6 +94,7 @@ def test_singular_vectors_are_those_of_the_matrix_without_the_photographs():
     np.testing.assert_allclose(solved.noise, np.sqrt(np.sum(left**2, axis=0) / (M - 6 - 3)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["periscope", "noise-aware", "iterative"])
 def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(method):
     # Of one grey lamp the photograph needs c times its background photograph, whose channels may

@@ -60,6 +60,7 @@ def by_brute_force(A, Q, y, overdispersion=1.0):
     return optimize.minimize(evidence, np.zeros(5), method="BFGS", options={"gtol": 1e-2})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("overdispersion", [1.0, 20.0])
 def test_the_gain_is_the_best_of_all(problem, overdispersion):
     found = explained(*problem, overdispersion=overdispersion)

@@ -227,6 +227,7 @@ def test_a_ruler_draws_the_slope_to_itself(slat_level):
     np.testing.assert_allclose(ruled.slope - alone.slope, [0.02 / 0.01**2, 0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("rows", "grain", "noise"), [(1, (1, 1), 0.002), (10, (1, 6), 0.002)])
 def test_standard_errors_cover_the_truth(slat_level, rows, grain, noise):
     # 68 % of normal errors are within one standard error, and their squares average to 1. Of 60,
@@ -244,6 +245,7 @@ def test_standard_errors_cover_the_truth(slat_level, rows, grain, noise):
     assert np.mean(np.abs(errors) < 1) > 0.5
 
 
+@pytest.mark.thorough
 def test_errors_are_as_large_of_50_blocks_as_of_many(slat_level):
     """Against the exact spread of errors that are one number for each block and channel.
 

@@ -43,6 +43,7 @@ def test_warps_shift_by_patches_and_stretch_about_the_middle():
     np.testing.assert_allclose(middle, laid[2])
 
 
+@pytest.mark.thorough
 def test_a_chair_moves_as_a_pinhole_does_that_follows_the_image(chair_before_a_small_image):
     level, scenario = chair_before_a_small_image
     start, steps = np.zeros(3), np.array([0.004, 0.004, 1.0])

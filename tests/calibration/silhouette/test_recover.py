@@ -49,6 +49,7 @@ def test_a_photograph_without_a_shadow_of_it_is_told_of(scene, empty, monkeypatc
         recover_silhouette(photograph(empty), scene, HIDDEN, "card", (4, 4))
 
 
+@pytest.mark.thorough
 def test_noise_that_hides_the_cells_is_told_of(scene, flagged, monkeypatch):
     monkeypatch.setattr(recover, "STARTS", 1)
     monkeypatch.setattr(recover, "FINALISTS", 1)

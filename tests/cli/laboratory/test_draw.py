@@ -24,6 +24,7 @@ def test_what_cannot_be_drawn_is_refused(refused):
     assert "'height'" in refused("draw", "plate", "-D", "height=1", "--out", "lab.png")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize(("half", "told"), [(1.5e-4, "0.3 mm"), (15.0, "30 m"), (0.02, None)])
 def test_occluder_of_a_wrong_unit_is_told(half, told, periscopy, edited_scene, monkeypatch):

@@ -195,6 +195,7 @@ def test_mask_that_leaves_out_nothing_is_told(shape, photo, periscopy, tmp_path)
     assert "mask" not in periscopy(*given).err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("error", "finer"), [(0.1, True), (12.0, False)])
 def test_no_film_is_advised_that_is_finer_than_the_marks_allow(error, finer, periscopy, tmp_path):
     """Clicks are off by pixels of the photograph, of which the scene's cover 5 x 5."""

@@ -10,6 +10,7 @@ from periscopy_sim.reconstruction.registry import METHODS
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize("method", [name for name in METHODS if name != "preconditioned"])
 def test_other_method_writes_its_image_and_what_it_can_tell(
@@ -36,6 +37,7 @@ def test_other_method_writes_its_image_and_what_it_can_tell(
     assert not np.array_equal(image, default)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", [name for name in METHODS if name != "pseudoinverse"])
 def test_weight_of_total_variation_reaches_every_method(method, light, reconstruct, tmp_path):
     np.save(tmp_path / "y.npy", sum(light) * np.random.default_rng(3).normal(1, 0.01, (24, 24, 3)))

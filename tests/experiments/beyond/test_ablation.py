@@ -90,6 +90,7 @@ def test_a_heavy_generalized_variation_leaves_the_ramp_that_fits_best(ratio):
     np.testing.assert_allclose(f, expected, atol=0.01 * np.abs(expected).max())
 
 
+@pytest.mark.thorough
 def test_huber_lies_between_total_variation_and_quadratic():
     problem = EQUATIONS.measured(photographs()).problem(0.02)
     sharp, barely, round_, wide = (

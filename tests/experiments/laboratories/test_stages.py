@@ -110,6 +110,7 @@ def test_a_step_that_fails_costs_only_those_that_need_it(place, monkeypatch):
     assert "error: no" in section.tables[0].rows[0][-1]
 
 
+@pytest.mark.thorough
 def test_the_page_shows_every_ruler(place):
     place, _ = place
     section = stages.run(LAMP, replace(place, rulers=2))

@@ -102,6 +102,7 @@ def test_noise_in_time_is_that_of_the_repeats(setting, published):
             assert 0.05 < float(row["over told"]) < 1.2
 
 
+@pytest.mark.thorough
 def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkeypatch):
     dark = {layout.AMBIENT: layout.WITHOUT_AMBIENT[layout.AMBIENT]}
     monkeypatch.setattr(ambient, "WITHOUT_AMBIENT", dark)
@@ -137,6 +138,7 @@ def test_photographs_of_another_level_do_not_pass_for_this_one(setting):
     assert ambient.mixture(ambient.Level(lit, None, dark, {})) is None
 
 
+@pytest.mark.thorough
 def test_a_claim_is_judged_only_where_its_ratio_was_measured(setting, monkeypatch):
     dark = {layout.AMBIENT: layout.WITHOUT_AMBIENT[layout.AMBIENT]}
     monkeypatch.setattr(ambient, "WITHOUT_AMBIENT", dark)
@@ -155,6 +157,7 @@ def test_video_frames_are_recovered_in_order(setting):
     assert said.startswith(f"{layout.VIDEO}: frame_4, frame_5") and "no such file" in why
 
 
+@pytest.mark.thorough
 def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
     section = single_pixels.run(setting)
     rows = table(section, "Patches are")
@@ -196,6 +199,7 @@ def test_a_set_of_one_capture_is_a_page_of_what_it_shows(tmp_path, name, publish
     assert len(section.pictures) == (name == "stills")
 
 
+@pytest.mark.thorough
 def test_the_page_goes_on_after_a_damaged_file_and_keeps_what_was_made(setting, capsys):
     names = ["captures", "objects"]
     assert page.run(PAGE, names, setting) == 0

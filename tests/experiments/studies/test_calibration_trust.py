@@ -56,6 +56,7 @@ def test_lines_tell_of_determined_parameters_alone():
     assert line.endswith("-1.0 at worst")
 
 
+@pytest.mark.thorough
 def test_a_calibration_brings_the_image_nearer():
     found = study.outcome(study.TROUBLES[0], 1)
     assert found.trusted and found.moved and found.determined.any()

@@ -155,6 +155,7 @@ def test_an_outcome_is_read_as_it_was_written(tmp_path):
     assert read.doubts == made.doubts and not read.trusted
 
 
+@pytest.mark.thorough
 def test_the_report_holds_every_draw(tmp_path):
     outcomes = [
         outcome(seed, subject=name, sbr=sbr, doubts=["far"] * (seed == 1))

@@ -51,6 +51,7 @@ def test_exact_points_give_the_view_back(count, distortion):
     assert found.residuals.max() < 1e-6 and found.freedom == 2 * count - 8 - len(distortion)
 
 
+@pytest.mark.thorough
 def test_expected_residual_is_that_of_a_click_and_a_ruler():
     """Mean squares of 100 sets of 4 degrees of freedom are known to 1 in 200^0.5, or 7 %."""
     points, ratios = scattered(6, 3), []
@@ -65,6 +66,7 @@ def test_expected_residual_is_that_of_a_click_and_a_ruler():
     assert len(ratios) > 90 and np.mean(ratios) == pytest.approx(1, abs=0.25)
 
 
+@pytest.mark.thorough
 def test_told_errors_are_those_that_repeats_have():
     """60 sets of points clicked to 0.3 pixels, which tell a deviation of two coordinates to 7 %."""
     points, elsewhere = scattered(8, 3), np.array([[0.35, 0.2]])
@@ -81,6 +83,7 @@ def test_told_errors_are_those_that_repeats_have():
     assert error == pytest.approx(0.3, rel=0.12)  # of 480 residual freedoms 3 %
 
 
+@pytest.mark.thorough
 def test_rates_of_false_alarms_are_those_that_are_stated():
     """A lens without distortion is given some, and right points are called bad, once in a hundred.
 
@@ -97,6 +100,7 @@ def test_rates_of_false_alarms_are_those_that_are_stated():
     assert bad <= 6 and bent <= 6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wrong", [0, 4, 9])
 @pytest.mark.parametrize("distortion", [(), (-0.12,)])
 def test_a_bad_point_is_named(wrong, distortion):

@@ -236,6 +236,7 @@ def test_doubling_the_photograph_or_halving_the_matrix_doubles_the_image_exactly
     np.testing.assert_array_equal(halved.reconstruct(y), 2 * expected)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", [differencing, truncated_svd])
 def test_coloured_wall_is_taken_out(make):
     y, gain = photograph_of(two_halves(), noise=2e-3), np.array([0.5, 2.0, 4.0])

@@ -81,6 +81,7 @@ def test_image_and_noise_are_those_of_the_dense_problem():
         assert error < 1e-5 * np.linalg.norm(minimum.f)
 
 
+@pytest.mark.thorough
 def test_noise_is_estimated_without_bias():
     periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN)
     noise = np.array([periscope.solve(photograph(seed=seed)).noise for seed in range(20)])
@@ -88,6 +89,7 @@ def test_noise_is_estimated_without_bias():
     assert np.mean((noise / 1e-3) ** 2) == pytest.approx(1, abs=0.04)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [1e-4, 1e-3, 1e-2])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_image_is_settled_where_the_iterations_stop(noise, tolerance):

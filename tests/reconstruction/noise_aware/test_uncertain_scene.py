@@ -76,6 +76,7 @@ def draws():
     return found[::2], found[1::2]
 
 
+@pytest.mark.thorough
 def test_most_images_of_a_misplaced_scene_have_a_third_of_the_error(draws):
     """Of the largest displacements some are too far for a linear way there."""
     nominal, uncertain = (np.median([np.mean(error**2) for error, *_ in each]) for each in draws)

@@ -70,6 +70,7 @@ def brute_force(*problem):
 # -- what a frame is -----------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("l1_weight", [1.0, 3.0])
 def test_frame_minimizes_the_objective_with_the_distance_to_the_frame_before(exact, l1_weight):
     video = NoiseAwareVideo(exact, l1_weight=l1_weight)

@@ -40,6 +40,7 @@ def test_first_frame_is_the_still_and_so_is_the_first_after_a_restart(periscope,
         np.testing.assert_array_equal(video.previous, still)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(periscope, coupling):
     live, batch = (Video(periscope, coupling=coupling) for _ in range(2))

@@ -60,6 +60,7 @@ def residual(y, name="noise-aware", mask=None, **options):
 KNOW_LIGHT = ("noise-aware", "preconditioned", "iterative")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("masked", [False, True])
 def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
@@ -120,6 +121,7 @@ POSTER = np.zeros((*SHAPE, 1))
 POSTER[6:14, 31:39] = np.random.default_rng(8).uniform(-0.5, 0.1, (8, 8, 1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("y", "cause", "advice"),
     [
@@ -168,6 +170,7 @@ def test_photograph_without_noise_or_without_rows_is_no_error():
     assert flat.residual(y, flat.solve(y)) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [1, 3])
 def test_paint_and_shadows_are_nothing_that_hangs_on_the_wall(size):
     for seed in range(10):

@@ -62,6 +62,7 @@ def admm_prox(g, p, weight, l1_weight, ρ=2.0, iterations=8000):
     return f.reshape(g.shape)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("weight", "l1_weight"), [(0.3, 0.2), (0.3, 1.5), (2.0, 0.4), (0.0, 0.7)])
 def test_prox_equals_the_minimizer_by_alternating_directions(shape, weight, l1_weight):

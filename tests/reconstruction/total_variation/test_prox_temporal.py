@@ -55,6 +55,7 @@ def admm_prox(g, weight, w, ρ=2.0, iterations=6000):
     return f.reshape(g.shape)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("weight", "w"), [(0.3, 1.0), (1.5, 1.0), (0.6, 0.3), (0.6, 2.0)])
 def test_prox_equals_the_minimizer_by_alternating_directions(shape, weight, w):

@@ -74,6 +74,7 @@ def chair(folder, *, moved=""):
     return load_scenario(folder / "moved.xml", (2, 3), {"resolution": 12})
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_background_is_what_path_tracing_the_ambient_scene_gives(office, scenario, same_mean):
     found = [render_background(office, scenario, seed=seed, target=2e-3) for seed in range(8)]
@@ -158,6 +159,7 @@ def test_ambient_parameters_reach_the_ambient_scene(room):
     np.testing.assert_allclose(thrice, 3 * once, rtol=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_told_error_is_the_scatter_over_seeds(office, scenario):
     count = 12
@@ -175,6 +177,7 @@ def test_told_error_is_the_scatter_over_seeds(office, scenario):
     assert low < scatter / told < high
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_rounds_go_on_until_the_target_is_reached(office, scenario):
     fractions = []
@@ -227,6 +230,7 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(office, scenario
     assert np.all(first != other)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1), (2, 3)])
 def test_small_photographs_are_rendered(room, office, size):

@@ -207,6 +207,7 @@ def bounced_as_path_traced(path, samples):
     return np.stack(pictures)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("side", [*SIDES, "slab"])
 def test_bounced_light_is_that_of_brute_force(side, room, same_at_each_point):
     stands = SLAB if side == "slab" else ""

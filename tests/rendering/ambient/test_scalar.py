@@ -79,6 +79,7 @@ def plane(name, scale, transform, color, inside=""):
     )
 
 
+@pytest.mark.thorough
 def test_background_is_what_path_tracing_the_ambient_scene_gives(room, scalar):
     place = room.write(
         plane("floor", 0.8, '<translate x="0.7" y="0.2" z="-0.2"/>', "0.7, 0.5, 0.2"),

@@ -221,6 +221,7 @@ def test_wall_with_a_mirrors_part_is_refused(room, bsdf):
     assert "reflects as a mirror does, in part or entirely" in refusal(room, wall=room.wall(bsdf))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("kind", ["roughplastic", "principled", "normalmap", "mask"])
 def test_wall_that_is_rough_is_right(room, is_right, kind):
@@ -349,6 +350,7 @@ def test_samples_on_the_edges_of_a_mesh_are_found(room):
     np.testing.assert_allclose(one, other, rtol=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize(
     ("kind", "inside", "to_world"),

@@ -10,6 +10,7 @@ from periscopy_sim.rendering.transport.shadow_rays import render_transport
 SEEDS = 8
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("pixel_samples", [1, 4])
 def test_blur_of_a_lens_is_in_the_matrix(room, same_mean, mitsubas, pixel_samples):

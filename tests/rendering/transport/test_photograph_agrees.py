@@ -47,6 +47,7 @@ def checkered(first, second, squares):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind",
     [
@@ -85,6 +86,7 @@ def test_matrix_times_image_is_the_photograph_with_a_curved_monitor(
     same_mean(list(photographs(seen, image)), list(predictions(seen, image)))
 
 
+@pytest.mark.thorough
 def test_columns_are_photographs_of_single_patches(shipped, same_mean):
     seen = shipped("chair", resolution=16)
     columns = np.random.default_rng(0).choice(48, 5, replace=False)

@@ -34,6 +34,7 @@ def test_midpoint_strata_are_passed_on(shipped):
     np.testing.assert_array_equal(block, A)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_reconstruction_without_a_stored_matrix_is_that_with_it(shipped):
     scene = shipped("chair", (4, 5), 16)

@@ -49,6 +49,7 @@ def test_entry_is_the_closed_form_integral_in_absolute_scale(room, render):
     assert A[6 * 1 + 4, 3] == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("kind", ["rectangle", "flipped", "mirrored mesh", "colored wall"])
 def test_matrix_is_the_vectorized_one_within_the_noise(room, render, same_mean, kind):

@@ -251,6 +251,7 @@ def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):
     same_mean([A[partly | clear] for A in jittered], [exact[partly | clear]] * 64)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("samples", "pixel_samples"), [(1, 1), (2, 2)])
 def test_noise_of_entries_and_of_seeds_is_independent(room, samples, pixel_samples):
     """The variance of a sum is the sum of variances, at 5 standard deviations."""

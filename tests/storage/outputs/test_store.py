@@ -112,6 +112,7 @@ def test_fewer_samples_than_there_are_are_refused(tmp_path):
         archive(tmp_path / "d", 7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "remove"])
 def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     filled(tmp_path / "d")
@@ -139,6 +140,7 @@ def test_damaged_record_makes_its_block_unfinished(tmp_path, content):
     assert list(archive(tmp_path / "d").missing()) == [0]
 
 
+@pytest.mark.thorough
 def test_damaged_heads_are_written_anew(tmp_path):
     filled(tmp_path / "d")
     before = contents(tmp_path / "d")

@@ -92,6 +92,7 @@ def polynomials(used):
     return [np.array(group).T for group in groups]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("beyond", [0.0, 2e-3])
 def test_strengths_are_the_likeliest_by_dense_algebra(masked, beyond, monkeypatch):
@@ -216,6 +217,7 @@ def methods():
 
 
 # The block's own shadow has a level edge, too.
+@pytest.mark.thorough
 @pytest.mark.parametrize(("along", "part"), [(V, 0.9), (U, 0.75)], ids=["level", "upright"])
 def test_light_that_an_edge_cuts_off_does_less_harm(methods, along, part):
     errors = []

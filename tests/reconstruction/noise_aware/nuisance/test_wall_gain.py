@@ -195,6 +195,7 @@ def test_gain_is_one_and_the_image_as_before_where_the_model_holds():
         np.testing.assert_allclose(found.image, expected.image, rtol=1e-2, atol=1e-2)
 
 
+@pytest.mark.thorough
 def test_smooth_light_that_no_background_explains_is_no_gain():
     for seed in range(20):
         lit = 20 * NOISE.mean() * np.random.default_rng(seed).normal(size=(36, 3))

@@ -32,6 +32,7 @@ def least(target, previous, positive, pull):
     return value, min(map(value, (*found, previous)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pull", [1e-3, 0.1, 0.5, 2.0])
 @pytest.mark.parametrize("positive", [True, False])
 def test_image_is_drawn_towards_the_frame_before_as_far_as_is_best(positive, pull):
