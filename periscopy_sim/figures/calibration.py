@@ -84,9 +84,10 @@ def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) ->
 def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     """Show a parameter at all points that were visited, level by level, and where it ended."""
     parameter = calibration.parameters[k]
-    looks = [("descent", {"color": "#08519c"})]
-    if len(calibration.path) > 1:
-        looks.insert(0, ("tried at a low resolution", {"color": "#a0a0a0", "linestyle": "none"}))
+    looks = [
+        ("tried at a low resolution", {"color": "#a0a0a0", "linestyle": "none"}),
+        ("descent", {"color": "#08519c"}),
+    ]
     for level, (visited, (label, look)) in enumerate(zip(calibration.path, looks, strict=True)):
         # A level's points take equal room, however many they are.
         place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)
@@ -108,7 +109,8 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
 
 
 BEST = 10
-"""Points of the search that the picture must show."""
+"""Points of the search that the picture must show; descents there judge by their own errors, so
+that these are the best but roughly."""
 
 
 def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
