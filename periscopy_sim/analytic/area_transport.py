@@ -124,7 +124,7 @@ def area_derivatives(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What `light_rows` takes of a scene."""
+    """A scene as `light_rows` takes it."""
 
     points: Array  # (M, K, 3)
     normals: Array  # (M, K, 3)
@@ -200,19 +200,18 @@ def _moved(there: _View, here: _View, apart: float) -> _View:
 
 
 def _fill(A: NDArray[np.float32], view: _View) -> None:
-    from periscopy_sim.analytic.patch_light import light_rows
+    from periscopy_sim.analytic.patch_light import Lighting, light_rows
 
     def part(at: slice) -> None:
-        light_rows(
-            view.points[at], view.normals[at], view.cells, view.exponents,
-            *view.borders.arrays, view.shape, view.cut, A[at],
-        )  # fmt: skip
+        lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
+        light_rows(lit, view.borders, view.shape, view.cut, A[at])
 
     _in_parts(part, len(A))
 
 
 def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_View]) -> None:
     from periscopy_sim.analytic.border_motion import light_derivatives
+    from periscopy_sim.analytic.patch_light import Lighting
 
     points, normals = (
         np.array([getattr(by, name) for by in moved]) for name in ("points", "normals")
@@ -229,11 +228,10 @@ def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_Vi
     )
 
     def part(at: slice) -> None:
-        light_derivatives(
-            view.points[at], view.normals[at], view.cells, view.exponents,
-            points[:, at], normals[:, at], cells, exponents, vertices, shines,
-            *view.borders.arrays, view.shape, view.cut, changes[:, at],
-        )  # fmt: skip
+        lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
+        by = Lighting(points[:, at], normals[:, at], cells, exponents)
+        out = changes[:, at]
+        light_derivatives(lit, by, vertices, shines, view.borders, view.shape, view.cut, out)
 
     _in_parts(part, changes.shape[1])
 

@@ -12,15 +12,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.borders import Borders, Indices
 from periscopy_sim.analytic.outline import (
-    Indices,
     Segment,
     border_of,
     cut_by_cells,
     outline_of,
-    turns_about,
 )
-from periscopy_sim.analytic.patch_light import add_light, falloff, gather, shadow_within
+from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
@@ -30,23 +29,11 @@ PART = 1e-5
 
 @compiled
 def light_derivatives(
-    points: Array,
-    normals: Array,
-    cells: Array,
-    exponents: Array,
-    moved_points: Array,
-    moved_normals: Array,
-    moved_cells: Array,
-    moved_exponents: Array,
+    lit: Lighting,
+    moved: Lighting,
     moved_vertices: Array,
     shines: NDArray[np.bool_],
-    vertices: Array,
-    planes: Array,
-    two_sided: NDArray[np.bool_],
-    edges: Indices,
-    starts: Indices,
-    faces: Indices,
-    signs: Indices,
+    borders: Borders,
     shape: Indices,
     cut: Indices,
     out: NDArray[np.float32],
@@ -55,24 +42,24 @@ def light_derivatives(
 
     Parameters
     ----------
-    points, normals, cells, exponents, vertices, planes, two_sided, edges, starts, faces, signs
-        As there, as are `shape` and `cut`.
-    moved_points, moved_normals, moved_cells, moved_exponents, moved_vertices
-        (P, ...) derivatives of each.
+    lit, borders, shape, cut
+        As there.
+    moved, moved_vertices
+        Derivatives, (P, ...), of `lit` and of the borders' vertices.
     shines
         (P,) whether a parameter moves any but the vertices.
     """
     rows, columns = shape
     changes = np.empty((len(shines), rows, columns))
     still, near = np.empty((rows, columns)), np.empty((rows, columns))
-    for i in range(points.shape[0]):
+    cells, exponents = lit.cells, lit.exponents
+    for i in range(len(lit.points)):
         changes[:] = 0
-        for k in range(points.shape[1]):
-            p, normal = points[i, k], normals[i, k]
-            turns = turns_about(p, planes, two_sided, starts, faces, signs)
-            border, layers, between = border_of(p, vertices, edges, turns, shape)
+        for k in range(lit.points.shape[1]):
+            p, normal = lit.points[i, k], lit.normals[i, k]
+            border, layers, between = border_of(p, borders, shape)
             segments = cut_by_cells(border, outline_of(border, layers, rows), shape)
-            motion = _motion(p, vertices, moved_points[:, i, k], moved_vertices, between)
+            motion = _motion(p, borders.vertices, moved.points[:, i, k], moved_vertices, between)
             _move_border(p, normal, cells, exponents, border, segments, motion, changes)
             if not shines.any():
                 continue
@@ -83,13 +70,13 @@ def light_derivatives(
                 if not shines[q]:
                     continue
                 near[:] = 0
-                place = p + PART * moved_points[q, i, k]
-                facing = normal + PART * moved_normals[q, i, k]
-                size, fall = cells + PART * moved_cells[q], exponents + PART * moved_exponents[q]
+                place = p + PART * moved.points[q, i, k]
+                facing = normal + PART * moved.normals[q, i, k]
+                size, fall = cells + PART * moved.cells[q], exponents + PART * moved.exponents[q]
                 add_light(place, facing, size, fall, shadow, near)
                 changes[q] += (near - still) / PART
         for q in range(len(shines)):
-            gather(changes[q], cut, 1 / points.shape[1], out[q, i])
+            gather(changes[q], cut, 1 / lit.points.shape[1], out[q, i])
 
 
 @compiled

@@ -8,7 +8,7 @@ turns right and left along an edge cancel, except at the border (Appel, ACM Nati
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,7 @@ SAME = 1e-7
 """Of the largest coordinate: vertices so near are one, as meshes in single precision have them."""
 
 
-@dataclass(frozen=True, eq=False)
-class Borders:
+class Borders(NamedTuple):  # which compiled functions take
     """The edges of some meshes, and the faces beside each."""
 
     vertices: Array  # (V, 3)
@@ -33,16 +32,6 @@ class Borders:
     starts: Indices  # (E + 1,) where in `faces` those beside each edge begin
     faces: Indices  # (K,)
     signs: Indices  # (K,) 1 where the face turns about the edge in its order of vertices, or -1
-
-    @property
-    def arrays(
-        self,
-    ) -> tuple[Array, Array, NDArray[np.bool_], Indices, Indices, Indices, Indices]:
-        """All of them, as compiled functions take them."""
-        return (
-            self.vertices, self.planes, self.two_sided,
-            self.edges, self.starts, self.faces, self.signs,
-        )  # fmt: skip
 
 
 def borders_of(meshes: Sequence[tuple[Array, Indices]]) -> Borders:

@@ -17,12 +17,10 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from periscopy_sim.analytic.borders import Borders, Indices
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
-
-Indices = NDArray[np.int64]
 
 Piece: TypeAlias = tuple[int, float, float, int]
 """An edge, v at a piece's upper and lower end, and 1 where shadow lies to its right, or -1."""
@@ -35,37 +33,30 @@ SHEAR = 1e-8
 
 
 @compiled
-def turns_about(
-    p: Array,
-    planes: Array,
-    two_sided: NDArray[np.bool_],
-    starts: Indices,
-    faces: Indices,
-    signs: Indices,
-) -> Indices:
+def turns_about(p: Array, borders: Borders) -> Indices:
     """Return how many more layers lie to one side of each edge than to the other, seen from p."""
-    front = np.empty(len(planes), np.int64)
-    for f in range(len(planes)):
-        n = planes[f]
+    front = np.empty(len(borders.planes), np.int64)
+    for f in range(len(front)):
+        n = borders.planes[f]
         towards = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] > 0
-        front[f] = 1 if towards else (-1 if two_sided[f] else 0)
-    turns = np.zeros(len(starts) - 1, np.int64)
+        front[f] = 1 if towards else (-1 if borders.two_sided[f] else 0)
+    turns = np.zeros(len(borders.edges), np.int64)
     for e in range(len(turns)):
-        for k in range(starts[e], starts[e + 1]):
-            turns[e] += signs[k] * front[faces[k]]
+        for k in range(borders.starts[e], borders.starts[e + 1]):
+            turns[e] += borders.signs[k] * front[borders.faces[k]]
     return turns
 
 
 @compiled
-def border_of(
-    p: Array, vertices: Array, edges: Indices, turns: Indices, shape: Indices
-) -> tuple[Array, Indices, Indices]:
+def border_of(p: Array, borders: Borders, shape: Indices) -> tuple[Array, Indices, Indices]:
     """Return the edges that bound any shadow, (n, 4) of (u, v) at either end, downwards.
 
     Second are their turns, (n,), third the vertices at their ends, (n, 2). Edges above, below and
     to the right of all cells are left out.
     """
+    edges, vertices = borders.edges, borders.vertices
     rows, columns = shape
+    turns = turns_about(p, borders)
     border, layers, count = np.empty((len(edges), 4)), np.empty(len(edges), np.int64), 0
     between = np.empty((len(edges), 2), np.int64)
     ends = np.empty((2, 2))

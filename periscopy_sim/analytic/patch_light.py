@@ -10,16 +10,17 @@ a patch's area.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.borders import Borders, Indices
 from periscopy_sim.analytic.outline import (
-    Indices,
     Segment,
     border_of,
     cut_by_cells,
     outline_of,
-    turns_about,
 )
 from periscopy_sim.numerics.compilation import compiled, compiled_reordered
 from periscopy_sim.scenario import Array
@@ -28,49 +29,38 @@ GAUSS = 0.5 / np.sqrt(3.0)
 """From a cell's middle to either of Gauss and Legendre's two points, in cells."""
 
 
+class Lighting(NamedTuple):  # which compiled functions take
+    """Wall points before a monitor, K for each of m pixels; or derivatives, (P, ...), of each."""
+
+    points: Array  # (m, K, 3), (u, v, h)
+    normals: Array  # (m, K, 3), the wall's, of unit length, along the same axes
+    cells: Array  # (2,) a cell's width and height in metres
+    exponents: Array  # (2,) of the cosines of the monitor's vertical and horizontal angles
+
+
 @compiled
 def light_rows(
-    points: Array,
-    normals: Array,
-    cells: Array,
-    exponents: Array,
-    vertices: Array,
-    planes: Array,
-    two_sided: NDArray[np.bool_],
-    edges: Indices,
-    starts: Indices,
-    faces: Indices,
-    signs: Indices,
-    shape: Indices,
-    cut: Indices,
-    out: NDArray[np.float32],
+    lit: Lighting, borders: Borders, shape: Indices, cut: Indices, out: NDArray[np.float32]
 ) -> None:
     """Fill `out`, (m, N), with the mean light of each patch at each pixel's K wall points.
 
     Parameters
     ----------
-    points, normals
-        (m, K, 3) wall points (u, v, h), and the wall's unit normals there along the same axes.
-    cells
-        (2,) a cell's width and height in metres.
-    exponents
-        (2,) of the cosines of the monitor's vertical and horizontal angles.
-    vertices, planes, two_sided, edges, starts, faces, signs
-        Of the occluders, see `Borders`.
+    lit, borders
+        The wall's points before the monitor, and the occluders between.
     shape, cut
         (2,) rows and columns of all cells, and of the cells of a patch.
     """
     light = np.empty((shape[0], shape[1]))
-    for i in range(len(points)):
+    for i in range(len(lit.points)):
         light[:] = 0
-        for k in range(points.shape[1]):
-            p = points[i, k]
-            turns = turns_about(p, planes, two_sided, starts, faces, signs)
-            border, layers, _ = border_of(p, vertices, edges, turns, shape)
+        for k in range(lit.points.shape[1]):
+            p = lit.points[i, k]
+            border, layers, _ = border_of(p, borders, shape)
             segments = cut_by_cells(border, outline_of(border, layers, shape[0]), shape)
             shadow = shadow_within(segments, shape)
-            add_light(p, normals[i, k], cells, exponents, shadow, light)
-        gather(light, cut, 1 / points.shape[1], out[i])
+            add_light(p, lit.normals[i, k], lit.cells, lit.exponents, shadow, light)
+        gather(light, cut, 1 / lit.points.shape[1], out[i])
 
 
 @compiled

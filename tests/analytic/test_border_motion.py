@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.analytic.border_motion import light_derivatives
 from periscopy_sim.analytic.borders import borders_of
-from periscopy_sim.analytic.patch_light import light_rows
+from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from tests.analytic.test_transport import Box
 
 SHAPE = np.array([25, 24])
@@ -20,7 +20,8 @@ CORNERS = 2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1
 
 def light(points, normals, cells, exponents, meshes):
     out = np.empty((len(points), PATCHES))
-    light_rows(points, normals, cells, exponents, *borders_of(meshes).arrays, SHAPE, CUT, out)
+    lit = Lighting(points, normals, cells, exponents)
+    light_rows(lit, borders_of(meshes), SHAPE, CUT, out)
     return out
 
 
@@ -30,10 +31,9 @@ def derivatives(points, normals, meshes, moved):
     borders = borders_of(meshes)
     *still, vertices = (np.asarray(each)[None] for each in moved)
     shines = np.array([any(each.any() for each in still)])
-    light_derivatives(
-        points, normals, CELLS, EXPONENTS, *still, vertices[:, borders.sources], shines,
-        *borders.arrays, SHAPE, CUT, out,
-    )  # fmt: skip
+    lit = Lighting(points, normals, CELLS, EXPONENTS)
+    moved_vertices = vertices[:, borders.sources]
+    light_derivatives(lit, Lighting(*still), moved_vertices, shines, borders, SHAPE, CUT, out)
     return out[0]
 
 
