@@ -70,8 +70,13 @@ class Progress:
         return visit
 
     def looked(self) -> None:
-        """Count a place that the walk looked at."""
-        self._done = min(max(self._done, self._starts[-1]) + LOOK, self._all)
+        """Count a place that the walk looked at.
+
+        How many it takes, and what descents follow, nobody knows before: each is a part of what is
+        left.
+        """
+        self._done = max(self._done, self._starts[-1])
+        self._done += (self._all - self._done) / LOOKS
         self.report(self._done / self._all)
 
     def path(self) -> tuple[Visited, ...]:

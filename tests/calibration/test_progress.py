@@ -1,5 +1,6 @@
 """What is told of how far a calibration has come."""
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,14 +31,15 @@ def test_progress_leaps_over_what_ended_early_and_never_goes_back():
     assert told[3] - told[2] > 2 * (told[2] - told[1]) and told[5] - told[4] > told[2] - told[1]
 
 
-def test_a_walk_moves_on_from_the_descents_and_waits_at_the_end():
+def test_a_walk_moves_on_from_the_descents_and_says_never_that_it_is_done():
     told = []
     log = Progress(2, True, 10, told.append)
     log.at(None)
     log.at(None)(np.zeros(2), 0.0)
-    for _ in range(40):
+    for _ in range(100):
         log.looked()
-    assert told == sorted(told) and told[0] < 0.3 and 0.6 < told[1] < told[2] < told[-1] == 1
+    assert all(before < after < 0.995 for before, after in itertools.pairwise(told))
+    assert told[0] < 0.3 and told[1] > 0.6 and told[-1] > 0.98
 
 
 def test_a_descent_after_a_walk_does_not_go_back():
