@@ -1,11 +1,12 @@
 """Silhouettes: occluders nobody measured, found with the hidden image, beside the true ones.
 
-Flat masks of 16 x 16 cells of 5 mm are path traced, all bounces, before a window's ambient light,
-at 60 dB. One stands between the search's cells. `ps.recover_silhouette` is given the photograph and
-a scene that has a square of 8 cm in the mask's place. Then the noise-aware method recovers the
-hidden image with the mask found and with the true one. "Registered" is after the shift that fits
-the true image best. Of the published photograph the chair is known as a box of 85 x 75 x 320 mm;
-of another laboratory's the frame as a rectangle of 10 x 18 cm, and what is compared is a sketch.
+Flat masks of 16 x 16 cells of 5 mm are path traced, all bounces, under an overcast sky, at 60 dB;
+one stands between the search's cells, one beside a window. `ps.recover_silhouette` is given the
+photograph and a scene that has a square of 8 cm in the mask's place. Then the noise-aware method
+recovers the hidden image with the mask found and with the true one. "Registered" is after the shift
+that fits the true image best. Of the published photograph the chair is known as a box of 85 x 75 x
+320 mm; of another laboratory's the frame as a rectangle of 10 x 18 cm, and what is compared is a
+sketch.
 
 Each case is kept in DIR/cases as soon as it is done. A run that was stopped goes on by the same
 command, as long as code and inputs are the same.

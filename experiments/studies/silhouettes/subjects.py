@@ -95,9 +95,6 @@ SEED = 15
 FINE = 16
 """Points along each side of a cell at which an outline is looked at."""
 
-PLACE = "window_left"
-"""Whose ambient light falls on the rendered walls."""
-
 
 @dataclass(frozen=True)
 class Mask:
@@ -117,6 +114,8 @@ class Mask:
         (R, C) of the hidden image.
     shift
         Cells by which the mask is moved to the right and down.
+    place
+        Name of the shipped place whose ambient light falls on the wall.
     """
 
     name: str
@@ -125,6 +124,13 @@ class Mask:
     sbr: float
     hidden: tuple[int, int] = (18, 22)
     shift: tuple[float, float] = (0.0, 0.0)
+    place: str = "overcast"
+
+    @property
+    def folder(self) -> str:
+        """Name of a folder for all cases of this mask before this image."""
+        made_from = (*self.cells, self.image, self.hidden, self.shift)
+        return f"mask_{zlib.crc32(repr(made_from).encode()):08x}"
 
 
 MASKS = (
@@ -133,6 +139,7 @@ MASKS = (
     Mask("chair", CHAIR, "mushroom", 10.0),
     Mask("blob", BLOB, "bars", 10.0),
     Mask("letter F between cells", F, "mushroom", 0.5, (29, 36), (0.4, 0.3)),
+    Mask("letter F beside a window", F, "mushroom", 0.5, place="window_left"),
 )
 
 
@@ -199,14 +206,14 @@ class Subject:
 
 def rendered(mask: Mask, folder: Path) -> Subject:
     """Photograph a mask, path traced, all bounces, or take what a folder holds of it."""
-    own = folder / mask.name.replace(" ", "_")
+    own = folder / mask.folder
     searched, true = write_scenes(mask, own)
     scene = ps.load_scenario(true, mask.hidden)
     image = ps.read_hidden_image(ps.find_image(mask.image), mask.hidden)
     signal = _path_traced(scene, image, own / "light.exr", mask.name)
     # The wall and the camera are those of the shipped plate.
     wall = ps.load_scenario(ps.find_scene("plate"), mask.hidden)
-    ambient = ambient_photographs([PLACE], wall, folder, SEED)[PLACE]
+    ambient = ambient_photographs([mask.place], wall, folder, SEED)[mask.place]
     seed = zlib.crc32(mask.name.encode())
     photograph = ps.add_noise(ps.composite(signal, ambient, mask.sbr), SNR, seed)
     return Subject(
