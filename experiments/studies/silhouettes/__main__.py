@@ -1,7 +1,7 @@
 """Silhouettes: occluders nobody measured, found with the hidden image, beside the true ones.
 
-Flat masks of 16 x 16 cells of 5 mm are path traced, all bounces, under an overcast sky, at 60 dB;
-one stands between the search's cells, one beside a window. `ps.recover_silhouette` is given the
+Flat masks of 16 x 16 cells of 5 mm are rendered, all bounces, under an overcast sky, at 60 dB; one
+stands between the search's cells, one beside a window. `ps.recover_silhouette` is given the
 photograph and a scene that has a square of 8 cm in the mask's place. Then the noise-aware method
 recovers the hidden image with the mask found and with the true one. "Registered" is after the shift
 that fits the true image best. Of the published photograph the chair is known as a box of 85 x 75 x
@@ -111,13 +111,14 @@ def carried_out(subject: Subject, out: Path) -> Outcome:
 def identity(subject: Subject) -> str:
     """Return the digest of all that a case is made from: code, scenes, photograph."""
     digest = hashlib.sha256(package_sha256().encode())
-    for module in (subjects, outcomes):
-        digest.update(Path(str(module.__file__)).read_bytes())
+    digest.update(Path(str(outcomes.__file__)).read_bytes())
     sought, truth = subject.sought, subject.truth
     for scene in (sought.scene, truth.scene):
         digest.update(scene_sha256(scene).encode())
     for array in (sought.photograph, truth.image, truth.outline):
         digest.update(array_sha256(array).encode())
+    if sought.used is not None:
+        digest.update(array_sha256(sought.used).encode())
     digest.update(repr((sought.shape, sought.hidden, sought.cells, sought.parameters)).encode())
     return digest.hexdigest()
 

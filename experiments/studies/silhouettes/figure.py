@@ -20,13 +20,13 @@ Cells = NDArray[np.bool_]
 
 TITLES = (
     "true silhouette",
-    "found silhouette,\nthe true one's outline",
+    "found silhouette\n(line: the true one)",
     "hidden image",
     "image by the\nfound mask",
     "image by the\ntrue mask",
 )
 
-ROW = 1.18
+ROW = 1.16
 """Inches that a case takes."""
 
 LETTERS = 16
@@ -40,7 +40,7 @@ def draw_cases(out: Path, name: str, outcomes: Sequence[Outcome]) -> Path:
     with drawn(out, name, PAGE, 0.4 + ROW * len(outcomes)) as figure:
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.03)
         grid = figure.subplots(
-            len(outcomes), len(TITLES), squeeze=False, width_ratios=[1, 1, 1.25, 1.25, 1.25]
+            len(outcomes), len(TITLES), squeeze=False, width_ratios=[1, 1, 1.1, 1.1, 1.1]
         )
         for row, outcome in zip(grid, outcomes, strict=True):
             _draw_masks(row[:2], outcome)
@@ -55,12 +55,11 @@ def draw_cases(out: Path, name: str, outcomes: Sequence[Outcome]) -> Path:
 
 
 def label_of(outcome: Outcome) -> str:
-    """Return a case's name in short lines, and what else it differs by."""
+    """Return a case's name in short lines, and its signal-to-background ratio."""
     lines = textwrap.wrap(outcome.name, LETTERS)
     if outcome.sbr is not None:
         lines.append(f"SBR {outcome.sbr:g}")
-    rows, columns = outcome.found_image.shape[:2]
-    return "\n".join([*lines, f"{rows} x {columns} patches"])
+    return "\n".join(lines)
 
 
 def _draw_masks(axes: Sequence[Any], outcome: Outcome) -> None:
@@ -85,26 +84,26 @@ def _draw_masks(axes: Sequence[Any], outcome: Outcome) -> None:
     for ax in axes:
         ax.set(xticks=[], yticks=[])
         ax.spines[:].set(visible=True, color="0.6")
-    _note(true, f"{width:.0f} mm x {height:.0f} mm")
+    _note(true, f"{width:.0f} mm × {height:.0f} mm")
     agreed = outcome.shared
     shares = f"{agreed.standing:.2f} shared"
     if agreed.shifted > agreed.standing:
         shares += f" ({agreed.shifted:.2f} shifted)"
-    _note(found, f"{shares}\n{'trusted' if outcome.trusted else 'not trusted'}")
+    _note(found, f"{shares},\n{'trusted' if outcome.trusted else 'not trusted'}")
 
 
 def _draw_images(axes: Sequence[Any], outcome: Outcome) -> None:
     """Draw the hidden image, and it as recovered, with dB where there is a truth in place."""
     shown, *recovered = axes
     show_light(shown, outcome.truth, 1)
-    _note(shown, outcome.image)
+    _note(shown, "{}\n{} × {} patches".format(outcome.image, *outcome.found_image.shape[:2]))
     for ax, image in zip(recovered, (outcome.found_image, outcome.true_image), strict=True):
         decibels = outcome.decibels(image)
         if decibels is None:
             show_light(ax, image)
             continue
         show_light(ax, ps.registered(image, outcome.truth).image, 1)
-        _note(ax, "{:.1f} / {:.1f} dB".format(*decibels))
+        _note(ax, "{:.1f} dB,\n{:.1f} dB registered".format(*decibels))
 
 
 def _note(ax: Any, text: str) -> None:

@@ -110,14 +110,22 @@ def test_an_outline_is_what_parts_cover_of_the_rectangle(tmp_path):
     assert not found[:4].any() and found[-4:, 16:-16].all()
 
 
-def test_light_is_path_traced_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(subjects, "SAMPLES", 4)
+@pytest.mark.usefixtures("jit")
+def test_light_is_rendered_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(subjects, "RAYS", (1, 1))
+    monkeypatch.setattr(subjects, "PATHS", 4)
     monkeypatch.setattr(
         subjects, "ambient_photographs", lambda names, *_: {names[0]: np.ones((126, 126, 3))}
     )
     first = subjects.rendered(MASK, tmp_path)
     assert first.sought.cells == FLAG.shape and first.truth.placed
     assert first.sought.scene != first.truth.scene
+    A = ps.analytic_transport(ps.load_scenario(first.truth.scene, HIDDEN))
+    straight = (A @ first.truth.image.reshape(-1, 3)).reshape(126, 126, 3)
+    light = 3 * first.sought.photograph.mean() - 2  # at an SBR of 0.5, before light of mean 1
+    assert light == pytest.approx(1, abs=0.01)
+    lit = first.sought.photograph - first.sought.photograph.min()
+    assert np.corrcoef(lit.ravel(), straight.ravel())[0, 1] > 0.95
     monkeypatch.setattr(ps, "render_photograph", None)
     again = subjects.rendered(MASK, tmp_path)
     np.testing.assert_array_equal(again.sought.photograph, first.sought.photograph)
