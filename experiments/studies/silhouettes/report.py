@@ -69,7 +69,7 @@ def numbers_of(outcome: Outcome) -> dict[str, Any]:
     """Return a case's line of the table, by the columns' names."""
     agreed = outcome.shared
     decibels = {
-        f"{kind}_{name}": None if found is None else round(found[k], 2)
+        f"{kind}_{name}": None if found is None else round(found[k], 3)
         for name, found in (
             ("found", outcome.decibels(outcome.found_image)),
             ("true", outcome.decibels(outcome.true_image)),
