@@ -1,0 +1,1 @@
+"""Silhouettes of occluders nobody measured, found with the hidden image, beside the true ones."""
