@@ -106,7 +106,8 @@ def run(setting: Setting) -> Section:
                 setting.out / f"calibration_{kind}.png",
                 f"The {kind} photograph. Above: the chair's place at the points that were the best "
                 "so far, coarse to fine, from each start. Below: the hidden image and its "
-                "reconstructions, gain-matched and shifted by at most 2 patches.",
+                "reconstructions, gain-matched, shifted by at most 2 patches; the last is that of "
+                f"the table's last row ({outcomes[kind][-1].what}).",
             )
             for kind in subjects
         ],
@@ -156,7 +157,8 @@ def _claim(kind: str, outcomes: Sequence[Outcome]) -> Claim:
         f"{kind} photograph: distance of the chair from {place}, worst of {len(off)} starts, mm in "
         "x, y, z",
         "",
-        f"{listed(1e3 * off.max(axis=0))} ({listed((off / errors).max(axis=0))} standard errors)",
+        f"{listed(1e3 * off.max(axis=0))} ({listed((off / errors).max(axis=0))} standard errors); "
+        f"{sum(f.trusted for f in found)} of {len(found)} trusted",
         Verdict.MEASURED,
     )
 
@@ -188,11 +190,12 @@ def _table(
             return "the ruler's"
         return ", ".join(f"{5 * sign:+d}" for sign in start)
 
-    rows = [("none", "the ruler's", "", "", *quality(*nominal))]
+    rows = [("none", "the ruler's", "", "", *quality(*nominal), "")]
     for outcome in outcomes:
         left = 100 * float(np.sqrt(np.mean(outcome.found.noise**2)))
         row = (outcome.what, signed(outcome.start), told(outcome), f"{left:.2f}")
-        rows.append((*row, *quality(outcome.explained, outcome.images)))
+        trusted = "yes" if outcome.found.trusted else "no"
+        rows.append((*row, *quality(outcome.explained, outcome.images), trusted))
     return Table(
         f"The {kind} photograph. Place in mm, ± standard errors (in parentheses: if all else in "
         "the scene were right); of all that the ruler gave those that the photograph determines "
@@ -206,6 +209,7 @@ def _table(
             "given the image, %",
             "the paper's method, dB",
             "noise-aware, dB",
+            "trusted",
         ),
         rows,
     )
@@ -224,9 +228,9 @@ def _draw(
         _draw_ways(above, [o for o in outcomes if o.what == "position"])
         pictures = [
             ("hidden image", measured.truth, None),
-            ("the paper's, by the ruler", nominal["preconditioned"], measured.truth),
-            ("noise-aware, by the ruler", nominal["noise-aware"], measured.truth),
-            (f"noise-aware, {shown.what} calibrated", shown.images["noise-aware"], measured.truth),
+            ("the paper's,\nby the ruler", nominal["preconditioned"], measured.truth),
+            ("noise-aware,\nby the ruler", nominal["noise-aware"], measured.truth),
+            ("noise-aware,\ncalibrated", shown.images["noise-aware"], measured.truth),
         ]
         for ax, (title, image, truth) in zip(below.subplots(1, 4), pictures, strict=True):
             if truth is None:
