@@ -55,6 +55,7 @@ from periscopy_sim.calibration.silhouette.search.mask_moves import (
     swapped,
 )
 from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
+from periscopy_sim.calibration.silhouette.search.mask_walk import walk
 from periscopy_sim.calibration.silhouette.search.opacity_descent import (
     FROM_AFAR,
     NEARBY,
@@ -258,8 +259,9 @@ def _answers(
     descended = different(descended)
     level = level.learned(level.explain(descended[0].opacities).explanation)
     limit = descended[0].objective + HOPELESS * level.level.overdispersion
+    steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
     onward = [
-        descend(level.evidence, each.opacities, ONWARD)
+        walk(level.evidence, descend(level.evidence, each.opacities, ONWARD), steps)
         for each in descended
         if each.objective < limit
     ]

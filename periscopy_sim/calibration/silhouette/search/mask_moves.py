@@ -46,16 +46,16 @@ def resized(opacities: Array, cells: tuple[int, int]) -> Array:
     return np.asarray(opacities[np.ix_(rows, columns)])
 
 
-def shifted(opacities: Array, steps: Array) -> list[Array]:
+def shifted(opacities: Array, steps: Array, farthest: int = FARTHEST) -> list[Array]:
     """Return a mask, (rows, columns), at places to which it can be shifted, its own first.
 
-    They are `FARTHEST` of the `steps` away at most, (2, 2) cells down and across. None loses more
-    than it has at the border.
+    They are so many of the `steps`, (2, 2) cells down and across, away at most. Most of each stays
+    within the rectangle.
     """
     from scipy.ndimage import shift
 
     whole = opacities.sum()
-    counts = range(-FARTHEST, FARTHEST + 1)
+    counts = range(-farthest, farthest + 1)
     others = [
         shift(opacities, np.array([a, b]) @ steps, order=1)
         for a in counts for b in counts if (a, b) != (0, 0)
