@@ -3,9 +3,10 @@
 The visibility between a point of the wall and a patch of the monitor is linear in the opacities of
 a flat mask's cells, so that the photograph is bilinear in mask and image: a blind deconvolution,
 whose kernel is the mask. As Levin et al. (IEEE TPAMI 33, 2011) advise for that, the image is
-integrated out while the mask is sought (`opacity_descent`), from many starts and coarse to fine;
-each cell is opaque or open in the end (`binary_search`). That no patch shines negatively does most
-to tell the right mask from others (`mask_evidence`).
+integrated out while the mask is sought (`opacity_descent`), from many starts and coarse to fine,
+and on from where a descent ends, patch by patch of the image (`mask_walk`); each cell is opaque or
+open in the end (`binary_search`). That no patch shines negatively does most to tell the right mask
+from others (`mask_evidence`).
 
 What stays open: mask and image may be shifted against each other, as far as the image's border is
 dark (hence the mask is preferred in the middle of its rectangle); and they may change places, each
@@ -201,17 +202,17 @@ def recover_silhouette(
 
         halves = 1 + (max(cells) > HALVED)
         coarse = level(COARSE, halves)
-        ends = ends_of_search(coarse, plane, seed, lambda part: report(0.5 * part))
+        ends = ends_of_search(coarse, plane, seed, lambda part: report(0.4 * part))
         masks = different(ends)[:FINALISTS]
         fine = level(replace(FINE, photograph=finest_photograph(first, plane, cells)), 1)
         found = []
         for k, each in enumerate(masks):
             start = resized(each.opacities, cells) / usual_opacity(each.opacities)
             found.append(descend(fine.evidence, np.minimum(start, 1.0), NEARBY))
-            report(0.5 + 0.3 * (k + 1) / len(masks))
+            report(0.4 + 0.2 * (k + 1) / len(masks))
         answers = [
             replace(answer, agreeing=agreeing(answer.opaque, ends), starts=len(ends))
-            for answer in _answers(fine, found, plane, shape)
+            for answer in _answers(fine, found, plane, shape, lambda part: report(0.6 + 0.4 * part))
         ]
         report(1.0)
     return replace(answers[0], others=tuple(answers[1:]))
@@ -253,19 +254,24 @@ def different(found: list[Descended]) -> list[Descended]:
 
 
 def _answers(
-    level: MaskLevel, descended: list[Descended], plane: MaskPlane, name: str
+    level: MaskLevel,
+    descended: list[Descended],
+    plane: MaskPlane,
+    name: str,
+    report: Callable[[float], None],
 ) -> list[Silhouette]:
     """Return the best silhouette, and others that explain the photograph alike."""
     descended = different(descended)
     level = level.learned(level.explain(descended[0].opacities).explanation)
     limit = descended[0].objective + HOPELESS * level.level.overdispersion
     steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
-    onward = [
-        walk(level.evidence, descend(level.evidence, each.opacities, ONWARD), steps)
-        for each in descended
-        if each.objective < limit
-    ]
-    found = [_finished(level, each, plane) for each in onward]
+    onward, found = [], []
+    for k, each in enumerate(descended):
+        if each.objective < limit:
+            end = descend(level.evidence, each.opacities, ONWARD)
+            onward.append(walk(level.evidence, end, steps))
+            found.append(_finished(level, onward[-1], steps))
+        report((k + 1) / len(descended))
     # Errors are as strong as the best mask leaves them, not as the first did.
     best = min(found, key=lambda fit: fit.explanation.evidence)
     level = level.learned(best.explanation)
@@ -283,7 +289,7 @@ def _answers(
     return [_silhouette(level, fit, plane, name, partly) for fit in alike]
 
 
-def _finished(level: MaskLevel, found: Descended, plane: MaskPlane) -> MaskFit:
+def _finished(level: MaskLevel, found: Descended, steps: Array) -> MaskFit:
     """Return the binary mask that a descent leads to.
 
     Opacities may imitate a mask that stands between cells, opaque and open ones cannot: so it is
@@ -296,7 +302,6 @@ def _finished(level: MaskLevel, found: Descended, plane: MaskPlane) -> MaskFit:
         cut = opaque(mask).astype(float)
         return evidence.at(cut.ravel(), α, 0.0, nothing)[0] / 2 + improbability(cut)[0]
 
-    steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
     places = sorted(shifted(found.opacities, steps), key=cost)
     best = min((binarized(level, m) for m in places[:PLACES]), key=lambda fit: fit.objective)
     place = min(shifted(best.opacities, np.eye(2)), key=cost)

@@ -132,6 +132,7 @@ def test_light_is_rendered_once(tmp_path, monkeypatch):
         subjects.rendered(replace(MASK, image="bars"), tmp_path)
 
 
+@pytest.mark.thorough
 def test_a_case_is_run_once_and_then_kept(subject, tmp_path, monkeypatch, capsys):
     def found(photograph, scene, hidden, shape, cells, **_):
         assert photograph is subject.sought.photograph and scene == subject.sought.scene
@@ -173,6 +174,7 @@ def test_an_outcome_is_read_as_it_was_written(tmp_path):
     assert read.opaque.dtype == bool and not read.trusted
 
 
+@pytest.mark.thorough
 def test_the_report_holds_every_case(tmp_path):
     holed = FLAG & (np.arange(8) % 3 > 0)
     cases = [
