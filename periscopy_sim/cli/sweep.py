@@ -106,7 +106,7 @@ def sweep(
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in dark.values()],
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
-        "truth": sweeps.array_sha256(shown),
+        "truth": sweeps.image_sha256(shown),
         "ambient": [
             [name, "rendered" if image is None else sweeps.array_sha256(image)]
             for name, image in backgrounds.items()

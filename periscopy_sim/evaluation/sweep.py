@@ -151,8 +151,7 @@ class Sweep:
             "snr": float(self.snr),
             "base_seed": int(self.seed),
             "signal_sha256": array_sha256(self.signal),
-            # Single precision: its last bits follow how many threads read the image.
-            "truth_sha256": array_sha256(self.truth.astype(np.float32)),
+            "truth_sha256": image_sha256(self.truth),
             "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
             **({} if self.mask is None else {"mask_sha256": array_sha256(self.mask)}),
         }
@@ -163,6 +162,14 @@ def array_sha256(array: NDArray[Any]) -> str:
     state = hashlib.sha256(f"{array.shape} {array.dtype.str}".encode())
     state.update(np.ascontiguousarray(array).data)
     return state.hexdigest()
+
+
+def image_sha256(image: Image) -> str:
+    """Return the digest of a hidden image to single precision.
+
+    Its last bits follow how many threads resampled it.
+    """
+    return array_sha256(image.astype(np.float32))
 
 
 def flips(backgrounds: Mapping[str, Image]) -> dict[str, Image]:

@@ -36,7 +36,8 @@ from experiments.studies.silhouettes.outcome import Outcome
 from experiments.studies.silhouettes.report import told, write_report
 from experiments.studies.silhouettes.subjects import Subject
 from periscopy_sim.cli.output import progress
-from periscopy_sim.evaluation.sweep import array_sha256
+from periscopy_sim.errors import OutputError, PeriscopyError, VariantError
+from periscopy_sim.evaluation.sweep import array_sha256, image_sha256
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 
 
@@ -66,7 +67,8 @@ def main(
             cases[second.name] = lambda: second
         masks = {mask.name: partial(subjects.rendered, mask, folder) for mask in subjects.MASKS}
         failures = run({**masks, **cases}, out)
-    print(f"wrote {out / 'index.html'}")
+    if failures < len(masks) + len(cases):
+        print(f"wrote {out / 'index.html'}")
     raise typer.Exit(1 if failures else 0)
 
 
@@ -85,6 +87,12 @@ def run(cases: Mapping[str, Callable[[], Subject]], out: Path) -> int:
     for name, photographed in cases.items():
         try:
             found.append(carried_out(photographed(), out))
+        except (VariantError, OutputError):  # which would stop the others too
+            raise
+        except PeriscopyError as error:
+            print(f"{name}: {error}", flush=True)
+            failures += 1
+            continue
         except Exception:  # one that fails must not cost the others
             traceback.print_exc()
             print(f"{name}: failed", flush=True)
@@ -115,11 +123,13 @@ def identity(subject: Subject) -> str:
     sought, truth = subject.sought, subject.truth
     for scene in (sought.scene, truth.scene):
         digest.update(scene_sha256(scene).encode())
-    for array in (sought.photograph, truth.image, truth.outline):
+    digest.update(image_sha256(truth.image).encode())
+    for array in (sought.photograph, truth.outline):
         digest.update(array_sha256(array).encode())
     if sought.used is not None:
         digest.update(array_sha256(sought.used).encode())
-    digest.update(repr((sought.shape, sought.hidden, sought.cells, sought.parameters)).encode())
+    given = sought.shape, sought.hidden, sought.cells, sought.parameters, truth.placed
+    digest.update(repr(given).encode())
     return digest.hexdigest()
 
 

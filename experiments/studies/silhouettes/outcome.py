@@ -198,7 +198,7 @@ def searched(sought: Sought, progress: Callable[[float], None] | None = None) ->
 
 def recovered(path: Path, sought: Sought) -> Array:
     """Return the image, (R, C, 3), that the noise-aware method recovers with a scene."""
-    scene = ps.load_scenario(path, sought.hidden)
+    scene = ps.load_scenario(path, sought.hidden, sought.parameters)
     A, B = ps.render_transport(scene), ps.point_light_backgrounds(scene)
     method = ps.NoiseAware.for_scene(scene, A, B, mask=sought.used)
     return np.asarray(method.reconstruct(sought.photograph), np.float64)

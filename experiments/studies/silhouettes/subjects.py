@@ -350,10 +350,17 @@ def _write(path: Path, text: str) -> None:
 
 def _shown(file: Path) -> Array:
     """Return what a monitor was sent, the array `shown` of an NPZ file, as linear light."""
+    if file.suffix != ".npz":
+        raise PhotographError(f"{file}: is no NPZ file with the arrays 'photograph' and 'shown'")
     with np.load(file) as held:
         if "shown" not in held.files:
             raise PhotographError(f"{file}: has no array 'shown', what the monitor was sent")
-        return np.asarray(srgb_decode(held["shown"] / 255.0))
+        shown = held["shown"]
+    if shown.dtype != np.uint8 or shown.ndim != 3 or shown.shape[2] != 3:
+        raise PhotographError(
+            f"{file}: 'shown' has shape {shown.shape} and type {shown.dtype}; give (R, C, 3) uint8"
+        )
+    return np.asarray(srgb_decode(shown / 255.0))
 
 
 def _lit(scene: Scenario, image: Array, file: Path, name: str) -> Array:

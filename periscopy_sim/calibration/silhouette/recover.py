@@ -110,6 +110,9 @@ PRIOR_PRECISION = 4.0
 SHOWN = 50.0
 """Evidence that a mask must win over none for the photograph to show a shadow of it."""
 
+LOOKS = 40
+"""Of the walks, as a rule: how many there will be nobody knows, each is a part of what is left."""
+
 PLACES = 2
 """Of a mask, patches apart, at which its cells are made opaque and open."""
 
@@ -190,12 +193,13 @@ def recover_silhouette(
     report = progress or (lambda _: None)
     with threadpool_limits(1), TemporaryDirectory() as folder:
         empty = Path(folder) / path.name
-        empty.write_text(with_mesh(path, shape, None, {}, empty.parent), encoding="utf-8")
+        # Given values as its defaults: what the shape alone uses, Mitsuba would not take.
+        empty.write_text(with_mesh(path, shape, None, given, empty.parent), encoding="utf-8")
 
         def level(resolution: Resolution, parts: int) -> MaskLevel:
             rows, columns = (-(-count // parts) for count in cells)
             here = ResolutionLevel(
-                empty, given, (), Prior.none(0), y, off, mask, hidden, resolution, seed,
+                empty, {}, (), Prior.none(0), y, off, mask, hidden, resolution, seed,
                 lambda _: None,
             )  # fmt: skip
             return MaskLevel.of(here, plane, (rows, columns))
@@ -265,13 +269,20 @@ def _answers(
     level = level.learned(level.explain(descended[0].opacities).explanation)
     limit = descended[0].objective + HOPELESS * level.level.overdispersion
     steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
-    onward, found = [], []
-    for k, each in enumerate(descended):
-        if each.objective < limit:
-            end = descend(level.evidence, each.opacities, ONWARD)
-            onward.append(walk(level.evidence, end, steps))
-            found.append(_finished(level, onward[-1], steps))
-        report((k + 1) / len(descended))
+    done = 0.0
+
+    def looked() -> None:
+        nonlocal done
+        done += (1 - done) / LOOKS
+        report(done)
+
+    ends = [
+        descend(level.evidence, each.opacities, ONWARD)
+        for each in descended
+        if each.objective < limit
+    ]
+    onward = different([walk(level.evidence, end, steps, looked) for end in ends])
+    found = [_finished(level, each, steps) for each in onward]
     # Errors are as strong as the best mask leaves them, not as the first did.
     best = min(found, key=lambda fit: fit.explanation.evidence)
     level = level.learned(best.explanation)

@@ -42,6 +42,15 @@ def test_a_flag_is_found_cell_by_cell(scene, flagged):
     assert seen[-1] == 1
 
 
+def test_values_that_the_shape_alone_uses_may_be_given(scene, flagged, monkeypatch):
+    monkeypatch.setattr(recover, "STARTS", 1)
+    monkeypatch.setattr(recover, "FINALISTS", 1)
+    given = {"size": 0.041, "shift": 0.0005}
+    light = photograph(load_scenario(flagged, HIDDEN))
+    found = recover_silhouette(light, scene, HIDDEN, "card", (4, 4), parameters=given)
+    assert found.plane.sides == pytest.approx((0.082, 0.082))
+
+
 def test_a_photograph_without_a_shadow_of_it_is_told_of(scene, empty, monkeypatch):
     monkeypatch.setattr(recover, "STARTS", 1)
     monkeypatch.setattr(recover, "FINALISTS", 1)

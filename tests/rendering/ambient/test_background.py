@@ -74,7 +74,6 @@ def chair(folder, *, moved=""):
     return load_scenario(folder / "moved.xml", (2, 3), {"resolution": 12})
 
 
-@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_background_is_what_path_tracing_the_ambient_scene_gives(office, scenario, same_mean):
     found = [render_background(office, scenario, seed=seed, target=2e-3) for seed in range(8)]

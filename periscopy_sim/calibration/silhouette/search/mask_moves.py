@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
-from periscopy_sim.calibration.silhouette.search.mask_level import NOTHING, MaskFit, MaskLevel
+from periscopy_sim.calibration.silhouette.search.mask_level import (
+    NOTHING,
+    MaskFit,
+    MaskLevel,
+    opaque,
+)
 from periscopy_sim.scenario import Array, Scenario
 
 FARTHEST = 3
@@ -54,13 +59,17 @@ def shifted(opacities: Array, steps: Array, farthest: int = FARTHEST) -> list[Ar
     """
     from scipy.ndimage import shift
 
-    whole = opacities.sum()
+    solid = opacities * opaque(opacities)  # what is faint everywhere is no part of the mask
     counts = range(-farthest, farthest + 1)
-    others = [
-        shift(opacities, np.array([a, b]) @ steps, order=1)
-        for a in counts for b in counts if (a, b) != (0, 0)
-    ]  # fmt: skip
-    return [opacities, *(each for each in others if each.sum() >= KEPT * whole)]
+    others = [np.array([a, b]) @ steps for a in counts for b in counts if (a, b) != (0, 0)]
+    return [
+        opacities,
+        *(
+            shift(opacities, by, order=1)
+            for by in others
+            if shift(solid, by, order=1).sum() >= KEPT * solid.sum()
+        ),
+    ]
 
 
 def patch_steps(plane: MaskPlane, scenario: Scenario, cells: tuple[int, int]) -> Array:

@@ -7,6 +7,8 @@ edges that are frayed at most of them, and from there leads to none of the other
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from periscopy_sim.calibration.silhouette.search.mask_evidence import MaskEvidence
 from periscopy_sim.calibration.silhouette.search.mask_moves import shifted
 from periscopy_sim.calibration.silhouette.search.opacity_descent import (
@@ -24,17 +26,31 @@ WALKED = 6
 """Patches, at most; so far a mask hardly goes without leaving its rectangle."""
 
 
-def walk(evidence: MaskEvidence, found: Descended, steps: Array) -> Descended:
+LEAST = 1.0
+"""What a step must gain: of half the evidence."""
+
+
+def walk(
+    evidence: MaskEvidence,
+    found: Descended,
+    steps: Array,
+    looked: Callable[[], None] = lambda: None,
+) -> Descended:
     """Return where opacities lead from which no step of one patch, either way, gains.
 
     The steps are those of `patch_steps`. Of the eight places about one, a short descent from each
-    tells which is the best.
+    tells which is the best; `looked` is called after each.
     """
     for _ in range(WALKED):
         _, *places = shifted(found.opacities, steps, farthest=1)
-        looks = [descend(evidence, place, LOOK) for place in places]
-        best = min(looks, key=lambda look: look.objective, default=found)
-        if best.objective >= found.objective:
+        best = found
+        for place in places:
+            look = descend(evidence, place, LOOK)
+            looked()
+            if look.objective < best.objective:  # which no NaN is
+                best = look
+        end = best if best is found else descend(evidence, best.opacities, ONWARD)
+        if not end.objective < found.objective - LEAST:
             return found
-        found = descend(evidence, best.opacities, ONWARD)
+        found = end
     return found
