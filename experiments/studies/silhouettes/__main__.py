@@ -30,6 +30,7 @@ import typer
 import periscopy_sim as ps
 from experiments.page import described, one_line_errors
 from experiments.setting import package_sha256
+from experiments.studies.kept_case import read_case, write_case
 from experiments.studies.silhouettes import outcome as outcomes
 from experiments.studies.silhouettes import subjects
 from experiments.studies.silhouettes.outcome import Outcome
@@ -107,12 +108,12 @@ def carried_out(subject: Subject, out: Path) -> Outcome:
     """Carry out a case, or read what was kept of it."""
     file = out / "cases" / f"{subject.name.replace(' ', '_').replace(',', '')}.npz"
     made_from = identity(subject)
-    kept = Outcome.read(file, made_from)
+    kept = read_case(Outcome, file, made_from)
     if kept is not None:
         return kept
     with progress(subject.name) as report:
         made = outcomes.outcome(subject, report)
-    made.write(file, made_from)
+    write_case(made, file, made_from)
     return made
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +14,6 @@ import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.studies.silhouettes.subjects import Sought, Subject
 from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
-from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]
@@ -128,27 +125,6 @@ class Outcome:
         if not self.placed:
             return None
         return ps.psnr(image, self.truth), ps.registered(image, self.truth).psnr
-
-    def write(self, file: Path, made_from: str) -> None:
-        """Keep it as NPZ, with what it was made from."""
-        held = {field.name: getattr(self, field.name) for field in fields(self)}
-        arrays: dict[str, Any] = {
-            name: value for name, value in held.items() if isinstance(value, np.ndarray)
-        }
-        record = {name: value for name, value in held.items() if name not in arrays}
-        with staged_file(file) as staged:
-            np.savez_compressed(staged, record=json.dumps([made_from, record]), **arrays)
-
-    @classmethod
-    def read(cls, file: Path, made_from: str) -> Outcome | None:
-        """Return what was kept, if it was made from the same."""
-        if not file.is_file():
-            return None
-        with np.load(file) as kept:
-            source, record = json.loads(str(kept["record"]))
-            if source != made_from:
-                return None
-            return cls(**record, **{name: kept[name] for name in kept.files if name != "record"})
 
 
 def outcome(subject: Subject, progress: Callable[[float], None] | None = None) -> Outcome:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +18,6 @@ from periscopy_sim.calibration.uncertain_scene import calibrated_transport
 from periscopy_sim.errors import SceneError
 from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]
 
@@ -121,27 +117,6 @@ class Outcome:
         return {
             n: ps.registered(f, self.truth).psnr for n, f in zip(SCENES, self.images, strict=True)
         }
-
-    def write(self, file: Path, made_from: str) -> None:
-        """Keep it as NPZ, with what it was made from."""
-        held = {field.name: getattr(self, field.name) for field in fields(self)}
-        arrays: dict[str, Any] = {
-            name: value for name, value in held.items() if isinstance(value, np.ndarray)
-        }
-        record = {name: value for name, value in held.items() if name not in arrays}
-        with staged_file(file) as staged:
-            np.savez_compressed(staged, record=json.dumps([made_from, record]), **arrays)
-
-    @classmethod
-    def read(cls, file: Path, made_from: str) -> Outcome | None:
-        """Return what was kept, if it was made from the same."""
-        if not file.is_file():
-            return None
-        with np.load(file) as kept:
-            source, record = json.loads(str(kept["record"]))
-            if source != made_from:
-                return None
-            return cls(**record, **{name: kept[name] for name in kept.files if name != "record"})
 
 
 class Trial:

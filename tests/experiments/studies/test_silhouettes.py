@@ -10,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 import periscopy_sim as ps
+from experiments.studies.kept_case import read_case, write_case
 from experiments.studies.silhouettes import __main__ as study
 from experiments.studies.silhouettes import outcome as outcomes
 from experiments.studies.silhouettes import report, subjects
@@ -165,10 +166,10 @@ def test_a_case_is_run_once_and_then_kept(subject, tmp_path, monkeypatch, capsys
 
 def test_an_outcome_is_read_as_it_was_written(tmp_path):
     made = outcome(sbr=None, placed=False, doubts=["odd"])
-    made.write(tmp_path / "one.npz", "here")
-    assert Outcome.read(tmp_path / "one.npz", "elsewhere") is None
-    assert Outcome.read(tmp_path / "none.npz", "here") is None
-    read = Outcome.read(tmp_path / "one.npz", "here")
+    write_case(made, tmp_path / "one.npz", "here")
+    assert read_case(Outcome, tmp_path / "one.npz", "elsewhere") is None
+    assert read_case(Outcome, tmp_path / "none.npz", "here") is None
+    read = read_case(Outcome, tmp_path / "one.npz", "here")
     assert report.numbers_of(read) == report.numbers_of(made)
     np.testing.assert_array_equal(read.outline, made.outline)
     assert read.opaque.dtype == bool and not read.trusted

@@ -10,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 import periscopy_sim as ps
+from experiments.studies.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes import __main__ as study
 from experiments.studies.wrong_scenes import coverage, report, subjects
 from experiments.studies.wrong_scenes.outcome import Outcome, Trial
@@ -146,10 +147,10 @@ def test_one_brightness_of_each_channel_may_be_matched():
 
 def test_an_outcome_is_read_as_it_was_written(tmp_path):
     made = outcome(2, doubts=["it moved too far"])
-    made.write(tmp_path / "one.npz", "here")
-    assert Outcome.read(tmp_path / "one.npz", "elsewhere") is None
-    assert Outcome.read(tmp_path / "none.npz", "here") is None
-    read = Outcome.read(tmp_path / "one.npz", "here")
+    write_case(made, tmp_path / "one.npz", "here")
+    assert read_case(Outcome, tmp_path / "one.npz", "elsewhere") is None
+    assert read_case(Outcome, tmp_path / "none.npz", "here") is None
+    read = read_case(Outcome, tmp_path / "one.npz", "here")
     assert report.numbers_of(read) == report.numbers_of(made)
     np.testing.assert_array_equal(read.images, made.images)
     assert read.doubts == made.doubts and not read.trusted
