@@ -94,6 +94,14 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 
 
 @pytest.mark.usefixtures("jit")
+def test_last_bits_of_the_truth_make_no_other_sweep(succeeds, sweep_input, sweep_command):
+    succeeds(*sweep_command())
+    truth = np.load(sweep_input / "truth.npy").astype(np.float64)
+    np.save(sweep_input / "truth.npy", truth * (1 + 2**-50))
+    succeeds(*sweep_command())
+
+
+@pytest.mark.usefixtures("jit")
 def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input, sweep_command):
     command = sweep_command(methods="mine.py:Mine", sbr="1")
     succeeds(*command)

@@ -25,7 +25,6 @@ LOOK: Stages = ((0.0, 15),)
 WALKED = 6
 """Patches, at most; so far a mask hardly goes without leaving its rectangle."""
 
-
 LEAST = 1.0
 """What a step must gain: of half the evidence."""
 
