@@ -130,8 +130,7 @@ class Calibration:
         found = ", ".join(
             f"{each.name}={each.value:.4g}±{each.standard_error:.2g}" for each in self.parameters
         )
-        left = self.noise_before, self.noise
-        before, after = (100 * float(np.sqrt(np.mean(noise**2))) for noise in left)
+        before, after = (100 * part for part in self.unexplained)
         trust = "trusted" if self.trusted else "not trusted"
         return f"Calibration({found}, unexplained {before:.2f} -> {after:.2f} %, {trust})"
 
@@ -139,6 +138,14 @@ class Calibration:
     def trusted(self) -> bool:
         """Whether nothing speaks against the values."""
         return not self.doubts
+
+    @property
+    def unexplained(self) -> tuple[float, float]:
+        """What is left of the photograph, in all channels together: at the start, at the end."""
+        before, after = (
+            float(np.sqrt(np.mean(noise**2))) for noise in (self.noise_before, self.noise)
+        )
+        return before, after
 
     @property
     def values(self) -> dict[str, float]:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
+from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
 
@@ -124,6 +125,12 @@ def scene_covariance(path: Path) -> SceneCovariance | None:
     covariance = correlation * np.outer(numbers[:, 1], numbers[:, 1])
     names = tuple(name for name, *_ in parts)
     return SceneCovariance(names, numbers[:, 0], covariance, trusted)
+
+
+def is_calibrated(scenario: Scenario) -> bool:
+    """Return whether a scene carries a calibration, and has the values that this found."""
+    known = scene_covariance(scenario.path)
+    return known is not None and not known.changed(scenario.path, scenario.parameters)
 
 
 def _is(text: str, value: float, tolerance: float) -> bool:

@@ -277,6 +277,7 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
     from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
     from periscopy_sim.reconstruction.residual.causes import ADVICE
+    from periscopy_sim.reconstruction.residual.residual import percentages
 
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
@@ -299,11 +300,9 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
         say(f"held where they are, their errors in those above: {held}")
     else:
         say("these errors hold if all else in the scene is right; see --uncertain")
-    before, after = (
-        100 * float(np.sqrt(np.mean(noise**2))) for noise in (found.noise_before, found.noise)
-    )
+    before, after = percentages(*found.unexplained)
     size = "{}x{}".format(*found.residual.shape[:2])
-    say(f"unexplained: {before:.2f} % of the photograph ({size}) at the start, {after:.2f} % now")
+    say(f"unexplained: {before} % of the photograph ({size}) at the start, {after} % now")
     if np.abs(found.gain - 1).max() > EVEN:
         say(
             f"a smooth gain over the wall was found beside these: {found.gain.min():.2f} to "

@@ -122,7 +122,7 @@ def reconstruct(
         ):
             image, solved = _recovered(fitted, seen, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, seen, solved, scenario.hidden_shape, defects)
+            told = _told(fitted, seen, solved, scenario, defects)
             left = told.residual
             if left and left.likeliest not in ("", "object") and not (dark or told.doubt):
                 told = replace(told, doubt=_doubt(scenario, A, used, seen))
@@ -295,20 +295,24 @@ def _told(
     method: Any,
     photograph: Array,
     found: Any,
-    shape: tuple[int, int],
+    scenario: Scenario,
     defects: inputs.Defects,
 ) -> _Told:
     """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
+    from periscopy_sim.calibration.scene_covariance import is_calibrated
     from periscopy_sim.evaluation.methods import promised
     from periscopy_sim.figures.panels import displayable
 
     if found is None:
         return _Told()
+    shape = scenario.hidden_shape
     errors = method.standard_errors(found)
     stages = list(method.stages(found))
     for _, image in stages:
         promised(image, shape)
     residual = method.residual(photograph, found)
+    if residual and residual.causes:
+        residual = replace(residual, is_calibrated=is_calibrated(scenario))
     numbers = {**method.told(found), **(residual.told() if residual else {})}
     as_json(numbers)
     remarks = residual.remark if residual else "", str(method.remark(found))

@@ -161,6 +161,8 @@ def _told(found: Silhouette) -> dict[str, Any]:
 
 def _say(found: Silhouette) -> None:
     """Print what the mask looks like and how far it is to be believed."""
+    from periscopy_sim.reconstruction.residual.residual import percentages
+
     for row in found.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))
     say(
@@ -168,8 +170,6 @@ def _say(found: Silhouette) -> None:
         f"tells about {found.told:.0f} numbers of them"
     )
     size = "{}x{}".format(*found.residual.shape[:2])
-    say(
-        f"unexplained: {100 * found.unexplained_open:.2f} % of the photograph ({size}) without it, "
-        f"{100 * found.unexplained:.2f} % with it"
-    )
+    without, with_it = percentages(found.unexplained_open, found.unexplained)
+    say(f"unexplained: {without} % of the photograph ({size}) without it, {with_it} % with it")
     say("silhouette and image may both be shifted, against each other")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.figures.panels import displayable, show
+from periscopy_sim.reconstruction.residual.residual import percentages
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
@@ -66,14 +67,15 @@ def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
 def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) -> None:
     """Show the photograph and the mean over its channels of what is left, in percent."""
     left = {
-        "at the start": (calibration.residual_before, calibration.noise_before),
-        "after calibration": (calibration.residual, calibration.noise),
+        "at the start": calibration.residual_before,
+        "after calibration": calibration.residual,
     }
+    parts = percentages(*calibration.unexplained)
     bound = 100 * float(np.percentile(np.abs(calibration.residual_before.mean(axis=2)), 99)) or 1.0
     axes = figure.subplots(1, 3)
     show(axes[0], "photograph", srgb_encode(displayable(photograph)))
-    for ax, (when, (residual, noise)) in zip(axes[1:], left.items(), strict=True):
-        title = f"unexplained {when}: {100 * np.sqrt(np.mean(noise**2)):.2f} %"
+    for ax, (when, residual), part in zip(axes[1:], left.items(), parts, strict=True):
+        title = f"unexplained {when}: {part} %"
         shown = 100 * residual.mean(axis=2)
         picture = show(ax, title, shown, cmap="RdBu_r", vmin=-bound, vmax=bound)
     bar = figure.colorbar(picture, ax=axes[1:], shrink=0.8)

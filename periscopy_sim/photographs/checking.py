@@ -75,8 +75,9 @@ def check_photograph(
     if not np.isfinite(light).all():
         broken = np.argwhere(blackened(~np.isfinite(photograph), mask))
         row, column, channel = broken[0]
+        counted = "1 value is" if len(broken) == 1 else f"{len(broken)} values are"
         raise PhotographError(
-            f"{name}: {len(broken)} values are NaN or infinite, the first at row {row}, "
+            f"{name}: {counted} NaN or infinite, the first at row {row}, "
             f"column {column}, channel {channel}; replace them, or leave them out by a mask"
         )
     if not light.any():

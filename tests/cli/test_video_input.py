@@ -98,8 +98,8 @@ def test_bad_frame_is_refused_before_rendering(form, refused, monkeypatch, tiny,
     black = with_frame(0, 1)
     black[7] = 0
     for clip, said in [
-        (with_frame(7, np.nan), "1 values are NaN or infinite, the first at row 3, column 4, chan"),
-        (with_frame(7, -np.inf), "1 values are NaN or infinite, the first at row 3, column 4, cha"),
+        (with_frame(7, np.nan), "1 value is NaN or infinite, the first at row 3, column 4, chan"),
+        (with_frame(7, -np.inf), "1 value is NaN or infinite, the first at row 3, column 4, cha"),
         (black, "every value is zero; check the exposure"),
     ]:
         where = tmp_path / form

@@ -31,8 +31,7 @@ def calibration(before, after):
         path=path,
         residual_before=np.repeat(before[..., None], 3, axis=2),
         residual=np.repeat(after[..., None], 3, axis=2),
-        noise_before=np.array([0.0, 0.04, 0.03]),
-        noise=np.full(3, 0.01),
+        unexplained=(0.0289, 0.01),
         doubts=(),
     )
 

@@ -226,7 +226,7 @@ def test_nan_and_infinity_are_counted_and_located(tmp_path):
     values[4, 0] = np.inf
     with pytest.raises(PhotographError, match=r"4 values .*row 2, column 3, channel 1"):
         read(save_npy(tmp_path / "y.npy", values))
-    with pytest.raises(PhotographError, match="1 values"):
+    with pytest.raises(PhotographError, match="1 value is"):
         check_photograph(np.where(np.arange(54).reshape(SHAPE) == 7, -np.inf, 1), SHAPE, "y")
 
 
@@ -264,7 +264,7 @@ def test_values_that_single_precision_cannot_hold_are_refused(scale):
 def test_signalling_nan_is_refused_without_a_warning(tmp_path):
     values = LIGHT.astype(np.float32)
     values.view(np.uint32)[2, 3, 1] = 0x7F800001
-    with pytest.raises(PhotographError, match=r"1 values are NaN .* row 2, column 3"):
+    with pytest.raises(PhotographError, match=r"1 value is NaN .* row 2, column 3"):
         read(save_npy(tmp_path / "y.npy", values))
 
 

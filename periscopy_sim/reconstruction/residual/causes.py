@@ -54,10 +54,11 @@ LOUD = 10.0
 ADVICE = {
     "object": "something on the wall, such as a poster, a socket or a reflection, {place} (--mask)",
     "paint": "uneven paint (--background: a photograph with the monitor off, or more of them)",
-    "geometry": "a scene that is off at the edges of shadows (periscopy calibrate; more --samples)",
+    "geometry": "a scene that is off at the edges of shadows ({calibrate}; more --samples)",
     "smooth light": "vignetting, or ambient light from nearer than the model's",
     "pixels": "single pixels (--mask)",
-    "shared noise": "noise that neighbouring pixels share (a rectified or compressed photograph)",
+    "shared noise": "what neighbouring pixels share (noise of a rectified or compressed "
+    "photograph, or detail that the scene lacks)",
 }
 """What each cause is, for a user, and what helps."""
 
@@ -70,7 +71,16 @@ BESIDE_BACKGROUNDS = {
 what is left then changes like light in all colours, but is hardly paint."""
 
 
-def advice_for(causes: Sequence[Cause], *, has_backgrounds: bool) -> str:
+CALIBRATE = {
+    False: "periscopy calibrate",
+    True: "though it is calibrated: free more of its numbers, or a form by --silhouette",
+}
+"""What helps where a scene is off, by whether it carries its calibration."""
+
+
+def advice_for(
+    causes: Sequence[Cause], *, has_backgrounds: bool, is_calibrated: bool = False
+) -> str:
     """Return what likely causes are, and what helps, in order.
 
     Beside photographs with the monitor off, what looks like paint comes after the scene.
@@ -83,8 +93,11 @@ def advice_for(causes: Sequence[Cause], *, has_backgrounds: bool) -> str:
         if {"paint", "geometry"} <= set(names) and names.index("paint") < names.index("geometry"):
             names.remove("paint")
             names.insert(names.index("geometry") + 1, "paint")
-    scene = "" if "geometry" in names else "a scene that is off: periscopy calibrate; "  # once
-    return "; ".join(told[name].format(place=places[name], scene=scene) for name in names)
+    calibrate = CALIBRATE[is_calibrated]
+    scene = "" if "geometry" in names else f"a scene that is off: {calibrate}; "  # once
+    return "; ".join(
+        told[name].format(place=places[name], scene=scene, calibrate=calibrate) for name in names
+    )
 
 
 def likely_causes(

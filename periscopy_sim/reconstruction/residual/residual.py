@@ -65,6 +65,8 @@ class Residual:
         but for noise.
     has_backgrounds
         Whether photographs with the monitor off were given: what they show is no cause any more.
+    is_calibrated
+        Whether the scene was calibrated: to calibrate it is no advice any more.
     """
 
     light: Array
@@ -74,6 +76,7 @@ class Residual:
     structure: Structure | None
     causes: tuple[Cause, ...]
     has_backgrounds: bool = False
+    is_calibrated: bool = False
 
     @property
     def remark(self) -> str:
@@ -92,7 +95,9 @@ class Residual:
         """Return that more than noise is left and its likely causes; empty where it is not."""
         if not self.causes or self.noise_alone is None:
             return ""
-        likely = advice_for(self.causes, has_backgrounds=self.has_backgrounds)
+        likely = advice_for(
+            self.causes, has_backgrounds=self.has_backgrounds, is_calibrated=self.is_calibrated
+        )
         unexplained, alone = self._percentages
         told = f"the scene leaves {unexplained} % of the photograph unexplained"
         if self.unexplained > self.noise_alone:
@@ -109,12 +114,8 @@ class Residual:
     @property
     def _percentages(self) -> tuple[str, str]:
         """`unexplained` and `noise_alone` in percent; of a warning, until digits differ."""
-        numbers = 100 * self.unexplained, 100 * (self.noise_alone or 0.0)
-        for digits in range(2, 5 if self.causes else 3):
-            first, second = (f"{number:.{digits}f}" for number in numbers)
-            if first != second:
-                break
-        return first, second
+        most = 4 if self.causes else 2
+        return percentages(self.unexplained, self.noise_alone or 0.0, most)
 
     def told(self) -> dict[str, Any]:
         """Return the numbers that a summary keeps, by name."""
@@ -133,6 +134,15 @@ class Residual:
             },
             "likely_causes": {cause.name: cause.share for cause in self.causes},
         }
+
+
+def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
+    """Return two parts in percent, with two digits or more, at most so many, until they differ."""
+    for digits in range(2, most + 1):
+        texts = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
+        if texts[0] != texts[1]:
+            break
+    return texts
 
 
 def residual_of(

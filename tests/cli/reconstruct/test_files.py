@@ -111,7 +111,7 @@ def with_values(*values):
         (np.ones((24, 25, 3)), "24 x 25 pixels (rows x columns), but the scene's camera has 24 x"),
         (COUNTS[..., :2], "has shape (24, 24, 2)"),
         (COUNTS[0, 0], "has shape (3,)"),
-        (with_values(np.nan), "1 values are NaN or infinite, the first at row 3, column 4, chan"),
+        (with_values(np.nan), "1 value is NaN or infinite, the first at row 3, column 4, chan"),
         (with_values(np.inf, -np.inf), "2 values are NaN or infinite, the first at row 3"),
         (np.zeros((24, 24, 3)), "every value is zero"),
         (COUNTS * 1j, "complex numbers"),

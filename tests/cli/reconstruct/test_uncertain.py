@@ -1,6 +1,7 @@
 """Scenes that may be wrong: by --uncertain, and as a calibration left them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,6 +121,18 @@ def test_a_named_error_takes_the_place_of_what_is_carried(run, photo, calibrated
 def test_other_methods_take_a_calibrated_scene_as_it_is(succeeds, photo, calibrated, tmp_path):
     succeeds("reconstruct", photo, *calibrated(), "--method", "preconditioned", "--out", "out")
     assert "uncertain" not in json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("off", "told"),
+    [("0.05", "though it is calibrated"), ("0.049", "(periscopy calibrate; more --samples)")],
+)
+def test_who_calibrated_a_scene_is_not_told_to(succeeds, photo, calibrated, off, told):
+    """Of a scene 5 cm off, at the values calibrated and at others."""
+    known = replace(KNOWN, values=np.array([0.05, 0.0]))
+    scene = calibrated(known, occluder_dx=off)
+    warned = succeeds("reconstruct", photo, *scene, "--method", "preconditioned", "--out", "out")
+    assert told in warned.err
 
 
 @pytest.mark.parametrize(

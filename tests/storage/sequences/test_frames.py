@@ -151,7 +151,7 @@ def place_of(form, k):
         (
             np.nan,
             (3, 4, 1),
-            "1 values are NaN or infinite, the first at row 3, column 4, channel 1",
+            "1 value is NaN or infinite, the first at row 3, column 4, channel 1",
         ),
         (-np.inf, (2,), "15 values are NaN or infinite, the first at row 2, column 0, channel 0"),
         (0, ..., "every value is zero"),

@@ -127,9 +127,9 @@ def mask_plane(scenario: Scenario, name: str) -> MaskPlane:
     if name in occluders:
         return MaskPlane.of(occluders[name], scenario)
     where = f"scene '{scenario.path}'"
-    if name in ("wall", "monitor"):
-        raise SceneError(f"{where}: '{name}' is no occluder; name one by --silhouette")
     listed = ", ".join(f"'{each}'" for each in occluders) or "none"
+    if name in ("wall", "monitor"):
+        raise SceneError(f"{where}: '{name}' is no occluder; its occluders are {listed}")
     meant = did_you_mean(name, occluders) or f"its occluders are {listed}"
     raise SceneError(f"{where} has no shape '{name}'; {meant}")
 
