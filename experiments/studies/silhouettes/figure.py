@@ -23,7 +23,8 @@ TITLES = (
     "found silhouette\n(line: the true one)",
     "hidden image",
     "image by the\nfound mask",
-    "image by the\ntrue mask",
+    "by the true\none's cells",
+    "by the\ntrue one",
 )
 
 ROW = 1.16
@@ -36,11 +37,11 @@ OUTLINE = COLORS["differencing"]
 
 
 def draw_cases(out: Path, name: str, outcomes: Sequence[Outcome]) -> Path:
-    """Draw a row for each case: the true and the found mask, the hidden image, and it by both."""
+    """Draw a row for each case: the true and the found mask, the hidden image, and it by masks."""
     with drawn(out, name, PAGE, 0.4 + ROW * len(outcomes)) as figure:
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.03)
         grid = figure.subplots(
-            len(outcomes), len(TITLES), squeeze=False, width_ratios=[1, 1, 1.1, 1.1, 1.1]
+            len(outcomes), len(TITLES), squeeze=False, width_ratios=[1, 1, *[1.1] * 4]
         )
         for row, outcome in zip(grid, outcomes, strict=True):
             _draw_masks(row[:2], outcome)
@@ -97,7 +98,8 @@ def _draw_images(axes: Sequence[Any], outcome: Outcome) -> None:
     shown, *recovered = axes
     show_light(shown, outcome.truth, 1)
     _note(shown, "{}\n{} × {} patches".format(outcome.image, *outcome.found_image.shape[:2]))
-    for ax, image in zip(recovered, (outcome.found_image, outcome.true_image), strict=True):
+    images = outcome.found_image, outcome.flat_image, outcome.true_image
+    for ax, image in zip(recovered, images, strict=True):
         decibels = outcome.decibels(image)
         if decibels is None:
             show_light(ax, image)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -80,8 +80,9 @@ class Outcome:
         Height and width of the rectangle, in metres.
     truth, placed
         What the monitor showed, and whether it is known where on it.
-    found_image, true_image
-        (R, C, 3) by the noise-aware method with the mask found and with the true occluder.
+    found_image, flat_image, true_image
+        (R, C, 3) by the noise-aware method with the mask found, with the best that could be found,
+        the true occluder's outline cut into cells, and with the true occluder.
     unexplained, unexplained_open, overdispersion, told
         See `periscopy_sim.Silhouette`.
     doubts
@@ -100,6 +101,7 @@ class Outcome:
     truth: Array
     placed: bool
     found_image: Array
+    flat_image: Array
     true_image: Array
     unexplained: float
     unexplained_open: float
@@ -115,10 +117,8 @@ class Outcome:
 
     @property
     def shared(self) -> Shared:
-        """How far the mask found is the true one, whose cells are opaque where half of them is."""
-        rows, columns = self.opaque.shape
-        parts = self.outline.reshape(rows, len(self.outline) // rows, columns, -1)
-        return shared(self.opaque, parts.mean(axis=(1, 3)) >= 0.5)
+        """How far the mask found is the true one."""
+        return shared(self.opaque, cells_covered(self.outline, self.opaque.shape))
 
     def decibels(self, image: Array) -> tuple[float, float] | None:
         """Return an image's PSNR as it stands and registered; None where there is no truth."""
@@ -127,16 +127,20 @@ class Outcome:
         return ps.psnr(image, self.truth), ps.registered(image, self.truth).psnr
 
 
+def cells_covered(outline: Cells, cells: tuple[int, ...]) -> Cells:
+    """Return which of (rows, columns) cells an outline, (rows n, columns n), covers by half."""
+    rows, columns = cells
+    parts = outline.reshape(rows, len(outline) // rows, columns, -1)
+    return np.asarray(parts.mean(axis=(1, 3)) >= 0.5)
+
+
 def outcome(subject: Subject, progress: Callable[[float], None] | None = None) -> Outcome:
     """Search for a silhouette, and recover the image by it and by the true occluder."""
     sought, truth = subject.sought, subject.truth
     begun = processor_seconds()
     found = searched(sought, progress)
     taken = processor_seconds() - begun
-    with TemporaryDirectory() as folder:
-        scene, mesh = Path(folder) / "found.xml", Path(folder) / "found.ply"
-        write_masked_scene(sought.scene, found, sought.parameters, scene, mesh, mesh.name)
-        images = [recovered(path, sought) for path in (scene, truth.scene)]
+    flat = replace(found, opaque=cells_covered(truth.outline, found.opaque.shape))
     return Outcome(
         name=subject.name,
         image=subject.image,
@@ -147,8 +151,9 @@ def outcome(subject: Subject, progress: Callable[[float], None] | None = None) -
         sides=list(found.plane.sides),
         truth=truth.image,
         placed=truth.placed,
-        found_image=images[0],
-        true_image=images[1],
+        found_image=recovered_with(found, sought),
+        flat_image=recovered_with(flat, sought),
+        true_image=recovered(truth.scene, sought),
         unexplained=found.unexplained,
         unexplained_open=found.unexplained_open,
         overdispersion=found.overdispersion,
@@ -170,6 +175,14 @@ def searched(sought: Sought, progress: Callable[[float], None] | None = None) ->
         mask=sought.used,
         progress=progress,
     )
+
+
+def recovered_with(mask: ps.Silhouette, sought: Sought) -> Array:
+    """Return the image, (R, C, 3), that the noise-aware method recovers with a flat mask."""
+    with TemporaryDirectory() as folder:
+        scene, mesh = Path(folder) / "found.xml", Path(folder) / "found.ply"
+        write_masked_scene(sought.scene, mask, sought.parameters, scene, mesh, mesh.name)
+        return recovered(scene, sought)
 
 
 def recovered(path: Path, sought: Sought) -> Array:

@@ -72,6 +72,7 @@ def numbers_of(outcome: Outcome) -> dict[str, Any]:
         f"{kind}_{name}": None if found is None else round(found[k], 3)
         for name, found in (
             ("found", outcome.decibels(outcome.found_image)),
+            ("flat", outcome.decibels(outcome.flat_image)),
             ("true", outcome.decibels(outcome.true_image)),
         )
         for k, kind in enumerate(("psnr", "registered"))
@@ -103,9 +104,9 @@ def told(outcome: Outcome) -> str:
     of = numbers_of(outcome)
     return (
         f"{outcome.name}: {_shares(of)} of its cells shared; {of['times_noise']:.1f} times noise "
-        f"left; {_decibels(of, 'found')} dB by the mask found, {_decibels(of, 'true')} by the true "
-        f"one (as it stands / registered); {_trust(of)}; {of['processor_seconds']:.0f} processor "
-        "seconds"
+        f"left; {_decibels(of, 'found')} dB by the mask found, {_decibels(of, 'flat')} by the true "
+        f"one's cells, {_decibels(of, 'true')} by the true one (as it stands / registered); "
+        f"{_trust(of)}; {of['processor_seconds']:.0f} processor seconds"
     )
 
 
@@ -191,6 +192,7 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
                 f"{of['unexplained_percent']:.2f} %",
                 f"{of['times_noise']:.1f}",
                 _decibels(of, "found"),
+                _decibels(of, "flat"),
                 _decibels(of, "true"),
                 "yes" if of["trusted"] else of["doubts"],
                 f"{of['processor_seconds']:.0f}",
@@ -198,11 +200,13 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
         )
     return Table(
         "Opaque cells shared by the mask found and the true one, of those of either, as they stand "
-        "(and after the shift by whole cells that is best). PSNR, dB: as it stands / registered.",
+        "(and after the shift by whole cells that is best). PSNR, dB, as it stands / registered: "
+        "of the image by the mask found, by the true one's outline cut into cells, the best that a "
+        "search could find, and by the true one.",
         (
             "case", "image", "SBR", "cells", "patches", "shared", "unexplained",
-            "times noise at the worst scale", "by the mask found", "by the true one", "trusted",
-            "processor seconds",
+            "times noise at the worst scale", "by the mask found", "by the true one's cells",
+            "by the true one", "trusted", "processor seconds",
         ),
         rows,
     )  # fmt: skip

@@ -100,6 +100,13 @@ FINE = 16
 """Points along each side of a cell at which an outline is looked at."""
 
 
+SOLID = "chair that is not flat"
+"""Name of the case of the shipped chair."""
+
+PUBLISHED = (29, 36)
+"""Patches of the published photographs' hidden images."""
+
+
 @dataclass(frozen=True)
 class Mask:
     """A mask that is rendered.
@@ -215,11 +222,7 @@ def rendered(mask: Mask, folder: Path) -> Subject:
     scene = ps.load_scenario(true, mask.hidden)
     image = ps.read_hidden_image(ps.find_image(mask.image), mask.hidden)
     signal = _lit(scene, image, own / "light.exr", mask.name)
-    # The wall and the camera are those of the shipped plate.
-    wall = ps.load_scenario(ps.find_scene("plate"), mask.hidden)
-    ambient = ambient_photographs([mask.place], wall, folder, SEED)[mask.place]
-    seed = zlib.crc32(mask.name.encode())
-    photograph = ps.add_noise(ps.composite(signal, ambient, mask.sbr), SNR, seed)
+    photograph = _photograph(mask.name, signal, mask.place, mask.sbr, folder)
     return Subject(
         mask.name,
         mask.image,
@@ -227,6 +230,14 @@ def rendered(mask: Mask, folder: Path) -> Subject:
         Sought(photograph, None, searched, "plate", mask.hidden, np.shape(cells_of(mask))),
         Truth(image, True, true, drawn(mask)),
     )
+
+
+def _photograph(name: str, signal: Array, place: str, sbr: float, folder: Path) -> Array:
+    """Return the monitor's light beside the ambient light of a place, with a case's own noise."""
+    # All scenes here have the wall and the camera of the shipped plate.
+    wall = ps.load_scenario(ps.find_scene("plate"), PUBLISHED)
+    ambient = ambient_photographs([place], wall, folder, SEED)[place]
+    return ps.add_noise(ps.composite(signal, ambient, sbr), SNR, zlib.crc32(name.encode()))
 
 
 def cells_of(mask: Mask) -> Cells:
@@ -269,8 +280,33 @@ def mesh_of(opaque: Cells, shift: tuple[float, float] = (0.0, 0.0)) -> TriangleM
     return TriangleMesh(vertices, faces)
 
 
+def solid_chair(folder: Path) -> Subject:
+    """Photograph the shipped chair, all bounces; it is known as a box about it alone."""
+    scene = ps.load_scenario(ps.find_scene("chair"), PUBLISHED)
+    image = ps.read_hidden_image(ps.find_image("mushroom"), PUBLISHED)
+    signal = _lit(scene, image, folder / "box" / "light.exr", SOLID)
+    photograph = _photograph(SOLID, signal, "overcast", 10.0, folder)
+    return _boxed(SOLID, 10.0, photograph, None, image, folder)
+
+
 def chair(file: Path, folder: Path) -> Subject:
-    """Return the published photograph, whose chair is known as a box of 85 x 75 x 320 mm alone."""
+    """Return the published photograph, whose chair is known as a box about it alone."""
+    size = ps.load_scenario(ps.find_scene("chair"), PUBLISHED).photograph_shape
+    photograph = ps.read_photograph(file, size).values
+    inside = ps.bad_border(photograph).inside(photograph.shape[:2])
+    image = ps.read_hidden_image(file, PUBLISHED)
+    return _boxed("published chair, real", None, photograph, inside, image, folder)
+
+
+def _boxed(
+    name: str,
+    sbr: float | None,
+    photograph: Array,
+    used: Cells | None,
+    image: Array,
+    folder: Path,
+) -> Subject:
+    """Return a photograph of the chair that is known as a box of 85 x 75 x 320 mm alone."""
     shipped = ps.find_scene("chair")
     searched = folder / "box" / "searched.xml"
     box = {
@@ -286,17 +322,13 @@ def chair(file: Path, folder: Path) -> Subject:
     _write(searched, with_mesh(shipped, left_out[0], None, box, searched.parent))
     for name in left_out[1:]:
         _write(searched, with_mesh(searched, name, None, {}, searched.parent))
-    hidden, cells = (29, 36), (21, 8)  # of 32 x 12 the photograph tells too few
-    known = ps.load_scenario(searched, hidden)
-    photograph = ps.read_photograph(file, known.photograph_shape).values
-    inside = ps.bad_border(photograph).inside(photograph.shape[:2])
-    image = ps.read_hidden_image(file, hidden)
-    true = ps.load_scenario(shipped, hidden)
+    cells = (21, 8)  # of 32 x 12 the real photograph tells too few
+    known, true = (ps.load_scenario(path, PUBLISHED) for path in (searched, shipped))
     return Subject(
-        "published chair, real",
+        name,
         "mushroom",
-        None,
-        Sought(photograph, inside, searched, "chair_seat", hidden, cells),
+        sbr,
+        Sought(photograph, used, searched, "chair_seat", PUBLISHED, cells),
         Truth(image, True, shipped, outline(true, known, "chair_seat", cells)),
     )
 
@@ -355,7 +387,10 @@ def _shown(file: Path) -> Array:
     with np.load(file) as held:
         if "shown" not in held.files:
             raise PhotographError(f"{file}: has no array 'shown', what the monitor was sent")
-        shown = held["shown"]
+        try:
+            shown = held["shown"]
+        except ValueError as error:  # of objects
+            raise PhotographError(f"{file}: 'shown' is no array of numbers") from error
     if shown.dtype != np.uint8 or shown.ndim != 3 or shown.shape[2] != 3:
         raise PhotographError(
             f"{file}: 'shown' has shape {shown.shape} and type {shown.dtype}; give (R, C, 3) uint8"

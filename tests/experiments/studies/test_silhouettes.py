@@ -30,8 +30,9 @@ def outcome(name="a flag", *, opaque=FLAG, shift=(0.0, 0.0), sbr=0.5, placed=Tru
     return Outcome(
         name=name, image="mushroom", sbr=sbr, opaque=opaque, seen=np.ones_like(opaque),
         outline=subjects.drawn(replace(MASK, shift=shift)), sides=[0.08, 0.08], truth=truth,
-        placed=placed, found_image=truth + 0.1, true_image=truth + 0.01, unexplained=2e-3,
-        unexplained_open=5e-2, overdispersion=1.1, told=50.0, doubts=list(doubts), seconds=9.0,
+        placed=placed, found_image=truth + 0.1, flat_image=truth + 0.05, true_image=truth + 0.01,
+        unexplained=2e-3, unexplained_open=5e-2, overdispersion=1.1, told=50.0,
+        doubts=list(doubts), seconds=9.0,
     )  # fmt: skip
 
 
@@ -111,6 +112,31 @@ def test_an_outline_is_what_parts_cover_of_the_rectangle(tmp_path):
     assert not found[:4].any() and found[-4:, 16:-16].all()
 
 
+def test_an_outline_covers_the_cells_that_it_covers_by_half():
+    outline = np.zeros((8, 8), bool)
+    outline[:4, :2] = outline[4:, :1] = True
+    covered = outcomes.cells_covered(outline, (2, 2))
+    np.testing.assert_array_equal(covered, [[True, False], [False, False]])
+    np.testing.assert_array_equal(outcomes.cells_covered(subjects.drawn(MASK), FLAG.shape), FLAG)
+
+
+def test_a_chair_that_is_not_flat_is_known_as_a_box(tmp_path, monkeypatch):
+    monkeypatch.setattr(subjects, "RAYS", (1, 1))
+    monkeypatch.setattr(subjects, "PATHS", 4)
+    monkeypatch.setattr(
+        subjects, "ambient_photographs", lambda names, *_: {names[0]: np.ones((126, 126, 3))}
+    )
+    subject = subjects.solid_chair(tmp_path)
+    (box,) = ps.load_scenario(subject.sought.scene, (1, 1)).occluders
+    assert box.name == subject.sought.shape
+    true = ps.load_scenario(subject.truth.scene, (1, 1)).occluders
+    lowest, highest = (
+        f(np.concatenate([part.vertices for part in true]), axis=0) for f in (np.min, np.max)
+    )
+    assert (box.vertices.min(axis=0) < lowest + 5e-3).all()
+    assert (box.vertices.max(axis=0) > highest - 5e-3).all()
+
+
 def test_light_is_rendered_once(tmp_path, monkeypatch):
     monkeypatch.setattr(subjects, "RAYS", (1, 1))
     monkeypatch.setattr(subjects, "PATHS", 4)
@@ -143,7 +169,7 @@ def test_a_case_is_run_once_and_then_kept(subject, tmp_path, monkeypatch, capsys
 
     def image(path, sought):
         occluder = ps.load_scenario(path, sought.hidden).occluders[0]
-        return subject.truth.image * (1 + 1e-3 * len(occluder.faces))
+        return subject.truth.image * (1 + 1e-3 * len(occluder.faces))  # flat as found
 
     monkeypatch.setattr(ps, "recover_silhouette", found)
     monkeypatch.setattr(outcomes, "recovered", image)
@@ -202,13 +228,16 @@ def test_what_is_no_photograph_is_refused_in_one_line(tmp_path):
     app = typer.Typer()
     app.command()(study.main)
     bare, damaged = tmp_path / "bare.npz", tmp_path / "damaged.npz"
-    np.savez(bare, photograph=np.random.default_rng(0).random((144, 144, 3)))
+    photograph = np.random.default_rng(0).random((144, 144, 3))
+    np.savez(bare, photograph=photograph)
     damaged.write_bytes(b"PK no archive")
+    np.savez(objects := tmp_path / "objects.npz", photograph=photograph, shown=np.array([{}]))
     for options, said in (
         (["--real", tmp_path / "none.npz"], "none.npz"),
         (["--real", bare], "bare.npz"),
         (["--other", damaged], "damaged.npz"),
         (["--other", bare], "has no array 'shown'"),
+        (["--other", objects], "'shown' is no array of numbers"),
     ):
         result = CliRunner().invoke(app, ["--out", str(tmp_path / "out"), *map(str, options)])
         assert result.exit_code == 2 and said in result.output, result.output
