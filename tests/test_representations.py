@@ -88,13 +88,14 @@ def test_calibration_tells_values_and_whether_they_are_trusted(photograph):
         "moves": np.zeros((1, 0)),
         "correlation": np.eye(1),
         "path": (),
-        "noise_before": np.full(3, 0.02),
+        "noise_before": np.array([0.02, 0.03, 0.0]),  # (13e-4 / 3) ** 0.5
         "noise": np.full(3, 0.01),
         "residual_before": photograph,
         "residual": photograph,
         "gain": np.ones((6, 8)),
     }
-    line = "Calibration(dx=0.0123±0.0002, unexplained 2.00 -> 1.00 %, trusted)"
+    line = "Calibration(dx=0.0123±0.0002, unexplained 2.08 -> 1.00 %, trusted)"
     assert told_briefly(ps.Calibration(**found)) == line
+    assert ps.Calibration(**found).unexplained == pytest.approx(((13e-4 / 3) ** 0.5, 0.01))
     doubted = ps.Calibration(**found, doubts=("it left its prior",))
     assert told_briefly(doubted) == line.replace("trusted", "not trusted")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
 WELL = 0.7
@@ -130,9 +131,9 @@ class Calibration:
         found = ", ".join(
             f"{each.name}={each.value:.4g}±{each.standard_error:.2g}" for each in self.parameters
         )
-        before, after = (100 * part for part in self.unexplained)
+        before, after = percentages(*self.unexplained)
         trust = "trusted" if self.trusted else "not trusted"
-        return f"Calibration({found}, unexplained {before:.2f} -> {after:.2f} %, {trust})"
+        return f"Calibration({found}, unexplained {before} -> {after} %, {trust})"
 
     @property
     def trusted(self) -> bool:

@@ -128,8 +128,11 @@ def scene_covariance(path: Path) -> SceneCovariance | None:
 
 
 def is_calibrated(scenario: Scenario) -> bool:
-    """Return whether a scene carries a calibration, and has the values that this found."""
-    known = scene_covariance(scenario.path)
+    """Return whether a scene carries a calibration that can be read, and has the values found."""
+    try:
+        known = scene_covariance(scenario.path)
+    except SceneError:
+        return False
     return known is not None and not known.changed(scenario.path, scenario.parameters)
 
 

@@ -22,6 +22,7 @@ from periscopy_sim.cli.output import (
 )
 from periscopy_sim.cli.silhouette import find_silhouette, refuse_others
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
@@ -277,7 +278,6 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
     from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
     from periscopy_sim.reconstruction.residual.causes import ADVICE
-    from periscopy_sim.reconstruction.residual.residual import percentages
 
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.output import Stopwatch, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
@@ -161,8 +162,6 @@ def _told(found: Silhouette) -> dict[str, Any]:
 
 def _say(found: Silhouette) -> None:
     """Print what the mask looks like and how far it is to be believed."""
-    from periscopy_sim.reconstruction.residual.residual import percentages
-
     for row in found.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))
     say(

@@ -214,7 +214,7 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
         single: NDArray[np.float32] = values.astype(np.float32)
     if not np.isfinite(single).all():
         wrong = np.count_nonzero(~np.isfinite(single))
-        raise ValueError(f"returned {wrong} values that are NaN or infinite")
+        raise ValueError(f"returned NaN or infinite values, {wrong} of {single.size}")
     return single
 
 

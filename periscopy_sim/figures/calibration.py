@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.figures.panels import displayable, show
-from periscopy_sim.reconstruction.residual.residual import percentages
+from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_encode
 

@@ -75,10 +75,12 @@ def check_photograph(
     if not np.isfinite(light).all():
         broken = np.argwhere(blackened(~np.isfinite(photograph), mask))
         row, column, channel = broken[0]
-        counted = "1 value is" if len(broken) == 1 else f"{len(broken)} values are"
+        counted, them = f"{len(broken)} values are", "them"
+        if len(broken) == 1:
+            counted, them = "1 value is", "it"
         raise PhotographError(
             f"{name}: {counted} NaN or infinite, the first at row {row}, "
-            f"column {column}, channel {channel}; replace them, or leave them out by a mask"
+            f"column {column}, channel {channel}; replace {them}, or leave {them} out by a mask"
         )
     if not light.any():
         raise PhotographError(f"{name}: every value is zero; check the exposure or the export")

@@ -73,7 +73,7 @@ def test_a_scene_with_the_silhouette_is_one_that_commands_take(succeeds, tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--silhouette", "wall"), "'wall' is no occluder; its occluders are '"),
+        (("--silhouette", "wall"), "'wall' is no occluder; the occluders are '"),
         (("--silhouette", "crad"), "did you mean 'card'"),
         (("--silhouette", "card", "-D", "depth=1.2"), "reaches through the wall"),
         (("--silhouette", "card", "-D", "shift=2"), "casts no shadow"),

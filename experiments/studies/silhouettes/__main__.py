@@ -1,13 +1,13 @@
 """Silhouettes: occluders nobody measured, found with the hidden image, beside the true ones.
 
 Flat masks of 16 x 16 cells of 5 mm are rendered, all bounces, under an overcast sky, at 60 dB; one
-stands between the search's cells, one beside a window. `ps.recover_silhouette` is given the
+stands between the search's cells, one beside a window. So is the shipped chair, which is not flat,
+at an SBR of 10. `ps.recover_silhouette` is given the
 photograph and a scene that has a square of 8 cm in the mask's place. Then the noise-aware method
-recovers the hidden image with the mask found, with the best that could be found, the true one's
-outline cut into cells, and with the true one. "Registered" is after the shift that fits the true
-image best. Of the shipped chair, which is not flat, and of the published photograph's, a box of 85
-x 75 x 320 mm is known; of another laboratory's frame a rectangle of 10 x 18 cm, and what is
-compared is a sketch.
+recovers the hidden image three times: with the mask found, with the true occluder's outline cut
+into the same flat cells, and with the true occluder. "Registered" is after the shift that fits the
+true image best. Of the shipped and of the published chair a box of 85 x 75 x 320 mm is known; of
+another laboratory's frame a rectangle of 10 x 18 cm, and what is compared is a sketch.
 
 Each case is kept in DIR/cases as soon as it is done. A run that was stopped goes on by the same
 command, as long as code and inputs are the same.

@@ -37,7 +37,7 @@ OUTLINE = COLORS["differencing"]
 
 
 def draw_cases(out: Path, name: str, outcomes: Sequence[Outcome]) -> Path:
-    """Draw a row for each case: the true and the found mask, the hidden image, and it by masks."""
+    """Draw a row for each case: true and found mask, the hidden image, and what each recovers."""
     with drawn(out, name, PAGE, 0.4 + ROW * len(outcomes)) as figure:
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.03)
         grid = figure.subplots(

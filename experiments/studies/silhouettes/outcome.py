@@ -81,8 +81,8 @@ class Outcome:
     truth, placed
         What the monitor showed, and whether it is known where on it.
     found_image, flat_image, true_image
-        (R, C, 3) by the noise-aware method with the mask found, with the best that could be found,
-        the true occluder's outline cut into cells, and with the true occluder.
+        (R, C, 3) by the noise-aware method: with the mask found, with the true occluder's outline
+        cut into the same flat cells, and with the true occluder.
     unexplained, unexplained_open, overdispersion, told
         See `periscopy_sim.Silhouette`.
     doubts
@@ -135,7 +135,7 @@ def cells_covered(outline: Cells, cells: tuple[int, ...]) -> Cells:
 
 
 def outcome(subject: Subject, progress: Callable[[float], None] | None = None) -> Outcome:
-    """Search for a silhouette, and recover the image by it and by the true occluder."""
+    """Search for a silhouette; recover the image by it, by the true cells and the true occluder."""
     sought, truth = subject.sought, subject.truth
     begun = processor_seconds()
     found = searched(sought, progress)

@@ -201,8 +201,8 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
     return Table(
         "Opaque cells shared by the mask found and the true one, of those of either, as they stand "
         "(and after the shift by whole cells that is best). PSNR, dB, as it stands / registered: "
-        "of the image by the mask found, by the true one's outline cut into cells, the best that a "
-        "search could find, and by the true one.",
+        "of the image by the mask found, by the true occluder's outline cut into the same cells, "
+        "and by the true occluder.",
         (
             "case", "image", "SBR", "cells", "patches", "shared", "unexplained",
             "times noise at the worst scale", "by the mask found", "by the true one's cells",

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,7 +223,9 @@ def rendered(mask: Mask, folder: Path) -> Subject:
     scene = ps.load_scenario(true, mask.hidden)
     image = ps.read_hidden_image(ps.find_image(mask.image), mask.hidden)
     signal = _lit(scene, image, own / "light.exr", mask.name)
-    photograph = _photograph(mask.name, signal, mask.place, mask.sbr, folder)
+    # The wall and the camera are those of the shipped plate, one light for all masks.
+    wall = ps.load_scenario(ps.find_scene("plate"), mask.hidden)
+    photograph = _photograph(mask.name, signal, mask.place, mask.sbr, wall, folder)
     return Subject(
         mask.name,
         mask.image,
@@ -232,10 +235,10 @@ def rendered(mask: Mask, folder: Path) -> Subject:
     )
 
 
-def _photograph(name: str, signal: Array, place: str, sbr: float, folder: Path) -> Array:
-    """Return the monitor's light beside the ambient light of a place, with a case's own noise."""
-    # All scenes here have the wall and the camera of the shipped plate.
-    wall = ps.load_scenario(ps.find_scene("plate"), PUBLISHED)
+def _photograph(
+    name: str, signal: Array, place: str, sbr: float, wall: Scenario, folder: Path
+) -> Array:
+    """Return the monitor's light beside that of a place on a scene's wall, with a case's noise."""
     ambient = ambient_photographs([place], wall, folder, SEED)[place]
     return ps.add_noise(ps.composite(signal, ambient, sbr), SNR, zlib.crc32(name.encode()))
 
@@ -284,8 +287,9 @@ def solid_chair(folder: Path) -> Subject:
     """Photograph the shipped chair, all bounces; it is known as a box about it alone."""
     scene = ps.load_scenario(ps.find_scene("chair"), PUBLISHED)
     image = ps.read_hidden_image(ps.find_image("mushroom"), PUBLISHED)
-    signal = _lit(scene, image, folder / "box" / "light.exr", SOLID)
-    photograph = _photograph(SOLID, signal, "overcast", 10.0, folder)
+    own = folder / "box"
+    signal = _lit(scene, image, own / "light.exr", SOLID)
+    photograph = _photograph(SOLID, signal, "overcast", 10.0, scene, own)
     return _boxed(SOLID, 10.0, photograph, None, image, folder)
 
 
@@ -389,8 +393,8 @@ def _shown(file: Path) -> Array:
             raise PhotographError(f"{file}: has no array 'shown', what the monitor was sent")
         try:
             shown = held["shown"]
-        except ValueError as error:  # of objects
-            raise PhotographError(f"{file}: 'shown' is no array of numbers") from error
+        except (ValueError, EOFError, BadZipFile, zlib.error) as error:  # objects, or damage
+            raise PhotographError(f"{file}: 'shown' cannot be read as numbers") from error
     if shown.dtype != np.uint8 or shown.ndim != 3 or shown.shape[2] != 3:
         raise PhotographError(
             f"{file}: 'shown' has shape {shown.shape} and type {shown.dtype}; give (R, C, 3) uint8"

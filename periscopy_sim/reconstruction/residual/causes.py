@@ -73,7 +73,7 @@ what is left then changes like light in all colours, but is hardly paint."""
 
 CALIBRATE = {
     False: "periscopy calibrate",
-    True: "though it is calibrated: free more of its numbers, or a form by --silhouette",
+    True: "periscopy calibrate with more numbers free, or with --silhouette",
 }
 """What helps where a scene is off, by whether it carries its calibration."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
@@ -66,7 +67,8 @@ class Residual:
     has_backgrounds
         Whether photographs with the monitor off were given: what they show is no cause any more.
     is_calibrated
-        Whether the scene was calibrated: to calibrate it is no advice any more.
+        Whether the scene is known to be calibrated, as the command line tells of its file: then
+        the advice is not to calibrate it, but to free more of it.
     """
 
     light: Array
@@ -134,15 +136,6 @@ class Residual:
             },
             "likely_causes": {cause.name: cause.share for cause in self.causes},
         }
-
-
-def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
-    """Return two parts in percent, with two digits or more, at most so many, until they differ."""
-    for digits in range(2, most + 1):
-        texts = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
-        if texts[0] != texts[1]:
-            break
-    return texts
 
 
 def residual_of(

@@ -124,15 +124,22 @@ def test_other_methods_take_a_calibrated_scene_as_it_is(succeeds, photo, calibra
 
 
 @pytest.mark.parametrize(
-    ("off", "told"),
-    [("0.05", "though it is calibrated"), ("0.049", "(periscopy calibrate; more --samples)")],
+    ("options", "told"),
+    [
+        ((), "(periscopy calibrate with more numbers free, or"),
+        (("-D", "occluder_dx=0.049"), "(periscopy calibrate; more --samples)"),
+    ],
 )
-def test_who_calibrated_a_scene_is_not_told_to(succeeds, photo, calibrated, off, told):
+@pytest.mark.parametrize("trusted", [True, False])
+def test_who_calibrated_a_scene_is_not_told_to(
+    periscopy, photo, calibrated, options, told, trusted
+):
     """Of a scene 5 cm off, at the values calibrated and at others."""
-    known = replace(KNOWN, values=np.array([0.05, 0.0]))
-    scene = calibrated(known, occluder_dx=off)
-    warned = succeeds("reconstruct", photo, *scene, "--method", "preconditioned", "--out", "out")
-    assert told in warned.err
+    known = replace(KNOWN, values=np.array([0.05, 0.0]), trusted=trusted)
+    scene = (*calibrated(known, occluder_dx="0.05"), *options)
+    method = ("--method", "preconditioned")
+    outcome = periscopy("reconstruct", photo, *scene, *method, "--out", "out")
+    assert outcome.code == 0 and told in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -171,3 +178,12 @@ def test_a_damaged_calibration_is_refused(refused, photo, tmp_path):
     write_copy(find_scene("chair"), {"resolution": "24", CALIBRATED: "x"}, tmp_path / "s.xml")
     line = refused("reconstruct", photo, "--scene", "s.xml", *SMALL, "--out", "out")
     assert "'calibrated_covariance' is damaged" in line
+
+
+@pytest.mark.parametrize("options", [("--method", "preconditioned"), ("--uncertain", "none")])
+def test_a_damaged_calibration_that_is_not_used_is_passed_over(periscopy, photo, tmp_path, options):
+    values = {"resolution": "24", "occluder_dx": "0.05", CALIBRATED: "x"}
+    write_copy(find_scene("chair"), values, tmp_path / "s.xml")
+    scene = ("--scene", "s.xml", *SMALL)
+    outcome = periscopy("reconstruct", photo, *scene, *options, "--out", "out")
+    assert outcome.code == 0 and "(periscopy calibrate; more --samples)" in outcome.err

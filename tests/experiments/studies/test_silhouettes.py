@@ -20,6 +20,7 @@ from tests.calibration.silhouette.conftest import FLAG, silhouette
 
 HIDDEN = (4, 5)
 ROWS = tuple("".join("#" if cell else "." for cell in row) for row in FLAG)
+HOLED = FLAG & (np.arange(8) % 3 > 0)
 MASK = subjects.Mask("a flag", ROWS, "mushroom", 0.5, HIDDEN)
 
 
@@ -123,18 +124,23 @@ def test_an_outline_covers_the_cells_that_it_covers_by_half():
 def test_a_chair_that_is_not_flat_is_known_as_a_box(tmp_path, monkeypatch):
     monkeypatch.setattr(subjects, "RAYS", (1, 1))
     monkeypatch.setattr(subjects, "PATHS", 4)
-    monkeypatch.setattr(
-        subjects, "ambient_photographs", lambda names, *_: {names[0]: np.ones((126, 126, 3))}
-    )
+    lit = []
+
+    def ambient(names, scene, *_):
+        lit.append(scene)
+        return {names[0]: np.ones((126, 126, 3))}
+
+    monkeypatch.setattr(subjects, "ambient_photographs", ambient)
     subject = subjects.solid_chair(tmp_path)
+    assert [scene.path for scene in lit] == [subject.truth.scene]
     (box,) = ps.load_scenario(subject.sought.scene, (1, 1)).occluders
     assert box.name == subject.sought.shape
     true = ps.load_scenario(subject.truth.scene, (1, 1)).occluders
     lowest, highest = (
         f(np.concatenate([part.vertices for part in true]), axis=0) for f in (np.min, np.max)
     )
-    assert (box.vertices.min(axis=0) < lowest + 5e-3).all()
-    assert (box.vertices.max(axis=0) > highest - 5e-3).all()
+    assert (box.vertices.min(axis=0) < lowest + 1e-6).all()
+    assert (box.vertices.max(axis=0) > highest - 1e-6).all()
 
 
 def test_light_is_rendered_once(tmp_path, monkeypatch):
@@ -165,17 +171,26 @@ def test_a_case_is_run_once_and_then_kept(subject, tmp_path, monkeypatch, capsys
         assert photograph is subject.sought.photograph and scene == subject.sought.scene
         assert (hidden, shape, cells) == (HIDDEN, "plate", FLAG.shape)
         plane = mask_plane(ps.load_scenario(scene, HIDDEN), shape)
-        return replace(silhouette(plane, FLAG), name=shape)
+        return replace(silhouette(plane, HOLED), name=shape)
 
-    def image(path, sought):
-        occluder = ps.load_scenario(path, sought.hidden).occluders[0]
-        return subject.truth.image * (1 + 1e-3 * len(occluder.faces))  # flat as found
+    def image(path, _):
+        """With an error that tells how much of the square is opaque."""
+        return subject.truth.image + area(path)
+
+    def area(path):
+        (mask,) = ps.load_scenario(path, HIDDEN).occluders
+        edges = np.diff(mask.vertices[mask.faces], axis=1)
+        return np.linalg.norm(np.cross(*np.moveaxis(edges, 1, 0)), axis=1).sum() / 2
 
     monkeypatch.setattr(ps, "recover_silhouette", found)
     monkeypatch.setattr(outcomes, "recovered", image)
     assert study.run({"a flag": lambda: subject}, tmp_path) == 0
     said = capsys.readouterr().out
-    assert said.startswith("a flag: 1.00 of its cells shared; 1.0 times noise left")
+    assert said.startswith(f"a flag: {shared(HOLED, FLAG).standing:.2f} of its cells shared")
+    (case,) = json.loads((tmp_path / "silhouettes.json").read_text("utf-8"))["cases"]
+    exact = ps.psnr(subject.truth.image + area(subject.truth.scene), subject.truth.image)
+    assert case["psnr_true"] == case["psnr_flat"] == pytest.approx(exact, abs=1e-3)
+    assert case["psnr_found"] > exact + 1  # less is opaque
     assert "not trusted: 0 of the search's 0 starts" in said
     # `found` has gone: the case is read.
     monkeypatch.setattr(ps, "recover_silhouette", None)
@@ -184,10 +199,8 @@ def test_a_case_is_run_once_and_then_kept(subject, tmp_path, monkeypatch, capsys
     brighter = replace(subject, sought=replace(subject.sought, photograph=np.ones((126, 126, 3))))
     assert study.run({"a flag": lambda: brighter, "b": lambda: subject}, tmp_path) == 1
     out = capsys.readouterr().out
-    assert out.startswith("a flag: failed") and "1.00 of its cells" in out  # the other stays
-    assert json.loads((tmp_path / "silhouettes.json").read_text("utf-8"))["cases"][0]["opaque"] == [
-        *ROWS
-    ]
+    assert out.startswith("a flag: failed") and "of its cells shared" in out  # the other stays
+    assert json.loads((tmp_path / "silhouettes.json").read_text("utf-8"))["cases"] == [case]
 
 
 def test_an_outcome_is_read_as_it_was_written(tmp_path):
@@ -203,11 +216,10 @@ def test_an_outcome_is_read_as_it_was_written(tmp_path):
 
 @pytest.mark.thorough
 def test_the_report_holds_every_case(tmp_path):
-    holed = FLAG & (np.arange(8) % 3 > 0)
     cases = [
         outcome(),
-        outcome("half a flag", opaque=holed),
-        outcome("real", sbr=None, placed=False, opaque=holed, doubts=["it is odd"]),
+        outcome("half a flag", opaque=HOLED),
+        outcome("real", sbr=None, placed=False, opaque=HOLED, doubts=["it is odd"]),
     ]
     section = report.write_report(tmp_path, cases, "what it is", {"seed": "0"})
     with (tmp_path / "silhouettes.csv").open(newline="") as file:
@@ -237,7 +249,7 @@ def test_what_is_no_photograph_is_refused_in_one_line(tmp_path):
         (["--real", bare], "bare.npz"),
         (["--other", damaged], "damaged.npz"),
         (["--other", bare], "has no array 'shown'"),
-        (["--other", objects], "'shown' is no array of numbers"),
+        (["--other", objects], "'shown' cannot be read as numbers"),
     ):
         result = CliRunner().invoke(app, ["--out", str(tmp_path / "out"), *map(str, options)])
         assert result.exit_code == 2 and said in result.output, result.output

@@ -127,11 +127,10 @@ def mask_plane(scenario: Scenario, name: str) -> MaskPlane:
     if name in occluders:
         return MaskPlane.of(occluders[name], scenario)
     where = f"scene '{scenario.path}'"
-    listed = ", ".join(f"'{each}'" for each in occluders) or "none"
+    listed = "the occluders are " + (", ".join(f"'{each}'" for each in occluders) or "none")
     if name in ("wall", "monitor"):
-        raise SceneError(f"{where}: '{name}' is no occluder; its occluders are {listed}")
-    meant = did_you_mean(name, occluders) or f"its occluders are {listed}"
-    raise SceneError(f"{where} has no shape '{name}'; {meant}")
+        raise SceneError(f"{where}: '{name}' is no occluder; {listed}")
+    raise SceneError(f"{where} has no shape '{name}'; {did_you_mean(name, occluders) or listed}")
 
 
 def _points(occluder: Occluder, scenario: Scenario) -> Array:

@@ -45,7 +45,7 @@ def test_it_tells_at_which_part_of_the_way_it_stands(plane, scenario):
         ("wall", {}, "'wall' is no occluder"),
         ("monitor", {}, "'monitor' is no occluder"),
         ("crad", {}, "did you mean 'card'"),
-        ("zebra", {}, "its occluders are"),
+        ("zebra", {}, "the occluders are"),
         ("card", {"depth": "1.05"}, "reaches through the wall"),
         ("card", {"depth": "-0.1"}, "behind the monitor"),
         ("card", {"shift": "2"}, "casts no shadow"),
