@@ -47,7 +47,6 @@ def demo(
     from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
     from periscopy_sim.storage.formats.exr import write_exr
-    from periscopy_sim.storage.pictures import write_png
 
     timed = Stopwatch()
     with told_folder(out) as folder:
@@ -99,8 +98,8 @@ def demo(
         np.save(folder / "A.npy", A)
         np.save(folder / "reconstruction.npy", recovered.astype(np.float32))
         write_exr(folder / "photograph.exr", photograph, text)
-        write_png(folder / "truth.png", panels.enlarged(truth), text)
-        write_png(folder / "reconstruction.png", panels.enlarged(matched), text)
+        panels.write_enlarged(folder / "truth.png", truth, text)
+        panels.write_enlarged(folder / "reconstruction.png", matched, text)
         panels.draw_panels(
             folder / "demo.png",
             [

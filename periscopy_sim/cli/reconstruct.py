@@ -84,7 +84,6 @@ def reconstruct(
     from periscopy_sim.figures import panels
     from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.photographs.checking import blackened
-    from periscopy_sim.storage.pictures import write_png
 
     find_method(method)
     settings = settings_for(method, options, FOR_STILLS)
@@ -132,8 +131,8 @@ def reconstruct(
             draw_residual(folder / "residual.png", seen, told.residual, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         defects.suggest_mask(folder, text)
-        shown = panels.enlarged(panels.displayable(image))
-        write_png(folder / "reconstruction.png", shown, text)
+        shown = panels.displayable(image)
+        panels.write_enlarged(folder / "reconstruction.png", shown, text)
         summary: dict[str, Any] = {
             "method": method,
             "method_sha256": source_sha256(method),

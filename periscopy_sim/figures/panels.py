@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.pictures import write_png
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,8 +38,18 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
 
 def enlarged(image: Image, width: int = 720) -> Image:
     """Repeat patches until the image is about `width` pixels wide."""
-    factor = max(1, width // image.shape[1])
+    factor = _factor(image, width)
     return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
+
+
+def write_enlarged(path: Path, image: Image, text: Mapping[str, str], width: int = 720) -> None:
+    """Write what `enlarged` returns by `write_png`, but the sRGB curve is taken once a patch."""
+    write_png(path, image, text, _factor(image, width))
+
+
+def _factor(image: Image, width: int) -> int:
+    factor: int = max(1, width // image.shape[1])
+    return factor
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:

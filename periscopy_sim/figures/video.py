@@ -11,7 +11,6 @@ from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import contact_sheet, panels
 from periscopy_sim.figures.animation import draw_animation
 from periscopy_sim.figures.panels import Image
-from periscopy_sim.storage.pictures import write_png
 
 SHEET_COLUMNS = 8
 """Most frames on the contact sheet."""
@@ -46,7 +45,7 @@ def draw_frames(
     folder.mkdir()
     names = picture_names(len(images))
     for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
-        write_png(folder / name, panels.enlarged(panels.displayable(image, white)), text)
+        panels.write_enlarged(folder / name, panels.displayable(image, white), text)
         progress(k / len(images))
 
 

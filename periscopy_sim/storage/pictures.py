@@ -79,17 +79,21 @@ def linear_light(values: NDArray[Any], place: Path) -> NDArray[np.float64]:
     return np.broadcast_to(light, (*light.shape[:2], 3))
 
 
-def write_png(path: Path, linear_image: ArrayLike, text: Mapping[str, str]) -> None:
+def write_png(
+    path: Path, linear_image: ArrayLike, text: Mapping[str, str], factor: int = 1
+) -> None:
     """Write (rows, columns, 3) linear light, clipped to [0, 1], as an 8-bit sRGB PNG.
 
-    The same inputs give the same bytes. `text` holds text chunks, such as provenance. An image of
-    another shape or with NaN is a ValueError.
+    The same inputs give the same bytes. `text` holds text chunks, such as provenance; of each
+    pixel, factor by factor are written. An image of another shape or with NaN is a ValueError.
     """
     encoded = 255 * srgb_encode(np.clip(linear_image, 0, 1))
     if encoded.ndim != 3 or encoded.shape[2] != 3 or np.isnan(encoded).any():
         raise ValueError(f"image: expected (rows, columns, 3) without NaN, got {encoded.shape}")
+    pixels = np.rint(encoded).astype(np.uint8)
+    pixels = np.repeat(np.repeat(pixels, factor, axis=0), factor, axis=1)
     with staged_file(path) as staged:
-        staged.write_bytes(png_bytes(np.rint(encoded).astype(np.uint8), text))
+        staged.write_bytes(png_bytes(pixels, text))
 
 
 def png_bytes(pixels: NDArray[np.uint8], text: Mapping[str, str]) -> bytes:

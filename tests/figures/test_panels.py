@@ -12,7 +12,9 @@ from periscopy_sim.figures.panels import (
     draw_panels,
     draw_sweep,
     enlarged,
+    write_enlarged,
 )
+from periscopy_sim.storage.pictures import write_png
 
 METADATA = {"Source": "chair.xml, seed 3", "Comment": "λ = 1"}
 
@@ -73,6 +75,13 @@ def test_enlarged_repeats_each_patch(columns, width, factor):
     for i in range(factor):
         for j in range(factor):
             np.testing.assert_array_equal(large[i::factor, j::factor], image)
+
+
+def test_an_image_is_written_as_it_is_enlarged(tmp_path):
+    image = gradient_image(3, 7)
+    write_enlarged(tmp_path / "at_once.png", image, METADATA, 50)
+    write_png(tmp_path / "before.png", enlarged(image, 50), METADATA)
+    assert (tmp_path / "at_once.png").read_bytes() == (tmp_path / "before.png").read_bytes()
 
 
 def test_panels_are_a_readable_png_with_its_metadata(tmp_path):

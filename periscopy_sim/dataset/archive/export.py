@@ -32,9 +32,8 @@ def export_samples(
     their number.
     """
     from periscopy_sim.figures.contact_sheet import draw_contact_sheet
-    from periscopy_sim.figures.panels import enlarged
+    from periscopy_sim.figures.panels import write_enlarged
     from periscopy_sim.storage.formats.exr import write_exr
-    from periscopy_sim.storage.pictures import write_png
 
     data = open_dataset(path, incomplete=True)
     count = data.sizes["sample"]
@@ -51,7 +50,7 @@ def export_samples(
             image, stem = sample[name].values.astype(np.float32), f"{index:08d}_{name}"
             shown = _shown(image, 1.0 if name == "hidden" else None)
             write_exr(folder / f"{stem}.exr", image, notes)
-            write_png(folder / f"{stem}.png", enlarged(shown), notes)
+            write_enlarged(folder / f"{stem}.png", shown, notes)
             written += [f"{stem}.exr", f"{stem}.png"]
             if done <= SHEET_SIZE:
                 pictures.append(shown)
