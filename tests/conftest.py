@@ -3,9 +3,34 @@
 import os
 import signal
 
+import pytest
+
 # Small matrices on busy cores: OpenBLAS's threads would mostly wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # A shell's background jobs ignore Ctrl-C, and so would the programs that tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def drawings():
+    """Ask for figures as they are, where a test is about them; see `blank_figures`."""
+
+
+@pytest.fixture
+def blank_figures(request, monkeypatch):
+    """Save matplotlib's figures empty and tiny, with their metadata, but for tests of `drawings`.
+
+    To draw them takes most of the time of most commands and experiments in small.
+    """
+    if "drawings" in request.fixturenames:
+        return
+    from matplotlib.figure import Figure
+
+    save = Figure.savefig
+
+    def save_blank(_, path, *, dpi="figure", metadata=None):  # noqa: ARG001
+        save(Figure(figsize=(0.1, 0.1)), path, metadata=metadata)
+
+    monkeypatch.setattr(Figure, "savefig", save_blank)

@@ -58,28 +58,9 @@ def jit():
         pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
 
 
-@pytest.fixture
-def drawings():
-    """Ask for figures as they are, where a test is about them; see `blank_figures`."""
-
-
 @pytest.fixture(autouse=True)
-def blank_figures(request, monkeypatch):
-    """Save matplotlib's figures empty and tiny, with their metadata.
-
-    To draw them takes most of the time of most commands here. Each is drawn by tests that ask for
-    `drawings`, and by those of `figures`.
-    """
-    if "drawings" in request.fixturenames:
-        return
-    from matplotlib.figure import Figure
-
-    save = Figure.savefig
-
-    def save_blank(_, path, *, dpi="figure", metadata=None):  # noqa: ARG001
-        save(Figure(figsize=(0.1, 0.1)), path, metadata=metadata)
-
-    monkeypatch.setattr(Figure, "savefig", save_blank)
+def few_figures(blank_figures):
+    """Each figure is drawn by tests that ask for `drawings`, and by those of `figures`."""
 
 
 @pytest.fixture
