@@ -55,7 +55,7 @@ def test_boxes_anywhere_hide_what_their_half_spaces_hide(seed):
 
 
 def test_it_is_its_twin_by_projected_shadows():
-    scenario = ps.load_scenario("chair", (8, 9), photograph=(20, 22))
+    scenario = ps.load_scenario("chair", (6, 7), photograph=(10, 11))
     assert relative(area_transport(scenario), ps.analytic_transport(scenario, samples=400)) < 0.012
 
 

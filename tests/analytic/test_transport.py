@@ -393,7 +393,7 @@ def test_the_ray_tracer_agrees(monkeypatch):
     if not fast:
         pytest.skip("no vectorized Mitsuba variant works here")
     monkeypatch.setenv(OVERRIDE, fast[0])
-    chair = load_scenario(ROOT / "scenes" / "chair.xml", (6, 8), {"resolution": 64})
+    chair = load_scenario(ROOT / "scenes" / "chair.xml", (6, 8), {"resolution": 32})
     rendered = render_transport(chair, samples=100, strata="midpoint")
     A = analytic_transport(chair, samples=100)
     unoccluded = analytic_transport(replace(chair, occluders=()), samples=100)

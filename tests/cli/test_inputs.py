@@ -11,7 +11,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.cli import inputs
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.figures.laboratory import overview
+from periscopy_sim.figures.laboratory import overview, projections
 from periscopy_sim.numerics import memory
 from periscopy_sim.photographs.film.size import FilmAdvice
 from periscopy_sim.rendering.variant import examine_variants
@@ -329,6 +329,7 @@ def test_every_command_says_that_no_shadow_falls_into_view(
     command, periscopy, monkeypatch, tmp_path
 ):
     monkeypatch.setattr(overview, "COLUMNS", {True: 160})
+    monkeypatch.setattr(projections, "GRID", {True: 40})
     light = np.random.default_rng(3).uniform(1, 2, (24, 24, 3))
     np.save(tmp_path / "y.npy", light)
     np.save(tmp_path / "stack.npy", np.stack([light, light + 0.1]))

@@ -1,7 +1,7 @@
 import pytest
 from PIL import Image
 
-from periscopy_sim.figures.laboratory import overview
+from periscopy_sim.figures.laboratory import overview, projections
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -9,6 +9,7 @@ pytestmark = pytest.mark.usefixtures("jit")
 @pytest.mark.usefixtures("drawings")
 def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path, monkeypatch):
     monkeypatch.setattr(overview, "COLUMNS", {True: 160})
+    monkeypatch.setattr(projections, "GRID", {True: 40})
     out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
     assert out == "wrote deep/lab.png\n"
     with Image.open(tmp_path / "deep" / "lab.png") as picture:
@@ -30,6 +31,7 @@ def test_what_cannot_be_drawn_is_refused(refused):
 def test_occluder_of_a_wrong_unit_is_told(half, told, periscopy, edited_scene, monkeypatch):
     """It stands behind the monitor, before which a chair casts a shadow."""
     monkeypatch.setattr(overview, "COLUMNS", {True: 160})
+    monkeypatch.setattr(projections, "GRID", {True: 40})
     thing = (
         f'<shape type="cube" id="thing"><transform name="to_world"><scale value="{half}"/>'
         f'<translate x="-0.3" y="{-0.1 - half}" z="0.2"/></transform></shape></scene>'

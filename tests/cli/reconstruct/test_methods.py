@@ -10,7 +10,6 @@ from periscopy_sim.reconstruction.registry import METHODS
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 
-@pytest.mark.usefixtures("drawings")
 @pytest.mark.parametrize("method", [name for name in METHODS if name != "preconditioned"])
 def test_other_method_writes_its_image_and_what_it_can_tell(
     method, light, reconstruct, hidden, tmp_path
