@@ -87,6 +87,7 @@ def run_page(page, folder, monkeypatch):
         run(block, folder, names)
 
 
+@pytest.mark.thorough
 def test_readme_runs(tmp_path, monkeypatch):
     """As it stands, but with fewer paths traced; `test_page_runs` traces them all."""
     use_variant()

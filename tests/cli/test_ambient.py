@@ -65,6 +65,7 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
     assert after["overcast.exr"] == before["overcast.exr"]
 
 
+@pytest.mark.thorough
 @jit
 def test_same_command_writes_the_same_bytes(succeeds, tmp_path):
     for folder in ("a", "b"):

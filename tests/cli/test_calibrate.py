@@ -14,7 +14,7 @@ from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.scene_covariance import scene_covariance
-from periscopy_sim.calibration.search import global_search
+from periscopy_sim.calibration.search import global_search, ruled_starts
 from periscopy_sim.cli import output
 from periscopy_sim.cli.calibrate import DISTRUSTED, UNTOLD, _open, _say
 
@@ -41,6 +41,8 @@ def near_search(monkeypatch):
     monkeypatch.setattr(parameters, "SPREAD", 0.1)
     monkeypatch.setattr(global_search, "FIRST", 16)
     monkeypatch.setattr(global_search, "LATER", 4)
+    monkeypatch.setattr(ruled_starts, "PLACES", 2)
+    monkeypatch.setattr(ruled_starts, "DESCENTS", 2)
 
 
 @pytest.mark.slow
@@ -335,6 +337,7 @@ def test_a_gain_over_the_wall_is_told_where_there_is_one(capsys, corner, told):
     assert ("0.80 to 1.01 times the monitor's light" in capsys.readouterr().out) == told
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("near_search")
 def test_what_leaves_the_ruler_is_not_to_be_trusted_and_nobody_overlooks_it(
     photograph, periscopy, tmp_path

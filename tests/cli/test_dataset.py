@@ -188,7 +188,13 @@ def test_other_settings_are_refused_and_named(refused, configuration):
     )
 
 
-@pytest.mark.parametrize("light", [{"kind": "direct"}, {"kind": "path-traced", "samples": 256}])
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"kind": "direct"},
+        pytest.param({"kind": "path-traced", "samples": 256}, marks=pytest.mark.thorough),
+    ],
+)
 def test_interrupt_stops_between_blocks_in_one_line_and_the_same_command_goes_on(
     succeeds, configuration, tmp_path, light, complaints
 ):

@@ -59,6 +59,7 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
             assert "periscopy demo" in picture.text["command"]
 
 
+@pytest.mark.thorough
 @jit
 def test_demo_of_another_image_shows_it_the_right_way_round(succeeds, tmp_path):
     succeeds(*TINY, "--image", "digits", "--out", "out")
@@ -75,7 +76,7 @@ def test_demo_of_another_image_shows_it_the_right_way_round(succeeds, tmp_path):
         (("--hidden", "25x25"), "25x25 hidden patches are more than the 24x24 pixels"),
         (("--hidden", "6"), "'6' is not a size"),
         (("--image", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
-        (("--hidden", "24x24"), "full column rank"),
+        (("--resolution", "12", "--hidden", "12x12"), "full column rank"),
     ],
 )
 def test_impossible_demo_is_refused(options, message, refused, periscopy):
@@ -91,6 +92,7 @@ def test_too_few_pixels_and_bad_places_are_refused_at_once(refused, tmp_path):
     assert "cannot write file: it is a file" in refused(*TINY, "--out", "file")
 
 
+@pytest.mark.thorough
 def test_demo_without_a_vectorized_variant_recovers_it_from_direct_light(tmp_path):
     ran = subprocess.run(
         [sys.executable, "-m", "periscopy_sim", *TINY, "--out", str(tmp_path / "out")],

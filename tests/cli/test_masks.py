@@ -112,6 +112,7 @@ class Mine:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("drawings")
 @pytest.mark.filterwarnings("ignore:.* takes no keyword mask")
 def test_method_that_takes_no_mask_and_every_picture_see_black(

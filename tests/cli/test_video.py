@@ -323,6 +323,7 @@ def test_nan_is_refused_whatever_the_parser_thinks_of_it():
         arguments.not_nan(float("nan"))
 
 
+@pytest.mark.thorough
 def test_interruption_leaves_nothing(photographs, tiny, tmp_path):
     np.save(tmp_path / "y.npy", photographs[np.arange(4000) % 9])
     before = sorted(tmp_path.iterdir())

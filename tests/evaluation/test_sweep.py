@@ -362,6 +362,7 @@ def test_sweep_killed_again_and_again_ends_in_the_same_bytes(done, tmp_path):
     assert contents(tmp_path) == contents(done[0])
 
 
+@pytest.mark.thorough
 def test_sweep_killed_while_it_is_laid_out_starts_anew(done, tmp_path):
     code = KILLED.format(folder=str(tmp_path), tests=__file__, writes=9, torn=True)
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -30,6 +30,7 @@ class Mortal:
 """
 
 
+@pytest.mark.thorough
 def test_what_a_dead_worker_held_is_done_again(tmp_path):
     from distributed import LocalCluster
 

@@ -61,6 +61,7 @@ def planted(y, side, profile):
 # -- what is sound -------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_shadows_that_reach_the_border_are_hardly_ever_stripes():
     """Scenes where edges lie along a side are half of these; the board's is as long as it."""
     found = {

@@ -28,6 +28,7 @@ def photograph(scenario, sbr=1.0, snr=60):
     return add_noise(light, snr, 3)
 
 
+@pytest.mark.thorough
 def test_a_flag_is_found_cell_by_cell(scene, flagged):
     seen = []
     found = recover_silhouette(
@@ -42,6 +43,7 @@ def test_a_flag_is_found_cell_by_cell(scene, flagged):
     assert seen[-1] == 1
 
 
+@pytest.mark.thorough
 def test_values_that_the_shape_alone_uses_may_be_given(scene, flagged, monkeypatch):
     monkeypatch.setattr(recover, "STARTS", 1)
     monkeypatch.setattr(recover, "FINALISTS", 1)

@@ -30,6 +30,7 @@ def best_psnr(estimate, truth):
     return -10 * np.log10(min(found))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not SHARED.is_file(), reason="the real photograph is not at hand")
 def test_real_photograph_shows_the_mushroom_by_the_defaults(periscopy, tmp_path):
     given = ("--scene", "chair", "--hidden", "29x36", "--truth", SHARED)

@@ -88,6 +88,7 @@ def test_damage_is_mended(configured, undisturbed, tmp_path):
     assert contents(path) == contents(undisturbed)
 
 
+@pytest.mark.thorough
 def test_killed_run_goes_on_where_it_was(configuration_file, configured, undisturbed, tmp_path):
     configuration_file()
     command = [sys.executable, "-m", "periscopy_sim", "dataset", "config.yaml", "--out", "d.zarr"]
@@ -126,6 +127,7 @@ def test_tasks_share_geometries_only_where_workers_would_go_idle():
         assert all(block in shares[geometry] for geometry, blocks in tasks for block in blocks)
 
 
+@pytest.mark.thorough
 def test_splits_share_no_geometry(configured, tmp_path):
     settings = configured(
         count=60, samples_per_geometry=4, samples_per_shard=2,

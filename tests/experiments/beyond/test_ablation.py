@@ -132,6 +132,7 @@ def test_anisotropic_image_has_the_least_objective():
             assert objective(blocks) > least - 1e-5 * abs(least)
 
 
+@pytest.mark.thorough
 def test_unbiased_risk_is_the_risk_on_average():
     y = photographs(60)
     measured = EQUATIONS.measured(y)

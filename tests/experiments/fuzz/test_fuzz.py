@@ -29,6 +29,7 @@ def defects(findings):
     ]
 
 
+@pytest.mark.thorough
 def test_sound_files_are_accepted_and_a_few_hundred_damaged_ones_are_no_trouble(sound):
     kept = [case for case in sound if case.reader != "scene"]
     cases = [*kept, *(c for c in damaged_cases(sound, 500, seed=3) if c.reader != "scene")]

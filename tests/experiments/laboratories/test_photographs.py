@@ -9,6 +9,8 @@ import tifffile
 
 mi = pytest.importorskip("mitsuba")
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
@@ -30,7 +32,6 @@ def made(tmp_path_factory):
     patch.undo()
 
 
-@pytest.mark.thorough
 def test_the_sbr_is_the_one_asked_and_paint_has_its_unevenness(made):
     laboratory, folder, _ = made
     monitor, room = (np.load(folder / "truth" / f"{name}.npy") for name in ("monitor", "room"))

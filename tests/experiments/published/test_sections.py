@@ -63,6 +63,7 @@ def test_what_each_placement_leaves_stands_beside_the_noise(setting):
     assert all(float(row["unexplained"]) > float(row["noise"]) > 0 for row in rows)
 
 
+@pytest.mark.thorough
 def test_stills_are_recovered_and_lie_as_stored(setting, monkeypatch):
     fewer = {**layout.STILLS, layout.PLATE: layout.STILLS[layout.PLATE][:3]}
     monkeypatch.setattr(stills, "STILLS", fewer)
@@ -84,6 +85,7 @@ def test_a_set_whose_truth_is_mirrored_is_told(setting, monkeypatch):
     assert claim.measured == "flipped left to right: 2 of 2"
 
 
+@pytest.mark.thorough
 def test_noise_in_time_is_that_of_the_repeats(setting, published):
     """Of 4 repeats at exposures of 20 to 30: its estimate has 1764 x 3 x 3 degrees of freedom."""
     section = repeats.run(setting)
@@ -148,6 +150,7 @@ def test_a_claim_is_judged_only_where_its_ratio_was_measured(setting, monkeypatc
     assert claim.verdict is Verdict.MEASURED and "no ambient light to SBR 3.00" in claim.measured
 
 
+@pytest.mark.thorough
 def test_video_frames_are_recovered_in_order(setting):
     section = video.run(setting)
     rows = table(section, "PSNR of each frame")
@@ -176,6 +179,7 @@ def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
     assert spreads[0] == min(spreads) and spreads[2] > 5 * spreads[0]
 
 
+@pytest.mark.thorough
 def test_objects_are_shown_without_a_number_for_what_is_not_known(setting):
     section = objects.run(setting)
     assert len(section.pictures) == 2

@@ -214,6 +214,7 @@ def test_cut_is_followed(still):
     assert np.mean(errors) < 1.5 * np.mean(stills)
 
 
+@pytest.mark.thorough
 def test_black_photograph_gives_a_black_frame_and_the_video_goes_on(exact):
     video = NoiseAwareVideo(exact)
     video.frames(PHOTOGRAPHS[:2])

@@ -74,6 +74,7 @@ def chair(folder, *, moved=""):
     return load_scenario(folder / "moved.xml", (2, 3), {"resolution": 12})
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_background_is_what_path_tracing_the_ambient_scene_gives(office, scenario, same_mean):
     found = [render_background(office, scenario, seed=seed, target=2e-3) for seed in range(8)]
@@ -124,6 +125,7 @@ def test_perspective_camera_sees_its_own_points_lit(room):
     assert np.ptp(placed[:, 0, 2]) != pytest.approx(np.ptp(placed[:, -1, 2]), rel=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit", "few_paths")
 def test_wall_elsewhere_and_turned_gets_the_same_background(tmp_path):
     turned = '<rotate z="1" angle="37"/><rotate x="1" angle="-20"/><translate x="5" y="-3" z="2"/>'

@@ -43,6 +43,7 @@ def test_entries_without_an_edge_are_exact_however_large_their_patches(room):
     assert np.abs(jittered / exact - 1).max() > 0.01
 
 
+@pytest.mark.thorough
 def test_the_error_is_no_larger_than_with_all_rays(chair):
     truth = render_transport(chair, samples=36, pixel_samples=36, seed=1)
     errors = [

@@ -16,6 +16,7 @@ def shadows(empty, plane):
     return CellShadows.of(A, empty, plane, FLAG.shape, np.ones((40, 40), bool))
 
 
+@pytest.mark.thorough
 def test_opaque_cells_cast_the_shadows_of_a_mesh_of_them(shadows, flagged):
     A = shadows.matrix(FLAG.ravel().astype(float))
     rendered = [
