@@ -43,7 +43,7 @@ def refusal():
 
 @cache
 def zeros(window=15):
-    deflate = zlib.compressobj(6, zlib.DEFLATED, window)
+    deflate = zlib.compressobj(1, zlib.DEFLATED, window)
     pieces = [deflate.compress(bytes(1 << 20)) for _ in range(MUCH >> 20)]
     return b"".join(pieces) + deflate.flush()
 
@@ -56,7 +56,7 @@ def npy_header(shape, descr="<f8", length=None):
 
 def npz(path, header, key="photograph"):
     with (
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open(f"{key}.npy", "w", force_zip64=True) as member,
     ):
         member.write(header)
