@@ -16,6 +16,13 @@ def shadows(empty, plane):
     return CellShadows.of(A, empty, plane, FLAG.shape, np.ones((40, 40), bool))
 
 
+@pytest.fixture(scope="module")
+def noisy_shadows(empty, plane):
+    """Of few rays in A."""
+    A = render_transport(empty, samples=4, pixel_samples=4, seed=1).astype(float)
+    return CellShadows.of(A, empty, plane, FLAG.shape, np.ones((40, 40), bool))
+
+
 @pytest.mark.thorough
 def test_opaque_cells_cast_the_shadows_of_a_mesh_of_them(shadows, flagged):
     A = shadows.matrix(FLAG.ravel().astype(float))
@@ -31,6 +38,7 @@ def test_opaque_cells_cast_the_shadows_of_a_mesh_of_them(shadows, flagged):
     assert error < 0.02 * shadow
 
 
+@pytest.mark.thorough
 def test_a_mask_that_is_opaque_everywhere_hides_what_its_rectangle_does(shadows, scenario):
     A = shadows.matrix(np.ones(FLAG.size))
     rendered = render_transport(scenario, samples=64, pixel_samples=16, seed=4)
@@ -38,18 +46,20 @@ def test_a_mask_that_is_opaque_everywhere_hides_what_its_rectangle_does(shadows,
     assert (A > -1e-9).all()
 
 
-def test_what_cells_hold_off_is_linear_and_its_adjoint_agrees(shadows):
+def test_what_cells_hold_off_is_linear_and_its_adjoint_agrees(noisy_shadows):
     random = np.random.default_rng(0)
-    opacities, gradient = random.random(FLAG.size), random.standard_normal(shadows.open.shape)
-    A = shadows.matrix(opacities)
-    held = np.tensordot(opacities, shadows.held_off(IMAGE), 1)
-    np.testing.assert_allclose(shadows.open @ IMAGE - held, A @ IMAGE, rtol=1e-5)
-    along = opacities @ shadows.along(gradient)
-    assert along == pytest.approx(np.vdot(gradient, shadows.open - A), rel=1e-5)
+    opacities, gradient = random.random(FLAG.size), random.standard_normal(noisy_shadows.open.shape)
+    A = noisy_shadows.matrix(opacities)
+    held = np.tensordot(opacities, noisy_shadows.held_off(IMAGE), 1)
+    np.testing.assert_allclose(noisy_shadows.open @ IMAGE - held, A @ IMAGE, rtol=1e-5)
+    along = opacities @ noisy_shadows.along(gradient)
+    assert along == pytest.approx(np.vdot(gradient, noisy_shadows.open - A), rel=1e-5)
 
 
-def test_pixels_that_are_not_used_have_no_rows(empty, plane, shadows):
+def test_pixels_that_are_not_used_have_no_rows(empty, plane, noisy_shadows):
     used = np.random.default_rng(1).random((40, 40)) < 0.5
-    some = CellShadows.of(shadows.open[used.ravel()], empty, plane, FLAG.shape, used)
-    light, whole = (each.matrix(FLAG.ravel().astype(float)) @ IMAGE for each in (some, shadows))
+    some = CellShadows.of(noisy_shadows.open[used.ravel()], empty, plane, FLAG.shape, used)
+    light, whole = (
+        each.matrix(FLAG.ravel().astype(float)) @ IMAGE for each in (some, noisy_shadows)
+    )
     np.testing.assert_allclose(light, whole[used.ravel()], rtol=0.01)  # each by rays of its own
