@@ -113,6 +113,7 @@ def test_a_ruler_that_is_right_is_left_alone_and_told_as_it_is():
     np.testing.assert_allclose(found.correlation, np.eye(2), atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_what_shifts_the_image_is_known_by_the_ruler_alone_and_others_follow_it():
     start, shift = ERRING, ImageShift(np.array([[2.0, 0.0], [0.0, 0.0]]))
     middle, distance = (found := calibrated(start, [0.02, 0.02], shift)).parameters

@@ -74,6 +74,7 @@ def test_analysis_projects_the_photograph_out(succeeds, tmp_path):
     assert records[0]["backgrounds"] == ["off.npy"]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("sweep_input")
 def test_sweep_gives_every_method_the_photograph(succeeds, refused, sweep_command, tmp_path):
     rng = np.random.default_rng(2)

@@ -64,6 +64,7 @@ HELD = [
 """Of what the chair's scene declares, all but two."""
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("drawings")
 @pytest.mark.usefixtures("near_search")
 def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp_path, monkeypatch):

@@ -49,6 +49,7 @@ def photographed(photograph, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("photographed")
 def test_a_scene_with_the_silhouette_is_one_that_commands_take(succeeds, tmp_path, monkeypatch):
     monkeypatch.setattr(recover, "STARTS", 2)

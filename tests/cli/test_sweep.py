@@ -89,6 +89,7 @@ def test_errors_are_those_of_the_public_functions(succeeds, sweep_command):
         assert results.sizes["background"] == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_photograph_and_shipped_light_are_rendered_once(
     monkeypatch, succeeds, sweep_input, sweep_command, sweep_results

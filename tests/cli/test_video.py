@@ -216,6 +216,7 @@ def test_table_tells_the_noise_and_the_weights_of_each_frame(
     assert column(table, "kappa")[0] == pytest.approx(stills[0].threshold, rel=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("drawings")
 def test_same_command_gives_the_same_frames_and_pictures(few_photographs, video, tmp_path):
     np.save(tmp_path / "y.npy", few_photographs)

@@ -101,6 +101,7 @@ def test_what_the_wall_does_not_show_does_not_change_the_contrast():
     assert (other[:, N] > other[:, N - 1]).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("τ", "least"), [(1.0, 0.7), (6.0, 0.9)])
 def test_images_of_the_assumed_covariance_err_by_as_much(τ, least):
     """Draws from the model that the formulas stand on."""

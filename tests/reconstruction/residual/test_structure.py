@@ -25,6 +25,7 @@ def without_slow_waves(planes):
     return planes - planes @ basis @ basis.T
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fit", [lambda planes: planes, without_slow_waves])
 def test_white_noise_is_rarely_taken_for_structure(fit):
     # P(p < 0.05) is at most 0.05: of 200, more than 20 come about with probability 3e-3.

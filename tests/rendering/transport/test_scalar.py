@@ -72,6 +72,7 @@ def test_matrix_is_the_vectorized_one_within_the_noise(room, render, same_mean, 
     same_mean(*(np.reshape(x, (10, -1)) for x in (scalar, vectorized)))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_falloff_is_right_up_to_its_curvature_over_a_patch(room, render):
     path = room.write(monitor=room.monitor(scale=(0.1, 0.05), turn=170, tilt=10))

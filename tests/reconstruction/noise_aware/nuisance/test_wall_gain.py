@@ -137,6 +137,7 @@ def method(**settings):
     return NoiseAware(A, B, **(known | settings))
 
 
+@pytest.mark.thorough
 def test_probabilities_are_no_smaller_than_stated_where_the_model_holds():
     wall_gain, Q = fitted_to(A, B)
     probabilities = []
