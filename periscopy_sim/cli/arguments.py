@@ -127,6 +127,41 @@ def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     return {name: (alone | numbers)[name] for name in names}
 
 
+def known_errors(
+    named: Mapping[str, float | None], path: Path, given: Mapping[str, str]
+) -> dict[str, float]:
+    """Return the errors of ``--uncertain``: those given, else those that the scene declares.
+
+    A PeriscopyError says that one is not known, not positive, or contradicts another option.
+    """
+    from periscopy_sim.calibration.prior import declared_errors, start_values
+    from periscopy_sim.rendering.scene.document import RULER_ERROR
+
+    if named:
+        start_values(path, list(named), given)
+    declared, errors = declared_errors(path, given), {}
+    for name, error in named.items():
+        ruler = f"{name}{RULER_ERROR}"
+        # A ruler's error of 0 says that it stays, and may be uncertain all the same.
+        if error is not None and ruler in given and declared.get(name) not in (0, error):
+            raise PeriscopyError(
+                f"--uncertain {name}={error:g} and -D {ruler}={given[ruler]} contradict each "
+                "other; give one of them"
+            )
+        known = declared.get(name) if error is None else error
+        if known is None:
+            raise PeriscopyError(
+                f"--uncertain {name}: the scene declares no {ruler}; give {name}=ERROR"
+            )
+        if not (np.isfinite(known) and known > 0):
+            raise PeriscopyError(
+                f"--uncertain {name}: an error of {known:g}; give a positive number, or leave it "
+                "out"
+            )
+        errors[name] = known
+    return errors
+
+
 def parse_numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]:
     """Read the numbers of ``NAME=NUMBER`` options."""
     numbers = {}

@@ -60,6 +60,12 @@ FAR = 2.0
 """Ruler's errors from where the ruler has it, from which a value is marked: of 20 that are right,
 one is as far. Beyond `trust.FARTHEST` it is not believed."""
 
+RARELY = 0.05
+"""Of calibrations of right numbers: those that are told that too many are far off."""
+
+LESS_SURE = 1.2
+"""Times the ruler's error from which a value is less sure than before."""
+
 
 def calibrate(
     photo: arguments.PhotoArgument,
@@ -85,9 +91,10 @@ def calibrate(
     uncertain: Annotated[
         list[str] | None,
         option(
-            "NAME=ERROR",
-            "Standard error of a <default> that stays, such as occluder_turn=2: what it may "
-            "do to the values found is counted in their errors, each on its own. Repeatable.",
+            "NAME[=ERROR],...",
+            "Standard errors of <default>s that stay, such as occluder_turn=2: what they may do to "
+            "the values found is counted in their errors, each on its own. Without ERROR, that of "
+            "the <default> NAME_error. Repeatable.",
         ),
     ] = None,
     silhouette: Annotated[
@@ -135,7 +142,8 @@ def calibrate(
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
     spare_inputs((out, record, picture), (photo, path, *(background or []), mask))
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    errors = arguments.parse_numbers(parse_definitions(uncertain, "--uncertain"), "--uncertain")
+    held = arguments.parse_errors(",".join(uncertain or []), "--uncertain")
+    errors = arguments.known_errors(held, path, given)
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         with timed("load the scene"), progress("loading the scene"):
@@ -293,8 +301,8 @@ def _say(found: Calibration, *, has_backgrounds: bool) -> None:
         )
         if not p.determined and not ruler:
             warn(_open(found, k, blame))
-    if tied := _tied(found):
-        say(tied)
+    for remark in filter(None, (_tied(found), _far(found), _displaced(found))):
+        say(remark)
     if found.uncertain.names:
         held = ", ".join(found.uncertain.names)
         say(f"held where they are, their errors in those above: {held}")
@@ -340,12 +348,40 @@ def _tied(found: Calibration) -> str:
     )
 
 
+def _far(found: Calibration) -> str:
+    """Return that more values left the ruler's than right ones would; empty where not."""
+    from scipy.stats import binom, norm
+
+    far = [p.name for p in found.parameters if abs(p.ruler_errors_off) > FAR]
+    count = len(found.parameters)
+    if len(far) < 2 or binom.sf(len(far) - 1, count, 2 * norm.sf(FAR)) > RARELY:
+        return ""
+    return (
+        f"of {count} values {len(far)} are more than {FAR:g} of the ruler's errors off, where one "
+        f"in 20 would be: measure {', '.join(far)} again"
+    )
+
+
+def _displaced(found: Calibration) -> str:
+    """Return which values are less sure than the ruler's were; empty where none is."""
+    less = [p.name for p in found.parameters if p.standard_error > LESS_SURE * p.ruler_error]
+    if not less:
+        return ""
+    return (
+        f"less sure than by the ruler: {', '.join(less)}; they follow a hidden image that may be "
+        "displaced, by a patch or more, and look the same: measure them better where its place "
+        "matters"
+    )
+
+
 def _standing(p: Parameter) -> str:
     """Return who knows a parameter."""
     if p.determined:
         return "by the photograph"
     if not p.trusted:
         return "not to be trusted"
+    if p.standard_error > LESS_SURE * p.ruler_error:
+        return "less sure than by the ruler"
     return "as the ruler said" if np.isfinite(p.ruler_error) else "not determined"
 
 

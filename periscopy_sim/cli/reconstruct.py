@@ -169,9 +169,6 @@ def _uncertain_errors(
     text: str | None, method: str, scene: str, given: Mapping[str, str]
 ) -> dict[str, float]:
     """Read and check ``--uncertain``, before anything is rendered; empty where there are none."""
-    from periscopy_sim.calibration.prior import declared_errors, start_values
-    from periscopy_sim.rendering.scene.document import RULER_ERROR
-
     if text is None or text == NOTHING:
         return {}
     if method not in METHODS or not METHODS[method].uncertain:
@@ -182,28 +179,7 @@ def _uncertain_errors(
     named = arguments.parse_errors(text, "--uncertain")
     if not named:
         raise PeriscopyError(f"--uncertain '{text}' names nothing; write NAME=ERROR, or {NOTHING}")
-    path = find_scene(scene)
-    start_values(path, list(named), given)
-    declared, errors = declared_errors(path, given), {}
-    for name, error in named.items():
-        ruler = f"{name}{RULER_ERROR}"
-        if error is not None and ruler in given and declared.get(name) != error:
-            raise PeriscopyError(
-                f"--uncertain {name}={error:g} and -D {ruler}={given[ruler]} contradict each "
-                "other; give one of them"
-            )
-        known = declared.get(name) if error is None else error
-        if known is None:
-            raise PeriscopyError(
-                f"--uncertain {name}: the scene declares no {ruler}; give {name}=ERROR"
-            )
-        if not (np.isfinite(known) and known > 0):
-            raise PeriscopyError(
-                f"--uncertain {name}: an error of {known:g}; give a positive number, or leave it "
-                "out"
-            )
-        errors[name] = known
-    return errors
+    return arguments.known_errors(named, find_scene(scene), given)
 
 
 def _uncertain_transport(

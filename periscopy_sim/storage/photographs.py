@@ -32,7 +32,8 @@ def read_photograph(
 ) -> Photograph:
     """Read a photograph of a known size; its format is told by its contents.
 
-    EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; 16-bit
+    EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light, of 8-bit
+    integers with a warning; 16-bit
     PNG and integer TIFF are linear counts, taken as they are; PNG, TIFF and JPEG of 8 bits are
     decoded by the sRGB curve, with a warning; MATLAB files hold raw counts, see
     `read_matlab_counts`.
@@ -134,6 +135,11 @@ def _linear_light(
         warnings.append(
             f"{name}: 8-bit {kind}, which is normally gamma-encoded, so decoded by the sRGB "
             "curve; save linear data as 16-bit PNG or TIFF, EXR or NPY"
+        )
+    elif values.dtype == np.uint8:
+        warnings.append(
+            f"{name}: 8-bit {kind}, taken as linear light; if it is gamma-encoded, as most such "
+            "data are, save it as PNG, which is decoded"
         )
     return values, warnings
 

@@ -141,7 +141,8 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
         (("--free", "occluder_dx=0.1,occluder_dx"), "'occluder_dx' is named twice"),
         (("-D", "occluder_dx_error=-1"), "'occluder_dx_error' is -1; give a standard deviation"),
         (("--free", "occluder_dx", "--background", "y.npy"), "is the photograph itself"),
-        (("--free", "occluder_dx", "--uncertain", "monitor_dx"), "--uncertain 'monitor_dx' is not"),
+        (("--free", "occluder_dx", "--uncertain", "resolution"), "declares no resolution_error"),
+        (("--free", "occluder_dx", "--uncertain", "monitor_dx,monitor_dx=1"), "named twice"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx=a"), "give a number"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx=0"), "give a positive number"),
         (("--free", "occluder_dx", "--uncertain", "occluder_dx=1"), "is both free and uncertain"),
@@ -300,6 +301,32 @@ def test_values_that_end_far_from_the_ruler_are_marked(capsys, ruler, mark):
     line, *rest = capsys.readouterr().out.splitlines()
     assert line.startswith("dz") and line.endswith(mark) and ("<--" in line) == bool(mark)
     assert "<--" not in "".join(rest)
+
+
+@pytest.mark.parametrize(("count", "told"), [(1, False), (2, True)])
+def test_more_far_values_than_right_ones_have_are_named(capsys, count, told):
+    near = [Parameter(name, 0, 0.1, 0.05, 0.05, 1, 1, 0.1) for name in "abcd"]
+    far = [Parameter(name, 0, 0.25, 0.05, 0.05, 1, 1, 0.1) for name in "yz"[:count]]
+    _say(calibrated(*near, *far), has_backgrounds=False)
+    assert ("measure y, z again" in capsys.readouterr().out) == told
+
+
+def test_two_far_values_of_many_are_no_cause_to_measure_again(capsys):
+    near = [Parameter(f"n{k}", 0, 0.1, 0.05, 0.05, 1, 1, 0.1) for k in range(22)]
+    far = [Parameter(name, 0, 0.25, 0.05, 0.05, 1, 1, 0.1) for name in "yz"]
+    _say(calibrated(*near, *far), has_backgrounds=False)
+    assert "again" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("error", [0.1, 0.15])
+def test_values_less_sure_than_by_the_ruler_are_told(capsys, error):
+    known = Parameter("known", 0, 0.1, 0.02, 0.02, 1, 1, 0.1)
+    moved = Parameter("moved", 0, 0.1, error, error, 1, 1, 0.1)
+    _say(calibrated(known, moved), has_backgrounds=False)
+    first, second, *rest = capsys.readouterr().out.splitlines()
+    assert first.endswith("by the photograph")
+    assert second.endswith("less sure than by the ruler" if error > 0.1 else "as the ruler said")
+    assert any("less sure than by the ruler: moved;" in line for line in rest) == (error > 0.1)
 
 
 def test_pairs_that_are_hardly_told_apart_are_named_the_closest_first(capsys):
