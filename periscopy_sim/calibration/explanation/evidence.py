@@ -2,7 +2,7 @@
 
     y_c = A f_c + B b_c + n_c,   f_c ~ N(0, σ_c²/α_c K⁻¹),   n_c ~ N(0, σ_c² I),   b_c free
 
-K = ∇ᵀ∇ + ε I says that hidden images are smooth rather than not. Everything but A is eliminated
+K says that hidden images are smooth rather than not, see `image_prior`. All but A is eliminated
 (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), the image not at its best
 fit but by integration (the evidence: MacKay, Neural Comput. 4, 1992): a best fit alone would favour
 the A that bends to any photograph. What is left is one number for a channel,

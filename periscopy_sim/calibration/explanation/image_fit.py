@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.optimize import minimize_scalar
 
+from periscopy_sim.calibration.explanation.image_prior import image_precision
 from periscopy_sim.calibration.explanation.ridge_path import RidgePath, inverse
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 
 Array = NDArray[np.float64]
 Filter = Callable[[NDArray[np.floating[Any]]], NDArray[np.floating[Any]]]
 
-ROUGHNESS = 0.01
-"""ε: all that the prior says of how bright an image is, as against how rough."""
-
-RATIOS = np.geomspace(1e-8, 1e2, 21)
+RATIOS = np.geomspace(1e-10, 1e2, 25)
 """Values of α that are tried, over the mean energy of a patch, before the best is refined."""
 
 ROUNDING = 1e-7
@@ -168,8 +165,7 @@ def fit_image(
     projected = Q @ -(Q.T @ A)
     projected += A
     rest = y - Q @ (Q.T @ y)
-    K = laplacian(hidden_shape)
-    K[np.diag_indices_from(K)] += ROUGHNESS - 1
+    K = image_precision(hidden_shape)
     gram = projected.T @ projected
     unit = np.trace(gram) / len(gram) or 1.0  # of darkness, which explains nothing
     correlation = projected.T @ rest

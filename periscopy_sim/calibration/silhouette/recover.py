@@ -211,7 +211,7 @@ def recover_silhouette(
         fine = level(replace(FINE, photograph=finest_photograph(first, plane, cells)), 1)
         found = []
         for k, each in enumerate(masks):
-            start = resized(each.opacities, cells) / usual_opacity(each.opacities)
+            start = resized(each.opacities, cells) / (usual_opacity(each.opacities) or 1.0)
             found.append(descend(fine.evidence, np.minimum(start, 1.0), NEARBY))
             report(0.4 + 0.2 * (k + 1) / len(masks))
         answers = [

@@ -3,7 +3,7 @@ import pytest
 from scipy import linalg, optimize
 
 from periscopy_sim.calibration.explanation.evidence import Explanation, explain
-from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS
+from periscopy_sim.calibration.explanation.image_prior import BRIGHTNESS
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 
 SHAPE = (3, 4)
@@ -21,12 +21,11 @@ def problem():
 
 def precision():
     """K of the prior, patch by patch."""
-    K = ROUGHNESS * np.eye(12)
+    K = (BRIGHTNESS + 4) * np.eye(12)  # four neighbours each, those beyond the border dark
     for i in range(12):
         for j in range(12):
             down, across = abs(i // 4 - j // 4), abs(i % 4 - j % 4)
             if down + across == 1:
-                K[i, i] += 1
                 K[i, j] -= 1
     return K
 

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.calibration.explanation.image_fit import ROUGHNESS, nonnegative_fit
+from periscopy_sim.calibration.explanation.image_fit import nonnegative_fit
+from periscopy_sim.calibration.explanation.image_prior import image_precision
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.silhouette.cells.cell_shadows import CellShadows
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.scenario import Array
 
 RATIOS = np.geomspace(1e-7, 1e2, 40)
@@ -47,8 +47,7 @@ class MaskEvidence:
     @classmethod
     def of(cls, shadows: CellShadows, level: ResolutionLevel, background: Array) -> Self:
         """Return that of a level's photograph and an orthonormal basis of range(B), (M, r)."""
-        K = laplacian(level.hidden_shape)
-        K[np.diag_indices_from(K)] += ROUGHNESS - 1
+        K = image_precision(level.hidden_shape)
         rest = level.light - background @ (background.T @ level.light)
         single = background.astype(np.float32), level.gain.astype(np.float32)
         return cls(shadows, single[0], np.asarray(rest), K, single[1], level.overdispersion)
