@@ -46,6 +46,17 @@ def test_16_bit_png_keeps_all_its_bits(tmp_path):
         assert np.array_equal(photograph.values, COUNTS)
 
 
+@pytest.mark.parametrize(("name", "save"), [("y.npy", np.save), ("y.npz", np.savez)])
+def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path, name, save):
+    for values in (COUNTS >> 8).astype(np.uint8), COUNTS:
+        save(tmp_path / name, **{"arr" if name == "y.npy" else "photograph": values})
+        photograph = read(tmp_path / name)
+        np.testing.assert_array_equal(photograph.values, values)
+        warned = [f"{tmp_path / name}: 8-bit {name[-3:].upper()}, taken as linear light"]
+        expected = warned if values.dtype == np.uint8 else []
+        assert [line.partition(";")[0] for line in photograph.warnings] == expected
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -57,18 +68,6 @@ def test_16_bit_png_keeps_all_its_bits(tmp_path):
         {"rowsperstrip": 2},
     ],
 )
-@pytest.mark.parametrize(("name", "save"), [("y.npy", np.save), ("y.npz", np.savez)])
-def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path, name, save):
-    for values in (COUNTS >> 8).astype(np.uint8), COUNTS:
-        with (tmp_path / name).open("wb") as file:
-            save(file, **({"photograph": values} if name == "y.npz" else {"arr": values}))
-        photograph = read(tmp_path / name)
-        np.testing.assert_array_equal(photograph.values, values)
-        warned = [f"{tmp_path / name}: 8-bit {name[-3:].upper()}, taken as linear light"]
-        expected = warned if values.dtype == np.uint8 else []
-        assert [line.partition(";")[0] for line in photograph.warnings] == expected
-
-
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float16, np.float32, np.float64])
 def test_deep_tiff_is_read_as_it_is(tmp_path, options, dtype):
     values = COUNTS.astype(dtype) if np.dtype(dtype).kind == "u" else LIGHT.astype(dtype)
