@@ -363,14 +363,14 @@ def _far(found: Calibration) -> str:
 
 
 def _displaced(found: Calibration) -> str:
-    """Return which values are less sure than the ruler's were; empty where none is."""
+    """Return which values moved farther than the photograph tells; empty where none did."""
     less = [p.name for p in found.parameters if p.standard_error > LESS_SURE * p.ruler_error]
     if not less:
         return ""
     return (
-        f"less sure than by the ruler: {', '.join(less)}; they follow a hidden image that may be "
-        "displaced, by a patch or more, and look the same: measure them better where its place "
-        "matters"
+        f"less sure than by the ruler: {', '.join(less)}; they moved farther than the photograph "
+        "tells, as with a hidden image that is displaced by a patch or more, which looks much the "
+        "same: measure them better where its place matters"
     )
 
 

@@ -32,11 +32,10 @@ def read_photograph(
 ) -> Photograph:
     """Read a photograph of a known size; its format is told by its contents.
 
-    EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light, of 8-bit
-    integers with a warning; 16-bit
-    PNG and integer TIFF are linear counts, taken as they are; PNG, TIFF and JPEG of 8 bits are
-    decoded by the sRGB curve, with a warning; MATLAB files hold raw counts, see
-    `read_matlab_counts`.
+    EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; arrays of
+    8-bit integers are taken so, too, with a warning; 16-bit PNG and integer TIFF are linear counts,
+    taken as they are; PNG, TIFF and JPEG of 8 bits are decoded by the sRGB curve, with a warning;
+    MATLAB files hold raw counts, see `read_matlab_counts`.
 
     Parameters
     ----------

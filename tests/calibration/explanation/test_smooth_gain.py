@@ -118,7 +118,8 @@ def test_what_a_gain_can_follow_tells_of_no_parameter(problem, rounds):
     found = explained(A, Q, y, rounds)
     gain = SmoothGain.none(USED).terms[2][:, None] * A
     other = np.random.default_rng(0).standard_normal(A.shape)
-    for change, part in ((gain, 0.015), (other, None)):
+    followed = 0.015 if rounds == 1 else 0.01  # the first round begins with an even wall
+    for change, part in ((gain, followed), (other, None)):
         moved = found.jacobian(change)
         told = found.projected(moved)
         left = np.vdot(moved, told) / np.vdot(moved, found.fit.beyond_image(moved))
