@@ -125,6 +125,7 @@ def calibrate(
     scene is written anew, and beside it a JSON file (values, uncertainties, the way there) and a
     picture. A result that is not to be trusted is written too, and says so.
     """
+    from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
     from periscopy_sim.photographs.checking import blackened
 
@@ -144,6 +145,7 @@ def calibrate(
     freed = None if free is None else arguments.parse_errors(free, "--free")
     held = arguments.parse_errors(",".join(uncertain or []), "--uncertain")
     errors = arguments.known_errors(held, path, given)
+    start_values(path, list(free_parameters(path, freed, given, errors)), given)
     timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
         with timed("load the scene"), progress("loading the scene"):
@@ -153,7 +155,6 @@ def calibrate(
             from periscopy_sim.rendering.scene.document import CALIBRATED
 
             scenario = inputs.load(scene, hidden, define)
-        shadowless = inputs.warn_without_shadows(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         given_photograph = inputs.read_photograph(photo, scenario, used)
         dark = inputs.read_backgrounds(background, scenario, used)
@@ -186,7 +187,7 @@ def calibrate(
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
             "samples": samples,
-            "warnings": [*shadowless, *warnings, *found.doubts],
+            "warnings": [*warnings, *found.doubts],
             **_told(found),
             "seconds": timed.seconds,
             "provenance": provenance,

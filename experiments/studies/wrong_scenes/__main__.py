@@ -1,6 +1,6 @@
 """Wrong scenes: all of a ruler's errors at once, calibrated away from one photograph.
 
-Three scenes (a chair, a plate, a shelf in a laboratory of another make) are path traced, all
+Four scenes (a chair, a plate, and two laboratories of another make: a shelf, a sign) are path traced, all
 bounces, as their files say, under ambient light, at 60 dB. Then every number that a ruler gave is
 drawn anew by the error that the file declares of it, all at once, and `ps.calibrate` starts there.
 It knows the photograph and the file with the wrong numbers, nothing of the truth. The hidden image
@@ -13,7 +13,7 @@ Each draw is kept in DIR/draws as soon as it is done. A run that was stopped goe
 command, and one of more draws takes up those of fewer, as long as code and scenes are the same.
 Runs of different scenes may fill one DIR at once; a last one of all writes the page of all.
 
-`python -m experiments.studies.wrong_scenes --out DIR [--scenes chair,plate,shelf] [--sbr 0.5,10]
+`python -m experiments.studies.wrong_scenes --out DIR [--scenes chair,plate,shelf,sign] [--sbr 0.5,10]
 [--draws 8]`
 """
 

@@ -18,7 +18,11 @@ from experiments.studies.wrong_scenes.subjects import NAMES
 Array = NDArray[np.float64]
 
 COLOURS = dict(
-    zip(NAMES, (COLORS[c] for c in ("preconditioned", "differencing", "noise-aware")), strict=True)
+    zip(
+        NAMES,
+        (COLORS[c] for c in ("preconditioned", "differencing", "noise-aware", "truncated-svd")),
+        strict=True,
+    )
 )
 """Of each scene."""
 

@@ -3,7 +3,8 @@
 The chair and the plate are the shipped ones, before an orthographic camera. The shelf is a
 laboratory that this package did not lay out: a board with openings before a panel that leans back,
 other axes, a camera that looks down at 30 degrees, and a room about it that the scene does not
-know, whose floor and walls send 8 % more of the monitor's light to the panel.
+know, whose floor and walls send 8 % more of the monitor's light to the panel. The sign is of
+another stranger's making: two boxes that make few shadows, and a camera turned by 28 degrees.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from periscopy_sim.storage.outputs.staging import staged_folder
 
 Array = NDArray[np.float64]
 
-NAMES = "chair", "plate", "shelf"
+NAMES = "chair", "plate", "shelf", "sign"
 
 SAMPLES = 65536
 """Paths a pixel of each of two renderings. Their mean has a grain of 0.04 % of the chair's signal,
@@ -127,6 +128,7 @@ class Photographed:
 def subjects(folder: Path) -> dict[str, Subject]:
     """Return the scenes by name; the shelf's files are written to a folder."""
     chair, plate, shelf = ps.find_scene("chair"), ps.find_scene("plate"), folder / "shelf"
+    sign = SCENES / "sign.xml"
     with staged_folder(shelf) as staged:
         (staged / "meshes").mkdir()
         for name, build in SHELF.meshes.items():
@@ -147,6 +149,7 @@ def subjects(folder: Path) -> dict[str, Subject]:
             SHELF.hidden_image,
             "ceiling_panels",
         ),
+        Subject("sign", sign, sign, (15, 20), "letters", "window_right"),
     )
     return {subject.name: subject for subject in known}
 

@@ -34,6 +34,9 @@ from periscopy_sim.storage.pictures import area_average
 Values = NDArray[np.float64]
 Visit = Callable[[Values, float], None]
 
+MOST_PATCHES = 0.6
+"""For each pixel of a level: of a long photograph, few rows are left."""
+
 COVERED = 0.5
 """Part of a coarse pixel that must be left by the mask; its mean is that of what is left."""
 
@@ -96,6 +99,10 @@ class ResolutionLevel:
         rows, columns = photograph.shape[:2]
         self.photograph_shape = fitted((rows, columns), resolution.photograph)
         self.hidden_shape = fitted(hidden, resolution.hidden)
+        pixels, patches = (np.prod(shape) for shape in (self.photograph_shape, self.hidden_shape))
+        if patches > MOST_PATCHES * pixels:
+            fewer = np.sqrt(MOST_PATCHES * pixels / patches)
+            self.hidden_shape = fitted(hidden, max(1, int(fewer * max(self.hidden_shape))))
         # The larger the pixels of a small photograph, the more of their area counts.
         self._larger = resolution.photograph // max(self.photograph_shape)
         self._finer, self._rays = resolution.finer, resolution.rays

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.numerics.percentages import percentages
+from periscopy_sim.reconstruction.residual.ways_round import better_way, seen_by_way
 from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
@@ -69,6 +70,9 @@ class Residual:
     is_calibrated
         Whether the scene is known to be calibrated, as the command line tells of its file: then
         the advice is not to calibrate it, but to free more of it.
+    better_way
+        Of `ways_round`, by which the scene explains the photograph much better; empty
+        where none does.
     """
 
     light: Array
@@ -79,6 +83,7 @@ class Residual:
     causes: tuple[Cause, ...]
     has_backgrounds: bool = False
     is_calibrated: bool = False
+    better_way: str = ""
 
     @property
     def remark(self) -> str:
@@ -104,6 +109,8 @@ class Residual:
         told = f"the scene leaves {unexplained} % of the photograph unexplained"
         if self.unexplained > self.noise_alone:
             told += f", where noise alone would leave {alone} %"
+        if self.better_way:
+            told += f"; {self.better_way} it would leave much less: turn it round"
         smooth = self.structure
         if smooth is not None and smooth.excess > SMOOTH_EXCESS:
             told += (
@@ -135,6 +142,7 @@ class Residual:
                 "alike_in_the_channels": found.common,
             },
             "likely_causes": {cause.name: cause.share for cause in self.causes},
+            "better_way_round": self.better_way,
         }
 
 
@@ -167,6 +175,7 @@ def residual_of(
         noise = noise.times(np.sqrt(1 - structure.grain))
     alone = float(np.sqrt(np.mean(noise.σ**2))) / level
     causes: tuple[Cause, ...] = ()
+    way = ""
     smooth = structure is not None and structure.is_found and structure.excess > SMOOTH_EXCESS
     # What another image would explain is the method's affair, not the scene's; noise, too, is
     # explained in part.
@@ -178,8 +187,17 @@ def residual_of(
         def unexplained_light(light: Array) -> Array:
             return place(leave(transport.reject_background(light[:, used].T)))
 
-        causes = likely_causes(rest, place(y), place(signal), kept * noise.σ, unexplained_light)
-    return Residual(np.moveaxis(planes, 0, -1), unexplained, alone, noise, structure, causes)
+        def excess(seen: Array) -> float:
+            energies = np.nanmean(unexplained_light(seen) ** 2, axis=(1, 2))
+            return float(np.sum(energies - (kept * noise.σ) ** 2))
+
+        seen = place(y)
+        causes = likely_causes(rest, seen, place(signal), kept * noise.σ, unexplained_light)
+        causes = causes or (Cause("unknown", 1.0),)
+        others = {name: excess(turned) for name, turned in seen_by_way(seen).items()}
+        way = better_way(excess(seen), others)
+    light = np.moveaxis(planes, 0, -1)
+    return Residual(light, unexplained, alone, noise, structure, causes, better_way=way)
 
 
 def left_by_images(transport: TransportOperator) -> Callable[[Array], Array]:

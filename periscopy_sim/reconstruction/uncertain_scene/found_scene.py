@@ -19,6 +19,9 @@ MOVED = 1.0
 NAMED = 3
 """Parameters named, at most, the farthest moved first."""
 
+TEMPERED = 10.0
+"""Overdispersion from which what is left is told to be more than the uncertain parameters make."""
+
 
 @dataclass(frozen=True, eq=False)
 class FoundScene:
@@ -92,12 +95,22 @@ class FoundScene:
             if sizes[k] > MOVED
         ]
         if not told:
-            return (
+            moved = (
                 "the photograph moves no uncertain parameter by more than its error; the standard "
                 "errors count what theirs do to the image"
             )
-        more = f" and {len(told) - NAMED} more" if len(told) > NAMED else ""
+        else:
+            more = f" and {len(told) - NAMED} more" if len(told) > NAMED else ""
+            moved = (
+                f"the scene fits better with {', '.join(told[:NAMED])}{more}: the image is of that "
+                "scene, and its standard errors count what is left of theirs"
+            )
+        κ = self.displacement.overdispersion
+        if κ < TEMPERED:
+            return moved
         return (
-            f"the scene fits better with {', '.join(told[:NAMED])}{more}: the image is of that "
-            "scene, and its standard errors count what is left of theirs"
+            f"{moved}; but these parameters do not explain what is left, {κ:.0f} times the energy "
+            f"of noise where it is strongest, so the photograph moved them little (it counts for "
+            "1 over that): more of the scene is wrong, or by more, and the image's standard errors "
+            "do not count that"
         )

@@ -160,7 +160,7 @@ def test_an_outcome_is_read_as_it_was_written(tmp_path):
 def test_the_report_holds_every_draw(tmp_path):
     outcomes = [
         outcome(seed, subject=name, sbr=sbr, doubts=["far"] * (seed == 1))
-        for name in ("chair", "plate", "shelf")
+        for name in ("chair", "plate", "shelf", "sign")
         for sbr in (0.5, 10.0)
         for seed in range(3)
     ]
@@ -218,7 +218,7 @@ def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, c
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--scenes", "chair,sofa"], "name each of chair, plate, shelf at most once"),
+        (["--scenes", "chair,sofa"], "name each of chair, plate, shelf, sign at most once"),
         (["--scenes", "chair,chair"], "at most once"),
         (["--sbr", "0.5,-1"], "give different positive numbers"),
         (["--sbr", "half"], "give different positive numbers"),

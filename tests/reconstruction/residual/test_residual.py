@@ -105,6 +105,18 @@ def test_unit_of_the_photograph_does_not_matter(name):
     assert other.noise_alone == pytest.approx(one.noise_alone, rel=1e-6)
 
 
+@pytest.mark.parametrize("name", ["noise-aware", "preconditioned"])
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_photograph_that_is_upside_down_is_named_one_that_is_not_is_not(name, masked):
+    mask = U > -0.9 if masked else None
+    y, moved = photograph()[::-1], photograph(transport(0.12))
+    left = residual(y, name, mask)[0]
+    assert left.better_way == "mirrored top to bottom" == left.told()["better_way_round"]
+    assert "mirrored top to bottom it would leave much less: turn it round" in left.warning
+    wrong = residual(moved, name, mask)[0]
+    assert wrong.causes and wrong.better_way == "" and "turn it round" not in wrong.warning
+
+
 def test_right_scenes_are_rarely_warned_of():
     method = METHODS["noise-aware"](SCENE, A, B)
     told = []
