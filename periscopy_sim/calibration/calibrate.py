@@ -40,7 +40,6 @@ from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
-from periscopy_sim.reconstruction.residual.ways_round import AS_IT_IS, WAYS, WayRound
 from periscopy_sim.reconstruction.background_photographs import (
     Backgrounds,
     named,
@@ -48,6 +47,7 @@ from periscopy_sim.reconstruction.background_photographs import (
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.monitor_left_on import COARSE, check_monitor_off
 from periscopy_sim.reconstruction.observation import observation_of
+from periscopy_sim.reconstruction.residual.ways_round import AS_IT_IS, WAYS, WayRound
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.shadow_check import shadow_doubt
 from periscopy_sim.rendering.transport.shadow_rays import render_transport

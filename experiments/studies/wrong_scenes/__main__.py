@@ -1,11 +1,11 @@
 """Wrong scenes: all of a ruler's errors at once, calibrated away from one photograph.
 
-Four scenes (a chair, a plate, and two laboratories of another make: a shelf, a sign) are path traced, all
-bounces, as their files say, under ambient light, at 60 dB. Then every number that a ruler gave is
-drawn anew by the error that the file declares of it, all at once, and `ps.calibrate` starts there.
-It knows the photograph and the file with the wrong numbers, nothing of the truth. The hidden image
-is recovered by the noise-aware method with the ruler's scene, with the calibrated one, whose errors
-the image's count, and with the true one. A monitor's shift in its plane no photograph tells: its
+Four scenes (a chair, a plate, and of laboratories of another make a shelf and a sign) are path
+traced, all bounces, as their files say, under ambient light, at 60 dB. Then every number that a
+ruler gave is drawn anew by the error that the file declares of it, all at once, and `ps.calibrate`
+starts there. It knows the photograph and the file with the wrong numbers, nothing of the truth. The
+hidden image is recovered by the noise-aware method with the ruler's scene, with the calibrated one,
+whose errors the image's count, and with the true one. A monitor's shift in its plane no photograph tells: its
 error stays the ruler's, and the picture may come out shifted by a patch. "Registered" is after the
 shift that fits the truth best, as it uses the truth.
 
@@ -13,8 +13,8 @@ Each draw is kept in DIR/draws as soon as it is done. A run that was stopped goe
 command, and one of more draws takes up those of fewer, as long as code and scenes are the same.
 Runs of different scenes may fill one DIR at once; a last one of all writes the page of all.
 
-`python -m experiments.studies.wrong_scenes --out DIR [--scenes chair,plate,shelf,sign] [--sbr 0.5,10]
-[--draws 8]`
+`python -m experiments.studies.wrong_scenes --out DIR [--scenes chair,plate,shelf,sign]
+[--sbr 0.5,10] [--draws 8]`
 """
 
 from __future__ import annotations

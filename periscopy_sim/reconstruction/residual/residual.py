@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.numerics.percentages import percentages
-from periscopy_sim.reconstruction.residual.ways_round import better_way, seen_by_way
 from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for, likely_causes
 from periscopy_sim.reconstruction.residual.structure import Structure, structure_of
+from periscopy_sim.reconstruction.residual.ways_round import better_way, seen_by_way
 
 Array = NDArray[np.float64]
 
