@@ -159,6 +159,19 @@ def test_what_cannot_be_calibrated_is_refused(photograph, refused, tmp_path, opt
     assert message in refused("calibrate", "y.npy", *SCENE, *options, *out)
 
 
+def test_what_is_declared_nowhere_is_refused_before_anything_is_loaded(refused, monkeypatch):
+    monkeypatch.setattr("periscopy_sim.cli.inputs.load", None)
+    line = refused("calibrate", "y.npy", *SCENE, "--free", "sofa", "--out", "found.xml")
+    assert "declares no parameter 'sofa'" in line
+
+
+def test_a_scene_without_shadows_in_view_is_refused(photograph, refused, tmp_path):
+    np.save(tmp_path / "y.npy", photograph)
+    aside = ("--free", "occluder_dx", "-D", "occluder_dx=3", "--out", "found.xml")
+    line = refused("calibrate", "y.npy", *SCENE, *aside)
+    assert "no occluder casts a shadow of the monitor" in line and "correct it" in line
+
+
 def test_a_background_with_the_monitor_on_is_refused(photograph, refused, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
     np.save(tmp_path / "on.npy", ps.add_noise(photograph, 60, 4))

@@ -5,9 +5,9 @@ traced, all bounces, as their files say, under ambient light, at 60 dB. Then eve
 ruler gave is drawn anew by the error that the file declares of it, all at once, and `ps.calibrate`
 starts there. It knows the photograph and the file with the wrong numbers, nothing of the truth. The
 hidden image is recovered by the noise-aware method with the ruler's scene, with the calibrated one,
-whose errors the image's count, and with the true one. A monitor's shift in its plane no photograph tells: its
-error stays the ruler's, and the picture may come out shifted by a patch. "Registered" is after the
-shift that fits the truth best, as it uses the truth.
+whose errors the image's count, and with the true one. A monitor's shift in its plane no photograph
+tells: its error stays the ruler's, and the picture may come out shifted by a patch. "Registered" is
+after the shift that fits the truth best, as it uses the truth.
 
 Each draw is kept in DIR/draws as soon as it is done. A run that was stopped goes on by the same
 command, and one of more draws takes up those of fewer, as long as code and scenes are the same.

@@ -117,6 +117,18 @@ def test_the_scene_is_found_where_the_photograph_shows_it():
     assert residual.unexplained < before.unexplained / 2
 
 
+def test_it_is_told_where_more_is_wrong_than_what_may_be():
+    """A plate that is far off is not explained by the little that its height may err."""
+    height = UncertainTransport(
+        NAMES[1:2], np.zeros(1), 0.1 * ERRORS[1:2, None], 0.1 * CHANGES[:, 1:2]
+    )
+    right, wrong = (photograph(values, image(3)) for values in (np.zeros(3), [0.15, 0, -0.1]))
+    method = fitted(height)
+    told = "more of the scene is wrong, or by more, and the image's standard errors do not count"
+    assert told in method.remark(method.solve(wrong))
+    assert told not in method.remark(method.solve(right))
+
+
 def test_a_right_scene_stays_where_it_is():
     truth = image(5)
     y = photograph(np.zeros(3), truth)
