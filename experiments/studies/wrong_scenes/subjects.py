@@ -149,7 +149,7 @@ def subjects(folder: Path) -> dict[str, Subject]:
             SHELF.hidden_image,
             "ceiling_panels",
         ),
-        Subject("sign", sign, sign, (15, 20), "letters", "window_right"),
+        Subject("sign", sign, sign, (15, 20), "letters", "overcast"),
     )
     return {subject.name: subject for subject in known}
 
