@@ -21,7 +21,6 @@ import typer
 from periscopy_sim.cli import (
     ambient,
     analyze,
-    calibrate,
     dataset,
     demo,
     doctor,
@@ -32,6 +31,7 @@ from periscopy_sim.cli import (
     video,
 )
 from periscopy_sim.cli.arguments import EXTRA_OF, missing
+from periscopy_sim.cli.calibration import calibrate
 from periscopy_sim.cli.laboratory import draw, lab, prepare, tutorial
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError

@@ -1,0 +1,1 @@
+"""What calibrates a scene, or finds an occluder in it: `periscopy calibrate`."""
