@@ -38,7 +38,7 @@ from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.calibration.search.patch_search import ITERATIONS, search_patches
 from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
-from periscopy_sim.errors import PhotographError, SceneError, VariantError
+from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import (
     Backgrounds,
@@ -47,9 +47,9 @@ from periscopy_sim.reconstruction.background_photographs import (
 from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.monitor_left_on import COARSE, check_monitor_off
 from periscopy_sim.reconstruction.observation import observation_of
-from periscopy_sim.reconstruction.residual.ways_round import AS_IT_IS, WAYS, WayRound
+from periscopy_sim.reconstruction.residual.orientations import AS_IT_IS, FLIPPED, Orientation
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.shadow_check import shadow_doubt
+from periscopy_sim.rendering.shadow_check import LEAST, hidden_part, shadow_doubt
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array, Scenario
@@ -106,7 +106,8 @@ def calibrate(
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
-        (R, C) of the hidden image; of finer ones than 36 patches along a side a coarser one serves.
+        (R, C) of the hidden image; of finer ones than 36 patches along a side, or 0.6 patches a
+        pixel of the search, a coarser one serves.
     free
         Names of the ``<default>``s to find, or a mapping of them to the ruler's errors: standard
         deviations of where they start, None for the one that the scene declares, if it does. By
@@ -138,8 +139,8 @@ def calibrate(
     Raises
     ------
     SceneError
-        If a parameter is unknown or unseen, no shadow is in view where the search starts, the start
-        or where it leads is not physical.
+        If a parameter is unknown or unseen, no shadow is in view where the search starts, or where
+        it starts or leads to is not physical.
     PhotographError
         If the photograph is not of the camera's size, or holds nothing.
     VariantError
@@ -159,8 +160,10 @@ def calibrate(
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
-    if doubt := shadow_doubt(first):
-        raise SceneError(f"scene '{path}': {doubt}; calibration starts from shadows: correct it")
+    if hidden_part(first) < LEAST:
+        raise SceneError(
+            f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: correct it"
+        )
     in_front = InFront(first)
     resolutions = [*LEVELS[:-1], finest(samples)]
     # Products this small gain less from threads than these cost by waiting for each other on a busy
@@ -171,15 +174,15 @@ def calibrate(
             small = load_scenario(path, fitted(hidden, COARSE), given)
             off = _monitor_off(backgrounds, y, small, mask, seed)
 
-        def level(resolution: Resolution, way: WayRound = AS_IT_IS) -> ResolutionLevel:
+        def level(resolution: Resolution, seen: Orientation = AS_IT_IS) -> ResolutionLevel:
             return ResolutionLevel(
                 path,
                 given,
                 names,
                 prior,
-                y[way],
-                [light[way] for light in off],
-                None if mask is None else mask[way],
+                y[seen],
+                [light[seen] for light in off],
+                None if mask is None else mask[seen],
                 hidden,
                 resolution,
                 seed,
@@ -188,13 +191,13 @@ def calibrate(
             )
 
         levels = [level(resolution) for resolution in resolutions]
-        turned = {name: level(resolutions[0], way) for name, way in WAYS.items()}
+        flipped = {name: level(resolutions[0], seen) for name, seen in FLIPPED.items()}
         if not all(each.has_areas(start) for each in levels):
             levels = [each.by_rays() for each in levels]
-            turned = {name: each.by_rays() for name, each in turned.items()}
+            flipped = {name: each.by_rays() for name, each in flipped.items()}
         levels[0].background(start)  # too few pixels are told of before anything is rendered
         shift = ImageShift.of(path, levels[-1].hidden_shape, given, names, prior)
-        return calibrate_levels(levels, start, held, progress, shift=shift, turned=turned)
+        return calibrate_levels(levels, start, held, progress, shift=shift, flipped=flipped)
 
 
 def finest(samples: int) -> Resolution:
@@ -237,12 +240,12 @@ def calibrate_levels(
     progress: Callable[[float], None] | None = None,
     *,
     shift: ImageShift | None = None,
-    turned: Mapping[str, ResolutionLevel] = MappingProxyType({}),
+    flipped: Mapping[str, ResolutionLevel] = MappingProxyType({}),
 ) -> Calibration:
     """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
 
     The two levels, coarse and fine, are of the same photograph, parameters and prior. Those
-    `turned`, by name, are the coarse one of it seen another way round.
+    `flipped`, by name, are the coarse one of it mirrored or rotated.
     """
     coarse, fine = levels
     names, prior = fine.names, fine.prior
@@ -287,7 +290,7 @@ def calibrate_levels(
     negative = after.darker_than_black if structured else 0.0
     why = (
         *doubts(names, values, spreads, prior, gained, known, misfit, negative),
-        *_doubted_way_round(coarse, values, turned, start),
+        *_doubted_orientation(coarse, values, flipped, start),
     )
     # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
     unknown = shift.alone & np.isinf(prior.errors)
@@ -342,30 +345,32 @@ def _require_shadows(level: ResolutionLevel, values: Values) -> None:
         )
 
 
-def _doubted_way_round(
+def _doubted_orientation(
     level: ResolutionLevel,
     values: Values,
-    turned: Mapping[str, ResolutionLevel],
+    flipped: Mapping[str, ResolutionLevel],
     start: Values,
 ) -> tuple[str, ...]:
-    """Return that a photograph is mirrored or turned: so the start explains more than the values.
+    """Return a doubt if a flipped photograph is explained better than the one as it is.
 
-    The values were found for the level's photograph as it is.
+    The values were found for the level's photograph as it is; one that is flipped may be explained
+    at the start, too.
     """
-    if not turned:
+    if not flipped:
         return ()
 
-    def evidence(seen: ResolutionLevel, at: Values) -> float:
-        return seen.as_it_comes().of_nonnegative_images().explain(at).evidence
+    def evidence(seen: ResolutionLevel, *places: Values) -> float:
+        plain = seen.as_it_comes().of_nonnegative_images()
+        try:
+            return min(plain.explain(place).evidence for place in places)
+        except PeriscopyError:  # a mask that leaves too little of it
+            return np.inf
 
-    found = {way: evidence(each, start) for way, each in turned.items()}
-    way = min(found, key=lambda each: found[each])
-    if found[way] > evidence(level, values) - SHOWN:
+    found = {name: evidence(each, start, values) for name, each in flipped.items()}
+    name = min(found, key=lambda each: found[each])
+    if not found[name] < evidence(level, values) - SHOWN:
         return ()
-    return (
-        f"the photograph looks {way}: seen that way, the scene as it was explains it better than, "
-        "as it is, the one found",
-    )
+    return (f"the photograph may be {name}: so it is explained better than as it is",)
 
 
 def _covariances(

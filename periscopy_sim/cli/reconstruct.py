@@ -123,7 +123,8 @@ def reconstruct(
         with own_errors(method, f"failed on {photo}"):
             told = _told(fitted, seen, solved, scenario, defects)
             left = told.residual
-            if left and left.likeliest not in ("", "object") and not (dark or told.doubt):
+            explicable = left and left.likeliest not in ("", "object")
+            if left and explicable and not (dark or told.doubt or left.better_orientation):
                 told = replace(told, doubt=_doubt(scenario, A, used, seen))
         doubts = list(filter(None, (told.doubt, told.misfit)))
         _write_told(folder, told, image, seen, text)

@@ -31,12 +31,7 @@ def shadow_doubt(scenario: Scenario) -> str:
     less than `LEAST` meet an occluder, or all of them do. Each occluder is named with its place.
     """
     survey = Survey(scenario)
-    rng = np.random.default_rng(0)
-    pixel, patch = (rng.integers(size, size=RAYS) for size in scenario.transport_shape)
-    across, up = rng.uniform(-0.5, 0.5, (2, RAYS, 1))
-    places = scenario.patch_centers[patch]
-    places = places + across * scenario.patch_across[patch] + up * scenario.patch_up[patch]
-    hidden = float(np.mean(survey.blocked(scenario.wall_points[pixel], places)))
+    hidden = _hidden_part(survey, scenario)
     if LEAST <= hidden < 1:
         return ""
     if not survey.solids:
@@ -53,6 +48,23 @@ def shadow_doubt(scenario: Scenario) -> str:
         "no occluder casts a shadow of the monitor into what the camera sees of the wall, and "
         f"without one the photograph hardly tells the image: {listed}"
     )
+
+
+def hidden_part(scenario: Scenario) -> float:
+    """Return which part of the monitor occluders hide from what the camera sees, on average.
+
+    It is told by `RAYS` between random places of both.
+    """
+    return _hidden_part(Survey(scenario), scenario)
+
+
+def _hidden_part(survey: Survey, scenario: Scenario) -> float:
+    rng = np.random.default_rng(0)
+    pixel, patch = (rng.integers(size, size=RAYS) for size in scenario.transport_shape)
+    across, up = rng.uniform(-0.5, 0.5, (2, RAYS, 1))
+    places = scenario.patch_centers[patch]
+    places = places + across * scenario.patch_across[patch] + up * scenario.patch_up[patch]
+    return float(np.mean(survey.blocked(scenario.wall_points[pixel], places)))
 
 
 def size_doubts(scenario: Scenario) -> list[str]:

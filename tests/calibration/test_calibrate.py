@@ -80,9 +80,9 @@ def test_a_mirrored_photograph_is_doubted_and_one_that_is_not_is_not(is_mirrored
     as_it_is, mirrored = (Slat(TRUTH, [1e-4, 1e-4]) for _ in range(2))
     wrong = mirrored if not is_mirrored else as_it_is
     wrong._y = wrong.y.reshape(4, -1, 3)[:, ::-1].reshape(wrong.y.shape)
-    ways = {"mirrored left to right": mirrored}
-    found = calibrate_levels([as_it_is] * 2, TRUTH, NOTHING, turned=ways)
-    doubted = [why for why in found.doubts if why.startswith("the photograph looks mirrored left")]
+    flipped = {"mirrored left to right": mirrored}
+    found = calibrate_levels([as_it_is] * 2, TRUTH, NOTHING, flipped=flipped)
+    doubted = [why for why in found.doubts if why.startswith("the photograph may be mirrored left")]
     assert len(doubted) == is_mirrored
 
 

@@ -35,7 +35,7 @@ Values = NDArray[np.float64]
 Visit = Callable[[Values, float], None]
 
 MOST_PATCHES = 0.6
-"""For each pixel of a level: of a long photograph, few rows are left."""
+"""Hidden patches for each pixel used, at most: a long photograph keeps few rows."""
 
 COVERED = 0.5
 """Part of a coarse pixel that must be left by the mask; its mean is that of what is left."""
@@ -99,16 +99,15 @@ class ResolutionLevel:
         rows, columns = photograph.shape[:2]
         self.photograph_shape = fitted((rows, columns), resolution.photograph)
         self.hidden_shape = fitted(hidden, resolution.hidden)
-        pixels, patches = (np.prod(shape) for shape in (self.photograph_shape, self.hidden_shape))
-        if patches > MOST_PATCHES * pixels:
-            fewer = np.sqrt(MOST_PATCHES * pixels / patches)
-            self.hidden_shape = fitted(hidden, max(1, int(fewer * max(self.hidden_shape))))
         # The larger the pixels of a small photograph, the more of their area counts.
         self._larger = resolution.photograph // max(self.photograph_shape)
         self._finer, self._rays = resolution.finer, resolution.rays
         mask = np.ones((rows, columns), bool) if mask is None else mask
         coverage = area_average(mask[..., None], self.photograph_shape)
-        self.used = coverage[..., 0] > COVERED
+        self.used = coverage[..., 0] > COVERED + 1e-6  # ties are decided alike in mirror images
+        fewer = np.sqrt(MOST_PATCHES * self.used.sum() / np.prod(self.hidden_shape))
+        if fewer < 1:
+            self.hidden_shape = fitted(hidden, max(1, int(fewer * max(self.hidden_shape))))
 
         def averaged(light: Array) -> Array:
             means = area_average(blackened(light, mask), self.photograph_shape)

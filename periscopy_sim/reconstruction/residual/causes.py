@@ -57,7 +57,6 @@ ADVICE = {
     "geometry": "a scene that is off at the edges of shadows ({calibrate}; more --samples)",
     "smooth light": "vignetting, or ambient light from nearer than the model's",
     "pixels": "single pixels (--mask)",
-    "unknown": "none that is known leaves such a pattern (look at residual.png)",
     "shared noise": "what neighbouring pixels share (noise of a rectified or compressed "
     "photograph, or detail that the scene lacks)",
 }

@@ -15,8 +15,8 @@ from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for, likely_causes
+from periscopy_sim.reconstruction.residual.orientations import better_orientation, seen_flipped
 from periscopy_sim.reconstruction.residual.structure import Structure, structure_of
-from periscopy_sim.reconstruction.residual.ways_round import better_way, seen_by_way
 
 Array = NDArray[np.float64]
 
@@ -70,9 +70,9 @@ class Residual:
     is_calibrated
         Whether the scene is known to be calibrated, as the command line tells of its file: then
         the advice is not to calibrate it, but to free more of it.
-    better_way
-        Of `ways_round`, by which the scene explains the photograph much better; empty
-        where none does.
+    better_orientation
+        In which the scene explains the photograph much better, of `orientations.FLIPPED`; empty
+        where it does in none.
     """
 
     light: Array
@@ -83,7 +83,7 @@ class Residual:
     causes: tuple[Cause, ...]
     has_backgrounds: bool = False
     is_calibrated: bool = False
-    better_way: str = ""
+    better_orientation: str = ""
 
     @property
     def remark(self) -> str:
@@ -100,7 +100,7 @@ class Residual:
     @property
     def warning(self) -> str:
         """Return that more than noise is left and its likely causes; empty where it is not."""
-        if not self.causes or self.noise_alone is None:
+        if not (self.causes or self.better_orientation) or self.noise_alone is None:
             return ""
         likely = advice_for(
             self.causes, has_backgrounds=self.has_backgrounds, is_calibrated=self.is_calibrated
@@ -109,8 +109,6 @@ class Residual:
         told = f"the scene leaves {unexplained} % of the photograph unexplained"
         if self.unexplained > self.noise_alone:
             told += f", where noise alone would leave {alone} %"
-        if self.better_way:
-            told += f"; {self.better_way} it would leave much less: turn it round"
         smooth = self.structure
         if smooth is not None and smooth.excess > SMOOTH_EXCESS:
             told += (
@@ -118,7 +116,13 @@ class Residual:
                 f"{smooth.excess:.{0 if smooth.excess >= 10 else 1}f} times "
                 "the energy of noise"
             )
-        return f"{told}; likely causes, the likeliest first: {likely}"
+        if likely:
+            told += f"; likely causes, the likeliest first: {likely}"
+        if self.better_orientation:
+            told += (
+                f"; or the photograph came {self.better_orientation}: so much less would be left"
+            )
+        return told
 
     @property
     def _percentages(self) -> tuple[str, str]:
@@ -142,7 +146,7 @@ class Residual:
                 "alike_in_the_channels": found.common,
             },
             "likely_causes": {cause.name: cause.share for cause in self.causes},
-            "better_way_round": self.better_way,
+            "better_orientation": self.better_orientation,
         }
 
 
@@ -175,7 +179,7 @@ def residual_of(
         noise = noise.times(np.sqrt(1 - structure.grain))
     alone = float(np.sqrt(np.mean(noise.σ**2))) / level
     causes: tuple[Cause, ...] = ()
-    way = ""
+    orientation = ""
     smooth = structure is not None and structure.is_found and structure.excess > SMOOTH_EXCESS
     # What another image would explain is the method's affair, not the scene's; noise, too, is
     # explained in part.
@@ -193,11 +197,12 @@ def residual_of(
 
         seen = place(y)
         causes = likely_causes(rest, seen, place(signal), kept * noise.σ, unexplained_light)
-        causes = causes or (Cause("unknown", 1.0),)
-        others = {name: excess(turned) for name, turned in seen_by_way(seen).items()}
-        way = better_way(excess(seen), others)
+        flipped = {name: excess(light) for name, light in seen_flipped(seen).items()}
+        orientation = better_orientation(excess(seen), flipped)
     light = np.moveaxis(planes, 0, -1)
-    return Residual(light, unexplained, alone, noise, structure, causes, better_way=way)
+    return Residual(
+        light, unexplained, alone, noise, structure, causes, better_orientation=orientation
+    )
 
 
 def left_by_images(transport: TransportOperator) -> Callable[[Array], Array]:

@@ -109,8 +109,7 @@ class FoundScene:
         if κ < TEMPERED:
             return moved
         return (
-            f"{moved}; but these parameters do not explain what is left, {κ:.0f} times the energy "
-            f"of noise where it is strongest, so the photograph moved them little (it counts for "
-            "1 over that): more of the scene is wrong, or by more, and the image's standard errors "
-            "do not count that"
+            f"{moved}; what is left has {κ:.0f} times the energy of noise where it is strongest, "
+            "so the photograph counted for 1 over that: more of the scene is wrong, or by more, "
+            "and the image's standard errors do not count that"
         )
