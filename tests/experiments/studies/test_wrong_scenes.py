@@ -168,12 +168,12 @@ def test_the_report_holds_every_draw(tmp_path):
     with (tmp_path / "wrong_scenes.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     held = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))
-    assert len(rows) == len(held["draws"]) == len(held["numbers"]) == 18
+    assert len(rows) == len(held["draws"]) == len(held["numbers"]) == 24
     assert rows[0]["within_1"] == str(int((np.abs(outcomes[0].z) < 1).sum()))
-    assert [cell["draws"] for cell in held["summary"]] == [3] * 6
-    assert [cell["trusted"] for cell in held["summary"]] == [2] * 6
+    assert [cell["draws"] for cell in held["summary"]] == [3] * 8
+    assert [cell["trusted"] for cell in held["summary"]] == [2] * 8
     assert "far" in (tmp_path / "index.html").read_text("utf-8")
-    assert [len(table.rows) for table in section.tables] == [6, 18]
+    assert [len(table.rows) for table in section.tables] == [8, 24]
     lost = np.median([o.registered["true"] - o.registered["calibrated"] for o in outcomes])
     assert section.claims[0].measured == f"{lost:.2f} dB"
     assert len(section.claims) == 6
