@@ -35,6 +35,7 @@ from periscopy_sim.reconstruction.large_scale.transport_operator import (
     used_rows,
 )
 from periscopy_sim.reconstruction.observation import Observation
+from periscopy_sim.reconstruction.residual.orientations import FLIPPED
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -129,12 +130,12 @@ def coarse_transport(A: Matrix, observation: Observation) -> Array:
 
 
 def _turned(planes: Array, smooth: Array, observation: Observation) -> list[Array]:
-    """Return (3, M') planes upside down, left to right, and both.
+    """Return (3, M') planes as a flipped photograph would have them, in each of `FLIPPED`.
 
     Where turning brings a pixel that is left out to one that is used, that one shows smooth light.
     """
     light = (planes @ smooth) @ smooth.T
     fine = np.nan_to_num(observation.placed((planes - light).T))
-    turned = (fine[:, ::-1], fine[:, :, ::-1], fine[:, ::-1, ::-1])
+    turned = (fine[:, *flip] for flip in FLIPPED.values())
     used = slice(None) if observation.mask is None else observation.mask.ravel()
     return [light + each.reshape(3, -1)[:, used] for each in turned]

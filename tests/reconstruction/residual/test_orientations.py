@@ -1,4 +1,4 @@
-"""Photographs that are mirrored, or turned."""
+"""Photographs that came mirrored or rotated."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_an_orientation_is_named_where_it_leaves_much_less(left, named):
     assert better_orientation(1.0, others) == named
 
 
-def test_light_is_seen_mirrored_and_turned():
+def test_light_is_seen_mirrored_and_rotated():
     light = np.arange(24.0).reshape(2, 3, 4)
     seen = seen_flipped(light)
     np.testing.assert_array_equal(seen["mirrored left to right"], np.flip(light, 2))
