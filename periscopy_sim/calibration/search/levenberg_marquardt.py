@@ -16,6 +16,7 @@ from periscopy_sim.calibration.search.fisher_information import (
     curvature,
     differences,
 )
+from periscopy_sim.calibration.search.physical_step import physical_step
 from periscopy_sim.errors import SceneError
 
 DAMPING = 1e-3
@@ -29,9 +30,6 @@ LONGER_STEP, LONGEST_STEP = 1.5, 4.0
 
 TRIALS = 5
 """Steps tried, each shorter, before a point is called the best."""
-
-PARTS = 0.25, 0.0625
-"""Of a step that are tried towards the border of what is physical."""
 
 SEEDS = 3
 """Of an iteration: two of its differences, one of a test of its end."""
@@ -102,25 +100,13 @@ def descend(
 def _physical_step(
     level: ResolutionLevel, about: Curvature, values: Values, damping: float, longest: Values
 ) -> tuple[Values, SceneError | None]:
-    """Return Newton's step, and why it is not physical; then as much of it as is.
-
-    Parameters that it takes past the border by themselves go a part of the way, the others where
-    that is best: an exponent that a ruler has near 0 must not hold up all.
-    """
-    step = about.step(damping, longest)
-    error = level.unphysical(values + step)
-    if error is None:
-        return step, None
-    moves = np.diag(step)
-    free = np.array([level.unphysical(values + move) is None for move in moves])
-    if free.all() or not free.any():
-        return step, error
-    found = np.zeros_like(step)
-    found[free] = about.of(free).step(damping, longest[free])
-    for move in moves[~free]:
-        parts = (part for part in PARTS if level.unphysical(values + part * move) is None)
-        found += next(parts, 0.0) * move
-    return found, error
+    """Return Newton's step, and why it is not physical; then as much of it as is."""
+    return physical_step(
+        level,
+        values,
+        about.step(damping, longest),
+        lambda free: about.of(free).step(damping, longest[free]),
+    )
 
 
 def _looked(
@@ -178,7 +164,8 @@ def settle(level: ResolutionLevel, end: Descent, longest: Values) -> tuple[Value
     rays, as those of other places are with which it is compared: by others the evidence of one
     place differs by far more than that of places beside each other by the same.
     """
-    there, other = end.values + end.curvature.step(UNSEEN, longest), level.seed + 2
+    step, _ = _physical_step(level, end.curvature, end.values, UNSEEN, longest)
+    there, other = end.values + step, level.seed + 2
     here = level.judged(end.values)
     try:
         reached = level.judged(there)

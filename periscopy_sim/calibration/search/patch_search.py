@@ -9,15 +9,23 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
-from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.image_shift import (
+    BETWEEN_PATCHES,
+    NEGLIGIBLE,
+    ImageShift,
+    between_patches,
+)
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.search.patch_walk import walk
+from periscopy_sim.calibration.search.patch_walk import Walked, walk
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
 ITERATIONS = 10
 """Of a descent, at most; the last of them gain little and take long."""
+
+BESIDE, LOOKS = 4, 1
+"""Dips beside a walk's end from which a descent tries to gain on it, and its iterations."""
 
 WALKS = 3
 """From patch to patch after which a descent follows, at most; the last one has none."""
@@ -53,10 +61,35 @@ def search_patches(
     for walked in range(WALKS + 1):
         level, end, here = _descended(level, values, steps, shift, visit)
         moves, _ = undone(end.explanation, end.curvature, level.hidden_shape, ~shift.alone)
-        values, seen, alike = walk(level, end, *here, np.hstack([moves, by_patch]), looked)
-        if np.array_equal(values, here[0]) or walked == WALKS:
+        found = walk(level, end, *here, np.hstack([moves, by_patch]), looked)
+        values = found.values
+        if walked == WALKS:
             break
-    return Best(values, seen, level, end, alike)
+        if np.array_equal(values, here[0]):
+            better = _beside(level, found, steps, visit)
+            if better is None:
+                break
+            values = better
+    return Best(found.values, found.seen, level, end, found.alike)
+
+
+def _beside(level: ResolutionLevel, found: Walked, steps: Values, visit: Visit) -> Values | None:
+    """Return where a descent from a dip beside gains on a walk's end; None if none does.
+
+    A walk's chords have the derivatives of the dip that it came from, so that they do not come to
+    the bottom of one that is not much alike.
+    """
+    for dip in found.beside[:BESIDE]:
+        try:
+            _, end = descend(level, dip, steps, 5 * steps, LOOKS, visit)
+            there = level.judged(end.values)
+        except SceneError:
+            continue
+        gain = between_patches(level, found.values, found.seen)
+        gain -= between_patches(level, end.values, there)
+        if gain > BETWEEN_PATCHES * NEGLIGIBLE:
+            return end.values
+    return None
 
 
 def _descended(

@@ -11,8 +11,10 @@ find the bottom of a dip.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
@@ -22,6 +24,7 @@ from periscopy_sim.calibration.search.image_shift import (
     between_patches,
 )
 from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
+from periscopy_sim.calibration.search.physical_step import physical_step
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -44,6 +47,26 @@ SAME = 0.8
 Dip = tuple[Values, Explanation]
 
 
+@dataclass(frozen=True, eq=False)
+class Walked:
+    """Where a walk ended, and the dips beside.
+
+    Attributes
+    ----------
+    values, seen
+        (P,) the best dip's bottom, and what is seen there.
+    alike
+        (P, K) how far it is to the next dips that lose less than is telling.
+    beside
+        The bottoms of these dips, (P,) each, the best first.
+    """
+
+    values: Values
+    seen: Explanation
+    alike: Array
+    beside: tuple[Values, ...]
+
+
 def walk(
     level: ResolutionLevel,
     end: Descent,
@@ -51,8 +74,8 @@ def walk(
     seen: Explanation,
     patches: Array,
     looked: Callable[[], None] = lambda: None,
-) -> tuple[Values, Explanation, Array]:
-    """Walk from dip to dip while that gains; return where, what is seen there, and what is alike.
+) -> Walked:
+    """Walk from dip to dip while that gains.
 
     Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`.
 
@@ -69,13 +92,6 @@ def walk(
         `image_warp.undone` and `ImageShift.by_patch`.
     looked
         Called whenever a place was looked at.
-
-    Returns
-    -------
-    values, seen
-        Of the best dip.
-    alike
-        (P, K) how far it is to the next dips that lose less than is telling.
     """
 
     def explain(at: Values) -> Explanation:
@@ -89,7 +105,7 @@ def walk(
         limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
         for k, sign in sides:
             if (k, sign) not in dips:
-                at = _dip(explain, end, values, sign * patches[:, k], limit)
+                at = _dip(level, explain, end, values, sign * patches[:, k], limit)
                 dips[k, sign] = None if at is None else (at, level.judged(at))
         found = {side: dip for side, dip in dips.items() if dip is not None}
         if not found or walked == FARTHEST:
@@ -100,8 +116,11 @@ def walk(
             break
         dips, values, seen = {(k, -sign): (values, seen)}, *best
     telling = seen.evidence + TELLING
-    ends = [dip[0] - values for dip in dips.values() if dip and dip[1].evidence < telling]
-    return values, seen, _distinct(ends, end.curvature.invertible())
+    near = [dip for dip in dips.values() if dip is not None and dip[1].evidence < telling]
+    near.sort(key=lambda dip: between_patches(level, *dip))
+    beside = tuple(at for at, _ in near)
+    alike = _distinct([at - values for at in beside], end.curvature.invertible())
+    return Walked(values, seen, alike, beside)
 
 
 def _distinct(moves: Sequence[Values], metric: Array) -> Array:
@@ -118,19 +137,20 @@ def _distinct(moves: Sequence[Values], metric: Array) -> Array:
 
 
 def _dip(
+    level: ResolutionLevel,
     explain: Callable[[Values], Explanation],
     end: Descent,
     values: Values,
     patch: Values,
     limit: float,
 ) -> Values | None:
-    """Return the bottom of the dip a patch from some values, by chords.
+    """Return the bottom of the dip a patch from some values, by chords, each `physical_step`.
 
     None if it is not physical, if there is no dip of its own, for the chords lead back, or if its
     evidence will hardly be below the limit.
     """
     about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
-    metric = about.invertible() @ patch
+    metric, damped = about.invertible() @ patch, about.damped(DAMPING)
 
     def pull(seen: Explanation) -> Array:
         errors = seen.residuals / end.explanation.deviations
@@ -140,7 +160,11 @@ def _dip(
 
     def step(at: Values, seen: Explanation) -> Values:
         slope = volume - pull(seen) + about.prior.slope(at)
-        return np.asarray(-np.linalg.solve(about.damped(DAMPING), slope))
+
+        def of(free: NDArray[np.bool_]) -> Values:
+            return np.asarray(-np.linalg.solve(damped[np.ix_(free, free)], slope[free]))
+
+        return physical_step(level, at, of(np.ones(len(at), bool)), of)[0]
 
     def is_own(at: Values) -> bool:
         return bool((at - values) @ metric > 0.5 * (patch @ metric))
@@ -151,12 +175,12 @@ def _dip(
         except SceneError:
             return None
 
-    bottom, part = values + patch, 1.0
+    bottom, part = values + physical_step(level, values, patch, lambda free: patch[free])[0], 1.0
     if (seen := look(bottom)) is None:
         return None
     for _ in range(CHORDS):
         along = step(bottom, seen)
-        promised = float(along @ about.damped(DAMPING) @ along)
+        promised = float(along @ damped @ along)
         if not is_own(bottom) or seen.evidence - MORE * promised > limit:
             return None
         tried = look(bottom + part * along)

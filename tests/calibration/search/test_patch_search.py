@@ -5,10 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search import patch_search
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
-from periscopy_sim.calibration.search.patch_search import ITERATIONS, WALKS, search_patches
+from periscopy_sim.calibration.search.patch_search import (
+    BESIDE,
+    ITERATIONS,
+    LOOKS,
+    WALKS,
+    search_patches,
+)
+from periscopy_sim.calibration.search.patch_walk import Walked
 from periscopy_sim.errors import SceneError
 
 START, PATCH, FOLLOWED = np.array([[0.3, 0.0, 0.0], [0.0, 1.0, 0.0], [0.01, 0.0, 0.0]])
@@ -48,7 +56,7 @@ class Searched:
         del level, end
         assert looked == "looked"
         self.patches.append(patches)
-        return values + self.walks.pop(0), seen, np.zeros((3, 0))
+        return Walked(values + self.walks.pop(0), seen, np.zeros((3, 0)), ())
 
 
 def stays(level, values, seen):
@@ -101,3 +109,58 @@ def test_a_row_of_patches_has_no_place_above(monkeypatch):
     searched = Searched(monkeypatch, stays, [0 * PATCH])
     across, up = searched.patches[0].T
     assert across.any() and not up.any()
+
+
+class Beside:
+    """A search whose walks stay; dips lie beside, of which some lead on to what is better.
+
+    By `better` a descent of few iterations, from the occluder's place at a dip, leads to a gain.
+    """
+
+    def __init__(self, monkeypatch, dips, better):
+        self.starts, self.tried, self.better = [], [], better
+        self.dips = [np.array([dip, 0.0, 0.0]) for dip in dips]
+        for name in ("descend", "settle", "walk"):
+            monkeypatch.setattr(patch_search, name, getattr(self, name))
+        monkeypatch.setattr(patch_search, "undone", lambda *_: (np.zeros((3, 0)), None))
+        shift = ImageShift(np.eye(3)[1:])
+        object.__setattr__(shift, "settled", stays)
+        level = SimpleNamespace(
+            hidden_shape=(1, 5), names=LEVEL.names, judged=self.judged, prior=Prior.none(3)
+        )
+        self.found = search_patches(level, START, np.ones(3), shift, "visit", "looked")
+
+    def judged(self, values):
+        return SimpleNamespace(evidence=-self.better.get(round(float(values[0]), 3), 0.0))
+
+    def descend(self, level, start, steps, longest, iterations, visit):
+        del steps, longest, visit
+        if iterations == LOOKS:
+            self.tried.append(float(start[0]))
+            if start[0] < 0:
+                raise SceneError("the occluder is in the wall")
+        else:
+            self.starts.append(float(start[0]))
+        return level, Descent(start, SimpleNamespace(), "about", None)
+
+    def settle(self, level, end, steps):
+        del steps
+        return end.values, level.judged(end.values)
+
+    def walk(self, level, end, values, seen, patches, looked):
+        del level, end, patches, looked
+        beside = tuple(dip for dip in self.dips if not np.array_equal(dip, values))
+        return Walked(values, seen, np.zeros((3, 0)), beside)
+
+
+def test_where_a_walk_stays_a_descent_from_a_dip_beside_may_lead_on(monkeypatch):
+    searched = Beside(monkeypatch, [-2.0, 1.0, 2.0, 3.0], {2.0: 100.0, 3.0: 101.0})
+    assert searched.starts == [0.3, 2.0]
+    assert searched.tried == [-2.0, 1.0, 2.0, *[-2.0, 1.0, 3.0]]  # 3 gains less than is worth it
+    assert searched.found.values[0] == 2.0
+
+
+def test_no_more_dips_beside_are_looked_at_than_are_worth_it(monkeypatch):
+    searched = Beside(monkeypatch, [1.0, 2.0, 3.0, 4.0, 5.0], {5.0: 100.0})
+    assert searched.starts == [0.3] and len(searched.tried) == BESIDE
+    assert searched.found.values[0] == 0.3

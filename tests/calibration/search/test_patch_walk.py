@@ -48,6 +48,9 @@ class Comb:
     def judged(self, values):
         return self.explain(values)
 
+    def unphysical(self, values):
+        return SceneError("the slat is in the wall") if values[0] > self.border else None
+
     def end(self, value, known=1.0):
         """Return a descent's end there that knows so much of the information."""
         information = known * np.array([[np.sum(MOVED**2)]])
@@ -63,7 +66,45 @@ class Comb:
     def walked(self, value, patch=1.1):
         """Walk from a value by patches that are told a tenth too long."""
         end = self.end(value)
-        return walk(self, end, end.values, end.explanation, np.array([[patch, 0.0]]))
+        return told(walk(self, end, end.values, end.explanation, np.array([[patch, 0.0]])))
+
+
+class LeaningComb(Comb):
+    """Another number follows the dips, by `lean` each, and has to stay above 0."""
+
+    moved = np.stack([MOVED[0], 30.0 * np.array([1, -1, 1, -1])[:, None] * np.ones(3)])
+
+    def __init__(self, losses, lean):
+        super().__init__(losses)
+        self.lean, self.prior = lean, Prior.none(2)
+
+    def explain(self, values):
+        if self.unphysical(values):
+            raise SceneError("the exponent is negative")
+        dip = int(np.rint(values[0]))
+        aside = np.array([values[0] - dip, values[1] - 0.1 - self.lean * dip])
+        residuals = -np.tensordot(aside, self.moved, 1)
+        excess = 1 + float(np.sum(residuals**2)) / self.freedom
+        evidence = self.freedom * np.log(excess) + self.losses.get(dip, 1e6)
+        deviations = np.full(3, np.sqrt(excess))
+        return SimpleNamespace(evidence=evidence, residuals=residuals, deviations=deviations)
+
+    def unphysical(self, values):
+        return SceneError("the exponent is negative") if values[1] < 0 else None
+
+    def end(self):
+        pair = np.stack([self.moved, self.moved])
+        information = np.tensordot(self.moved, self.moved, ((1, 2), (1, 2)))
+        about = Curvature(
+            Jacobian(np.zeros((2, 2)), pair, pair), np.zeros(2), information,
+            np.diag(information), np.zeros(2), self.prior,
+        )  # fmt: skip
+        values = np.array([0.0, 0.1])
+        return SimpleNamespace(values=values, explanation=self.explain(values), curvature=about)
+
+
+def told(found):
+    return found.values, found.seen, found.alike
 
 
 def test_one_walks_to_the_deepest_dip_nearby():
@@ -84,8 +125,34 @@ def test_chords_that_lead_past_the_physical_are_halved():
     """They are half as long again as they should be, and a wall stands right behind the bottom."""
     comb = Comb({0: 0, 1: -30}, border=1.1)
     end = comb.end(0.0, known=2 / 3)
-    values, _, _ = walk(comb, end, end.values, end.explanation, np.array([[0.6, 0.0]]))
+    values, _, _ = told(walk(comb, end, end.values, end.explanation, np.array([[0.6, 0.0]])))
     assert values == pytest.approx([1.0], abs=0.05)
+
+
+def test_a_number_at_the_border_of_the_physical_does_not_hold_up_the_walk():
+    """The chord would take it past 0; the other goes to the bottom all the same."""
+    comb = LeaningComb({0: 0, 1: -60}, lean=-0.15)
+    end = comb.end()
+    patch = np.array([[1.3, 0.0], [0.0, 0.0]])
+    values, seen, _ = told(walk(comb, end, end.values, end.explanation, patch))
+    assert values == pytest.approx([1.0, 0.0], abs=0.08) and values[1] >= 0
+    assert seen.evidence < -20
+
+
+def test_a_patch_that_takes_a_number_past_the_border_is_walked_without_it():
+    comb = LeaningComb({0: 0, 1: -60}, lean=0.0)
+    end = comb.end()
+    patch = np.array([[1.0, 0.0], [-0.2, 0.0]])
+    values, _, _ = told(walk(comb, end, end.values, end.explanation, patch))
+    assert values == pytest.approx([1.0, 0.1], abs=0.02)
+
+
+def test_dips_beside_are_told_the_best_first():
+    comb = Comb({0: 0, 1: 40, -1: 20, 2: 5000})
+    end = comb.end(0.0)
+    found = walk(comb, end, end.values, end.explanation, np.array([[1.1, 0.0]]))
+    assert np.concatenate(found.beside) == pytest.approx([-1.0, 1.0], abs=0.02)
+    assert found.alike.shape == (1, 1)
 
 
 def test_a_bowl_has_no_dip_beside():
@@ -124,7 +191,7 @@ def test_dips_in_one_row_are_counted_once():
     losses = {0: 0, 1: 10, -1: 20}
     comb = Comb(losses)
     end = comb.end(0.0)
-    _, _, alike = walk(comb, end, end.values, end.explanation, np.array([[1.1, 0.8]]))
+    _, _, alike = told(walk(comb, end, end.values, end.explanation, np.array([[1.1, 0.8]])))
     np.testing.assert_allclose(np.abs(alike), [[1.0]], atol=1e-6)
 
 
@@ -140,7 +207,7 @@ def test_dips_that_are_no_match_are_looked_at_once():
     explain = comb.explain
     comb.judged = explain
     comb.explain = lambda at: (looks.append(at[0]), explain(at))[1]
-    values, _, _ = walk(comb, end, end.values, end.explanation, np.array([[1.0, 0.0]]))
+    values, _, _ = told(walk(comb, end, end.values, end.explanation, np.array([[1.0, 0.0]])))
     assert values == pytest.approx([1.0], abs=0.01)
     assert sum(at < -0.5 for at in looks) == sum(at > 1.5 for at in looks) == 1
     assert not any(-0.5 < at < 0.5 for at in looks)  # what was left is known
@@ -157,7 +224,7 @@ def test_without_a_shift_that_can_be_undone_nothing_is_rendered():
     comb = Comb({0: 0})
     end = comb.end(0.0)
     comb.explain = None
-    values, seen, alike = walk(comb, end, end.values, end.explanation, np.zeros((1, 2)))
+    values, seen, alike = told(walk(comb, end, end.values, end.explanation, np.zeros((1, 2))))
     assert (values is end.values) and (seen is end.explanation) and not alike.any()
 
 
@@ -174,7 +241,7 @@ def test_a_chair_that_a_descent_left_a_patch_aside_is_walked_back(chair_before_a
     assert abs(end.values[0]) > 0.005
     seen = level.explain(end.values)
     moves, _ = undone(end.explanation, end.curvature, level.hidden_shape, EVERY)
-    values, after, alike = walk(level, end, end.values, seen, moves)
+    values, after, alike = told(walk(level, end, end.values, seen, moves))
     assert after.evidence < level.judged(truth).evidence + NEGLIGIBLE
     metric = about.invertible() @ start  # a turn of the monitor and the chair's x go together
     assert abs(values @ metric) < 0.3 * (start @ metric)
