@@ -9,15 +9,10 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
-from periscopy_sim.calibration.search.image_shift import (
-    BETWEEN_PATCHES,
-    NEGLIGIBLE,
-    ImageShift,
-    between_patches,
-)
+from periscopy_sim.calibration.search.image_shift import ImageShift, between_patches
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.search.patch_walk import Walked, walk
+from periscopy_sim.calibration.search.patch_walk import WORTH, Walked, walk
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -85,9 +80,8 @@ def _beside(level: ResolutionLevel, found: Walked, steps: Values, visit: Visit) 
             there = level.judged(end.values)
         except SceneError:
             continue
-        gain = between_patches(level, found.values, found.seen)
-        gain -= between_patches(level, end.values, there)
-        if gain > BETWEEN_PATCHES * NEGLIGIBLE:
+        here = between_patches(level, found.values, found.seen)
+        if here - between_patches(level, end.values, there) > WORTH:
             return end.values
     return None
 

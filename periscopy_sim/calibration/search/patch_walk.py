@@ -10,6 +10,7 @@ find the bottom of a dip.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -38,8 +39,11 @@ CHORDS = 6
 MORE = 4.0
 """Times what a chord promises that a dip may gain yet."""
 
-FARTHEST = 4
+FARTHEST = 8
 """Patches walked, at most."""
+
+WORTH = BETWEEN_PATCHES * NEGLIGIBLE
+"""What a dip must be better, see `between_patches`, to be walked to."""
 
 SAME = 0.8
 """Squared cosine of the angle between two moves from which they lead to dips in one row."""
@@ -75,7 +79,7 @@ def walk(
     patches: Array,
     looked: Callable[[], None] = lambda: None,
 ) -> Walked:
-    """Walk from dip to dip while that gains.
+    """Walk from dip to dip while that gains, each way by turns.
 
     Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`.
 
@@ -99,28 +103,32 @@ def walk(
         looked()
         return found
 
-    sides = [(k, sign) for k in range(patches.shape[1]) if patches[:, k].any() for sign in (1, -1)]
+    sides = deque(
+        (k, sign) for k in range(patches.shape[1]) if patches[:, k].any() for sign in (1, -1)
+    )
     dips: dict[tuple[int, int], Dip | None] = {}
-    for walked in range(FARTHEST + 1):
-        limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
-        for k, sign in sides:
-            if (k, sign) not in dips:
-                at = _dip(level, explain, end, values, sign * patches[:, k], limit)
-                dips[k, sign] = None if at is None else (at, level.judged(at))
-        found = {side: dip for side, dip in dips.items() if dip is not None}
-        if not found or walked == FARTHEST:
-            break
-        (k, sign), best = min(found.items(), key=lambda item: between_patches(level, *item[1]))
-        gain = between_patches(level, values, seen) - between_patches(level, *best)
-        if gain < BETWEEN_PATCHES * NEGLIGIBLE:
-            break
-        dips, values, seen = {(k, -sign): (values, seen)}, *best
+    walked = 0
+    while len(dips) < len(sides):
+        k, sign = sides[0]
+        if (k, sign) not in dips:
+            limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
+            at = _dip(level, explain, end, values, sign * patches[:, k], limit)
+            dips[k, sign] = dip = None if at is None else (at, level.judged(at))
+            if dip is not None and walked < FARTHEST and _gain(level, (values, seen), dip) > WORTH:
+                dips, (values, seen) = {(k, -sign): (values, seen)}, dip
+                walked += 1
+                continue  # the same way, while that gains
+        sides.rotate(-1)
     telling = seen.evidence + TELLING
     near = [dip for dip in dips.values() if dip is not None and dip[1].evidence < telling]
     near.sort(key=lambda dip: between_patches(level, *dip))
     beside = tuple(at for at, _ in near)
     alike = _distinct([at - values for at in beside], end.curvature.invertible())
     return Walked(values, seen, alike, beside)
+
+
+def _gain(level: ResolutionLevel, here: Dip, there: Dip) -> float:
+    return between_patches(level, *here) - between_patches(level, *there)
 
 
 def _distinct(moves: Sequence[Values], metric: Array) -> Array:

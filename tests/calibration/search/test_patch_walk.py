@@ -147,6 +147,33 @@ def test_a_patch_that_takes_a_number_past_the_border_is_walked_without_it():
     assert values == pytest.approx([1.0, 0.1], abs=0.02)
 
 
+def test_each_way_is_walked_as_soon_as_it_gains():
+    """Two numbers, each with dips of its own; those that lose are not judged."""
+
+    class Grid(LeaningComb):
+        def explain(self, values):
+            dips = np.rint(values)
+            residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
+            excess = 1 + float(np.sum(residuals**2)) / self.freedom
+            loss = 100.0 * float(np.sum((dips - [2, -1]) ** 2))
+            return SimpleNamespace(
+                evidence=self.freedom * np.log(excess) + loss,
+                residuals=residuals,
+                deviations=np.full(3, np.sqrt(excess)),
+            )
+
+        def unphysical(self, _):
+            return None
+
+    grid, dips = Grid({}, lean=0.0), []
+    end = grid.end()
+    end.values[:] = 0
+    grid.judged = lambda at: (dips.append(at), grid.explain(at))[1]
+    found = walk(grid, end, end.values, grid.explain(end.values), np.eye(2))
+    assert found.values == pytest.approx([2.0, -1.0], abs=0.01)
+    np.testing.assert_array_equal(np.rint(dips), [[1, 0], [2, 0], [2, -1]])
+
+
 def test_dips_beside_are_told_the_best_first():
     comb = Comb({0: 0, 1: 40, -1: 20, 2: 5000})
     end = comb.end(0.0)
@@ -202,14 +229,14 @@ def test_a_dip_beyond_the_border_of_the_physical_is_none():
 
 def test_dips_that_are_no_match_are_looked_at_once():
     """Beside the first, which is left at the first look, is one that is walked to, and its own."""
-    comb, looks = Comb({0: 0, -1: 5000, 1: -50, 2: 5000}), []
+    comb, looks = Comb({0: 0, 1: 5000, -1: -50, -2: 5000}), []
     end = comb.end(0.0)
     explain = comb.explain
     comb.judged = explain
     comb.explain = lambda at: (looks.append(at[0]), explain(at))[1]
     values, _, _ = told(walk(comb, end, end.values, end.explanation, np.array([[1.0, 0.0]])))
-    assert values == pytest.approx([1.0], abs=0.01)
-    assert sum(at < -0.5 for at in looks) == sum(at > 1.5 for at in looks) == 1
+    assert values == pytest.approx([-1.0], abs=0.01)
+    assert sum(at > 0.5 for at in looks) == sum(at < -1.5 for at in looks) == 1
     assert not any(-0.5 < at < 0.5 for at in looks)  # what was left is known
 
 
