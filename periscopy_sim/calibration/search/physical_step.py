@@ -29,13 +29,36 @@ def physical_step(
     error = level.unphysical(values + step)
     if error is None:
         return step, None
-    moves = np.diag(step)
-    free = np.array([level.unphysical(values + move) is None for move in moves])
-    if free.all() or not free.any():
+    held = _beyond(level, values, step, np.arange(len(step)))
+    if not held or len(held) == len(step):
         return step, error
+    free = np.ones(len(step), bool)
+    free[held] = False
     found = np.zeros_like(step)
     found[free] = step_of(free)
-    for move in moves[~free]:
+    for k in held:
+        move = _alone(step, [k])
         parts = (part for part in PARTS if level.unphysical(values + part * move) is None)
         found += next(parts, 0.0) * move
     return found, error
+
+
+def _beyond(
+    level: ResolutionLevel, values: Values, step: Values, some: NDArray[np.intp]
+) -> list[int]:
+    """Return which of some parameters a step takes past the border by themselves.
+
+    Halves are tried together: a scene takes a while to load.
+    """
+    if level.unphysical(values + _alone(step, some)) is None:
+        return []
+    if len(some) == 1:
+        return [int(some[0])]
+    return [k for half in np.array_split(some, 2) for k in _beyond(level, values, step, half)]
+
+
+def _alone(step: Values, some: NDArray[np.intp] | list[int]) -> Values:
+    """Return a step of some parameters alone."""
+    alone = np.zeros_like(step)
+    alone[some] = step[some]
+    return alone
