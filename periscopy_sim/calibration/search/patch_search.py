@@ -22,7 +22,7 @@ ITERATIONS = 10
 BESIDE, LOOKS = 4, 1
 """Dips beside a walk's end from which a descent tries to gain on it, and its iterations."""
 
-WALKS = 3
+WALKS = 6
 """From patch to patch after which a descent follows, at most; the last one has none."""
 
 
