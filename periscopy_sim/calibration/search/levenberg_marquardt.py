@@ -100,7 +100,7 @@ def descend(
 def _physical_step(
     level: ResolutionLevel, about: Curvature, values: Values, damping: float, longest: Values
 ) -> tuple[Values, SceneError | None]:
-    """Return Newton's step, and why it is not physical; then as much of it as is."""
+    """Return Newton's step, or what of it is physical, and the error; see `physical_step`."""
     return physical_step(
         level,
         values,

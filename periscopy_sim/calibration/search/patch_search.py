@@ -19,11 +19,12 @@ from periscopy_sim.scenario import Array
 ITERATIONS = 10
 """Of a descent, at most; the last of them gain little and take long."""
 
-BESIDE, LOOKS = 4, 1
+BESIDE, FEW = 4, 1
 """Dips beside a walk's end from which a descent tries to gain on it, and its iterations."""
 
 WALKS = 6
-"""From patch to patch after which a descent follows, at most; the last one has none."""
+"""From patch to patch, or to a dip beside, after which a descent follows, at most; the last one has
+none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,41 +48,64 @@ def search_patches(
 ) -> Best:
     """Find the best parameters about a start, (P,): descend and walk by turns until neither gains.
 
-    All that descents reach is passed to `visit`; `looked` is called for each place that a walk
+    Where a walk stays, descents from the dips beside it try. Where a later descent is stopped by
+    the border of the physical, what was found before is kept. All that descents reach, of those
+    from dips beside too, is passed to `visit`; `looked` is called for each place that a walk
     looks at. Steps are those of `descend`. A SceneError is raised if the start is not physical.
     """
     # A row or a column of patches has no place beside it.
     by_patch = shift.by_patch * (np.array(level.hidden_shape[::-1]) > 1)
-    values = start
+    values, best = start, None
     for walked in range(WALKS + 1):
         level, end, here = _descended(level, values, steps, shift, visit)
         moves, _ = undone(end.explanation, end.curvature, level.hidden_shape, ~shift.alone)
+        if best is not None and end.unphysical is not None and best.end.unphysical is None:
+            return best
         found = walk(level, end, *here, np.hstack([moves, by_patch]), looked)
+        best = Best(found.values, found.seen, level, end, found.alike)
         values = found.values
         if walked == WALKS:
             break
         if np.array_equal(values, here[0]):
-            better = _beside(level, found, steps, visit)
+            better = _beside(level, found, steps, visit, looked)
             if better is None:
                 break
             values = better
-    return Best(found.values, found.seen, level, end, found.alike)
+    assert best is not None
+    return best
 
 
-def _beside(level: ResolutionLevel, found: Walked, steps: Values, visit: Visit) -> Values | None:
+def _beside(
+    level: ResolutionLevel,
+    found: Walked,
+    steps: Values,
+    visit: Visit,
+    looked: Callable[[], None],
+) -> Values | None:
     """Return where a descent from a dip beside gains on a walk's end; None if none does.
 
     A walk's chords have the derivatives of the dip that it came from, so that they do not come to
     the bottom of one that is not much alike.
     """
+
+    def gain(at: Values, seed: int | None = None) -> float:
+        here, there = (
+            between_patches(level, place, level.judged(place, seed)) for place in (found.values, at)
+        )
+        return here - there
+
     for dip in found.beside[:BESIDE]:
         try:
-            _, end = descend(level, dip, steps, 5 * steps, LOOKS, visit)
-            there = level.judged(end.values)
+            _, end = descend(level, dip, steps, 5 * steps, FEW, visit)
+            # Where there are rays, those that chose the place make it look better than it is.
+            seeds = (None,) if level.by_area else (None, level.seed + 2)
+            better = end.unphysical is None and all(
+                gain(end.values, seed) > WORTH for seed in seeds
+            )
         except SceneError:
-            continue
-        here = between_patches(level, found.values, found.seen)
-        if here - between_patches(level, end.values, there) > WORTH:
+            better = False
+        looked()
+        if better:
             return end.values
     return None
 

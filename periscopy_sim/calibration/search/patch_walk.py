@@ -40,10 +40,13 @@ MORE = 4.0
 """Times what a chord promises that a dip may gain yet."""
 
 FARTHEST = 8
-"""Patches walked, at most."""
+"""Patches walked, at most, in all directions together."""
 
 WORTH = BETWEEN_PATCHES * NEGLIGIBLE
-"""What a dip must be better, see `between_patches`, to be walked to."""
+"""By how much a dip must be better to be walked to, see `between_patches`."""
+
+NEAR = 0.25
+"""Squared distance of two dips, over that to where they are seen from, at which they are one."""
 
 SAME = 0.8
 """Squared cosine of the angle between two moves from which they lead to dips in one row."""
@@ -62,7 +65,7 @@ class Walked:
     alike
         (P, K) how far it is to the next dips that lose less than is telling.
     beside
-        The bottoms of these dips, (P,) each, the best first.
+        The bottoms of these dips, (P,) each, the best first; none twice.
     """
 
     values: Values
@@ -79,7 +82,7 @@ def walk(
     patches: Array,
     looked: Callable[[], None] = lambda: None,
 ) -> Walked:
-    """Walk from dip to dip while that gains, each way by turns.
+    """Walk from dip to dip, in one direction as long as that gains, then in the next.
 
     Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`.
 
@@ -122,13 +125,27 @@ def walk(
     telling = seen.evidence + TELLING
     near = [dip for dip in dips.values() if dip is not None and dip[1].evidence < telling]
     near.sort(key=lambda dip: between_patches(level, *dip))
-    beside = tuple(at for at, _ in near)
-    alike = _distinct([at - values for at in beside], end.curvature.invertible())
+    metric = end.curvature.invertible()
+    beside = _single([at for at, _ in near], values, metric)
+    alike = _distinct([at - values for at in beside], metric)
     return Walked(values, seen, alike, beside)
 
 
 def _gain(level: ResolutionLevel, here: Dip, there: Dip) -> float:
     return between_patches(level, *here) - between_patches(level, *there)
+
+
+def _single(places: Sequence[Values], values: Values, metric: Array) -> tuple[Values, ...]:
+    """Return places but those that lie much nearer to one before them than to some values."""
+
+    def squared(move: Values) -> float:
+        return float(move @ metric @ move)
+
+    found: list[Values] = []
+    for at in places:
+        if all(squared(at - each) > NEAR * squared(at - values) for each in found):
+            found.append(at)
+    return tuple(found)
 
 
 def _distinct(moves: Sequence[Values], metric: Array) -> Array:
@@ -152,8 +169,9 @@ def _dip(
     patch: Values,
     limit: float,
 ) -> Values | None:
-    """Return the bottom of the dip a patch from some values, by chords, each `physical_step`.
+    """Return the bottom of the dip a patch from some values, by chords.
 
+    Each is kept physical by `physical_step`.
     None if it is not physical, if there is no dip of its own, for the chords lead back, or if its
     evidence will hardly be below the limit.
     """
@@ -184,10 +202,10 @@ def _dip(
             return None
 
     bottom, part = values + physical_step(level, values, patch, lambda free: patch[free])[0], 1.0
-    if (seen := look(bottom)) is None:
+    if not is_own(bottom) or (seen := look(bottom)) is None:
         return None
+    along = step(bottom, seen)
     for _ in range(CHORDS):
-        along = step(bottom, seen)
         promised = float(along @ damped @ along)
         if not is_own(bottom) or seen.evidence - MORE * promised > limit:
             return None
@@ -199,4 +217,5 @@ def _dip(
         bottom, seen, part = bottom + part * along, tried, 1.0
         if gain < NEGLIGIBLE:
             break
+        along = step(bottom, seen)
     return bottom if is_own(bottom) and seen.evidence < limit else None

@@ -1,4 +1,4 @@
-"""Steps that end where the physical does: of a box at size 0, of an exponent at 0."""
+"""Steps that stop at the border of what is physical: a box of size 0, an exponent of 0."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ def physical_step(
     step: Values,
     step_of: Callable[[NDArray[np.bool_]], Values],
 ) -> tuple[Values, SceneError | None]:
-    """Return a step from some values, and why it is not physical; then as much of it as is.
+    """Return a step as it is, and None, if it is physical; else what can be taken, and the error.
 
-    Parameters that it takes past the border by themselves go a part of the way, the others by the
-    step that `step_of` returns of them, (P,) booleans, alone: an exponent that a ruler has near 0
-    must not hold up all.
+    Parameters that cross the border go a part of the way: an exponent that a ruler has near 0 must
+    not hold up all. For the others `step_of`, given which they are as (P,) booleans, returns the
+    step. Where none crosses it alone, or all do, the step is returned as it is. What is returned
+    may still not be physical: callers try it.
     """
     error = level.unphysical(values + step)
     if error is None:
         return step, None
-    held = _beyond(level, values, step, np.arange(len(step)))
+    held = _beyond(level, values, step, np.arange(len(step)), known=True)
     if not held or len(held) == len(step):
         return step, error
     free = np.ones(len(step), bool)
@@ -44,13 +45,18 @@ def physical_step(
 
 
 def _beyond(
-    level: ResolutionLevel, values: Values, step: Values, some: NDArray[np.intp]
+    level: ResolutionLevel,
+    values: Values,
+    step: Values,
+    some: NDArray[np.intp],
+    known: bool = False,
 ) -> list[int]:
-    """Return which of some parameters a step takes past the border by themselves.
+    """Return which of some parameters a step takes past the border, all together if it is `known`.
 
-    Halves are tried together: a scene takes a while to load.
+    Halves are tried together, for a scene takes a while to load; none of one that is physical
+    counts.
     """
-    if level.unphysical(values + _alone(step, some)) is None:
+    if not known and level.unphysical(values + _alone(step, some)) is None:
         return []
     if len(some) == 1:
         return [int(some[0])]

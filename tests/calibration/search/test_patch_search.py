@@ -11,8 +11,8 @@ from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.calibration.search.patch_search import (
     BESIDE,
+    FEW,
     ITERATIONS,
-    LOOKS,
     WALKS,
     search_patches,
 )
@@ -126,16 +126,21 @@ class Beside:
         shift = ImageShift(np.eye(3)[1:])
         object.__setattr__(shift, "settled", stays)
         level = SimpleNamespace(
-            hidden_shape=(1, 5), names=LEVEL.names, judged=self.judged, prior=Prior.none(3)
+            hidden_shape=(1, 5),
+            names=LEVEL.names,
+            judged=self.judged,
+            prior=Prior.none(3),
+            by_area=True,
         )
-        self.found = search_patches(level, START, np.ones(3), shift, "visit", "looked")
+        self.found = search_patches(level, START, np.ones(3), shift, "visit", lambda: None)
 
-    def judged(self, values):
+    def judged(self, values, seed=None):
+        del seed
         return SimpleNamespace(evidence=-self.better.get(round(float(values[0]), 3), 0.0))
 
     def descend(self, level, start, steps, longest, iterations, visit):
         del steps, longest, visit
-        if iterations == LOOKS:
+        if iterations == FEW:
             self.tried.append(float(start[0]))
             if start[0] < 0:
                 raise SceneError("the occluder is in the wall")
@@ -164,3 +169,41 @@ def test_no_more_dips_beside_are_looked_at_than_are_worth_it(monkeypatch):
     searched = Beside(monkeypatch, [1.0, 2.0, 3.0, 4.0, 5.0], {5.0: 100.0})
     assert searched.starts == [0.3] and len(searched.tried) == BESIDE
     assert searched.found.values[0] == 0.3
+
+
+def test_descents_from_dips_beside_end_with_the_last_round(monkeypatch):
+    dips = np.arange(1.0, 30.0)
+
+    class Ever(Beside):
+        def walk(self, level, end, values, seen, patches, looked):
+            del level, end, patches, looked
+            return Walked(values, seen, np.zeros((3, 0)), (np.floor(values) + 1,))
+
+    searched = Ever(monkeypatch, [], {float(dip): 100.0 * dip for dip in dips})
+    assert searched.starts == [0.3, *dips[:WALKS]] and len(searched.tried) == WALKS
+    assert searched.found.values[0] == WALKS
+    assert searched.found.seen.evidence == -100 * WALKS
+
+
+@pytest.mark.parametrize("others", [200.0, 0.0])
+def test_where_there_are_rays_others_must_agree_that_a_dip_beside_is_better(monkeypatch, others):
+    class ByRays(Beside):
+        def judged(self, values, seed=None):
+            chosen = super().judged(values)
+            return chosen if seed is None else SimpleNamespace(evidence=-others * values[0])
+
+        def walk(self, level, *rest):
+            level.by_area, level.seed = False, 0
+            return super().walk(level, *rest)
+
+    searched = ByRays(monkeypatch, [2.0], {2.0: 100.0})
+    assert searched.found.values[0] == (2.0 if others else 0.3)
+
+
+def test_where_a_later_descent_is_stopped_by_the_border_what_was_found_before_is_kept(monkeypatch):
+    error = SceneError("the monitor is in the wall")
+    searched = Searched(monkeypatch, stays, [PATCH, 0 * PATCH], {2: error})
+    assert len(searched.starts) == 2
+    np.testing.assert_allclose(searched.found.values, START + FOLLOWED + PATCH)
+    assert searched.found.end.unphysical is None
+    assert searched.found.seen == "seen by about 1"

@@ -12,7 +12,7 @@ from periscopy_sim.calibration.search.fisher_information import (
 )
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import descend
-from periscopy_sim.calibration.search.patch_walk import NEGLIGIBLE, TELLING, walk
+from periscopy_sim.calibration.search.patch_walk import FARTHEST, NEGLIGIBLE, TELLING, walk
 from periscopy_sim.errors import SceneError
 
 MOVED = np.full((1, 4, 3), 30.0)
@@ -92,14 +92,14 @@ class LeaningComb(Comb):
     def unphysical(self, values):
         return SceneError("the exponent is negative") if values[1] < 0 else None
 
-    def end(self):
+    def end(self, *values):
         pair = np.stack([self.moved, self.moved])
         information = np.tensordot(self.moved, self.moved, ((1, 2), (1, 2)))
         about = Curvature(
             Jacobian(np.zeros((2, 2)), pair, pair), np.zeros(2), information,
             np.diag(information), np.zeros(2), self.prior,
         )  # fmt: skip
-        values = np.array([0.0, 0.1])
+        values = np.array(values)
         return SimpleNamespace(values=values, explanation=self.explain(values), curvature=about)
 
 
@@ -132,16 +132,24 @@ def test_chords_that_lead_past_the_physical_are_halved():
 def test_a_number_at_the_border_of_the_physical_does_not_hold_up_the_walk():
     """The chord would take it past 0; the other goes to the bottom all the same."""
     comb = LeaningComb({0: 0, 1: -60}, lean=-0.15)
-    end = comb.end()
+    end = comb.end(0.0, 0.1)
     patch = np.array([[1.3, 0.0], [0.0, 0.0]])
     values, seen, _ = told(walk(comb, end, end.values, end.explanation, patch))
     assert values == pytest.approx([1.0, 0.0], abs=0.08) and values[1] >= 0
     assert seen.evidence < -20
 
 
+def test_a_patch_of_which_hardly_anything_is_physical_is_not_looked_at():
+    comb, looks = LeaningComb({0: 0}, lean=0.0), []
+    end, explain = comb.end(0.0, 0.1), comb.explain
+    comb.explain = lambda at: (looks.append(at[1]), explain(at))[1]
+    walk(comb, end, end.values, end.explanation, np.array([[0.0], [-0.2]]))
+    assert looks and min(looks) > 0.1  # the other side alone
+
+
 def test_a_patch_that_takes_a_number_past_the_border_is_walked_without_it():
     comb = LeaningComb({0: 0, 1: -60}, lean=0.0)
-    end = comb.end()
+    end = comb.end(0.0, 0.1)
     patch = np.array([[1.0, 0.0], [-0.2, 0.0]])
     values, _, _ = told(walk(comb, end, end.values, end.explanation, patch))
     assert values == pytest.approx([1.0, 0.1], abs=0.02)
@@ -155,7 +163,7 @@ def test_each_way_is_walked_as_soon_as_it_gains():
             dips = np.rint(values)
             residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
             excess = 1 + float(np.sum(residuals**2)) / self.freedom
-            loss = 100.0 * float(np.sum((dips - [2, -1]) ** 2))
+            loss = 200.0 * float(np.sum((dips - [2, -1]) ** 2))
             return SimpleNamespace(
                 evidence=self.freedom * np.log(excess) + loss,
                 residuals=residuals,
@@ -166,18 +174,18 @@ def test_each_way_is_walked_as_soon_as_it_gains():
             return None
 
     grid, dips = Grid({}, lean=0.0), []
-    end = grid.end()
-    end.values[:] = 0
+    end = grid.end(0.0, 0.0)
     grid.judged = lambda at: (dips.append(at), grid.explain(at))[1]
     found = walk(grid, end, end.values, grid.explain(end.values), np.eye(2))
     assert found.values == pytest.approx([2.0, -1.0], abs=0.01)
     np.testing.assert_array_equal(np.rint(dips), [[1, 0], [2, 0], [2, -1]])
 
 
-def test_dips_beside_are_told_the_best_first():
+@pytest.mark.parametrize("second", [0.0, 0.8])
+def test_dips_beside_are_told_once_the_best_first(second):
     comb = Comb({0: 0, 1: 40, -1: 20, 2: 5000})
     end = comb.end(0.0)
-    found = walk(comb, end, end.values, end.explanation, np.array([[1.1, 0.0]]))
+    found = walk(comb, end, end.values, end.explanation, np.array([[1.1, second]]))
     assert np.concatenate(found.beside) == pytest.approx([-1.0, 1.0], abs=0.02)
     assert found.alike.shape == (1, 1)
 
@@ -187,9 +195,11 @@ def test_a_bowl_has_no_dip_beside():
     assert abs(values[0]) < 0.05 and not alike.any()
 
 
-def test_what_is_alike_is_told_of_the_last_dip():
-    _, _, alike = Comb({k: -1000 * k for k in range(5)}).walked(0.0, 1.0)
-    assert not alike.any()
+def test_one_walks_no_farther_than_so_many_patches_and_what_is_alike_is_told_of_the_last():
+    values, _, alike = Comb({k: -1000 * k for k in range(FARTHEST + 3)}, border=50).walked(0.0, 1.0)
+    assert values == pytest.approx([FARTHEST], abs=0.01)
+    # The next is far better, and so no place that looks the same.
+    assert alike.shape == (1, 1) and alike[0, 0] == pytest.approx(1, abs=0.01)
 
 
 def test_one_stays_where_no_dip_beside_is_deeper():
