@@ -12,7 +12,8 @@ from periscopy_sim.calibration.explanation.resolution_level import ResolutionLev
 from periscopy_sim.calibration.search.image_shift import ImageShift, between_patches
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
-from periscopy_sim.calibration.search.patch_walk import WORTH, Walked, walk
+from periscopy_sim.calibration.search.patch_walk import Walked, walk
+from periscopy_sim.calibration.search.telling import worth
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -88,20 +89,19 @@ def _beside(
     the bottom of one that is not much alike.
     """
 
-    def gain(at: Values, seed: int | None = None) -> float:
+    def gains(at: Values, seed: int) -> bool:
         here, there = (
             between_patches(level, place, level.judged(place, seed)) for place in (found.values, at)
         )
-        return here - there
+        seen = (level.explain(place) for place in (found.values, at))
+        return here - there > worth(level, *seen)
 
     for dip in found.beside[:BESIDE]:
         try:
             _, end = descend(level, dip, steps, 5 * steps, FEW, visit)
             # Where there are rays, those that chose the place make it look better than it is.
-            seeds = (None,) if level.by_area else (None, level.seed + 2)
-            better = end.unphysical is None and all(
-                gain(end.values, seed) > WORTH for seed in seeds
-            )
+            seeds = (level.seed,) if level.by_area else (level.seed, level.seed + 2)
+            better = end.unphysical is None and all(gains(end.values, seed) for seed in seeds)
         except SceneError:
             better = False
         looked()

@@ -26,6 +26,7 @@ from periscopy_sim.calibration.search.image_shift import (
 )
 from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
 from periscopy_sim.calibration.search.physical_step import physical_step
+from periscopy_sim.calibration.search.telling import worth
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -41,9 +42,6 @@ MORE = 4.0
 
 FARTHEST = 8
 """Patches walked, at most, in all directions together."""
-
-WORTH = BETWEEN_PATCHES * NEGLIGIBLE
-"""By how much a dip must be better to be walked to, see `between_patches`."""
 
 NEAR = 0.25
 """Squared distance of two dips, over that to where they are seen from, at which they are one."""
@@ -110,17 +108,19 @@ def walk(
         (k, sign) for k in range(patches.shape[1]) if patches[:, k].any() for sign in (1, -1)
     )
     dips: dict[tuple[int, int], Dip | None] = {}
-    walked = 0
+    walked, here = 0, explain(values) if sides else seen
     while len(dips) < len(sides):
         k, sign = sides[0]
         if (k, sign) not in dips:
             limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
             at = _dip(level, explain, end, values, sign * patches[:, k], limit)
-            dips[k, sign] = dip = None if at is None else (at, level.judged(at))
-            if dip is not None and walked < FARTHEST and _gain(level, (values, seen), dip) > WORTH:
-                dips, (values, seen) = {(k, -sign): (values, seen)}, dip
-                walked += 1
-                continue  # the same way, while that gains
+            dips[k, sign] = dip = None if at is None else (at[0], level.judged(at[0]))
+            if at is not None and dip is not None and walked < FARTHEST:
+                least = worth(level, here, at[1])
+                if between_patches(level, values, seen) - between_patches(level, *dip) > least:
+                    dips, (values, seen), here = {(k, -sign): (values, seen)}, dip, at[1]
+                    walked += 1
+                    continue  # the same way, while that gains
         sides.rotate(-1)
     telling = seen.evidence + TELLING
     near = [dip for dip in dips.values() if dip is not None and dip[1].evidence < telling]
@@ -129,10 +129,6 @@ def walk(
     beside = _single([at for at, _ in near], values, metric)
     alike = _distinct([at - values for at in beside], metric)
     return Walked(values, seen, alike, beside)
-
-
-def _gain(level: ResolutionLevel, here: Dip, there: Dip) -> float:
-    return between_patches(level, *here) - between_patches(level, *there)
 
 
 def _single(places: Sequence[Values], values: Values, metric: Array) -> tuple[Values, ...]:
@@ -168,8 +164,8 @@ def _dip(
     values: Values,
     patch: Values,
     limit: float,
-) -> Values | None:
-    """Return the bottom of the dip a patch from some values, by chords.
+) -> Dip | None:
+    """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
 
     Each is kept physical by `physical_step`.
     None if it is not physical, if there is no dip of its own, for the chords lead back, or if its
@@ -218,4 +214,4 @@ def _dip(
         if gain < NEGLIGIBLE:
             break
         along = step(bottom, seen)
-    return bottom if is_own(bottom) and seen.evidence < limit else None
+    return (bottom, seen) if is_own(bottom) and seen.evidence < limit else None

@@ -114,11 +114,12 @@ def test_a_row_of_patches_has_no_place_above(monkeypatch):
 class Beside:
     """A search whose walks stay; dips lie beside, of which some lead on to what is better.
 
-    By `better` a descent of few iterations, from the occluder's place at a dip, leads to a gain.
+    By `better` a descent of few iterations, from the occluder's place at a dip, leads to a gain; of
+    that from the start, `noise` is a standard error.
     """
 
-    def __init__(self, monkeypatch, dips, better):
-        self.starts, self.tried, self.better = [], [], better
+    def __init__(self, monkeypatch, dips, better, noise=0.0):
+        self.starts, self.tried, self.better, self.noise = [], [], better, noise
         self.dips = [np.array([dip, 0.0, 0.0]) for dip in dips]
         for name in ("descend", "settle", "walk"):
             monkeypatch.setattr(patch_search, name, getattr(self, name))
@@ -131,12 +132,23 @@ class Beside:
             judged=self.judged,
             prior=Prior.none(3),
             by_area=True,
+            seed=0,
+            explain=self.explain,
+            photograph_shape=(2, 2),
+            used=np.ones((2, 2), bool),
         )
         self.found = search_patches(level, START, np.ones(3), shift, "visit", lambda: None)
 
     def judged(self, values, seed=None):
         del seed
         return SimpleNamespace(evidence=-self.better.get(round(float(values[0]), 3), 0.0))
+
+    def explain(self, values):
+        """Errors of the last pixel alone, as large as makes a gain of `noise` a standard error."""
+        last = np.sqrt(self.noise) if values[0] == START[0] else 0.0
+        residuals = np.zeros((4, 3))
+        residuals[3, 0] = last
+        return SimpleNamespace(residuals=residuals, deviations=np.ones(3))
 
     def descend(self, level, start, steps, longest, iterations, visit):
         del steps, longest, visit
@@ -190,10 +202,10 @@ def test_where_there_are_rays_others_must_agree_that_a_dip_beside_is_better(monk
     class ByRays(Beside):
         def judged(self, values, seed=None):
             chosen = super().judged(values)
-            return chosen if seed is None else SimpleNamespace(evidence=-others * values[0])
+            return chosen if not seed else SimpleNamespace(evidence=-others * values[0])
 
         def walk(self, level, *rest):
-            level.by_area, level.seed = False, 0
+            level.by_area = False
             return super().walk(level, *rest)
 
     searched = ByRays(monkeypatch, [2.0], {2.0: 100.0})
@@ -207,3 +219,9 @@ def test_where_a_later_descent_is_stopped_by_the_border_what_was_found_before_is
     np.testing.assert_allclose(searched.found.values, START + FOLLOWED + PATCH)
     assert searched.found.end.unphysical is None
     assert searched.found.seen == "seen by about 1"
+
+
+@pytest.mark.parametrize(("noise", "place"), [(40.0, 2.0), (60.0, 0.3)])
+def test_a_gain_that_errors_may_have_made_leads_nowhere(monkeypatch, noise, place):
+    """It is of 100 in evidence: two standard errors of 50."""
+    assert Beside(monkeypatch, [2.0], {2.0: 100.0}, noise).found.values[0] == place
