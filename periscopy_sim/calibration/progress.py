@@ -15,9 +15,9 @@ from periscopy_sim.calibration.search.ruled_starts import (
     places_looked_at,
 )
 
-LOOK, LOOKS = 3.0, 28
+LOOK, LOOKS = 3.0, 60
 """What a look of the walk costs, in renderings of the fine level for a difference; how many it
-takes as a rule."""
+takes: 40 as a rule, 200 where many places look alike."""
 
 COARSE_COST = 0.2
 """What coarse costs, of the same at the fine level."""
