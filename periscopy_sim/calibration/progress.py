@@ -15,9 +15,11 @@ from periscopy_sim.calibration.search.ruled_starts import (
     places_looked_at,
 )
 
-LOOK, LOOKS = 3.0, 60
+LOOK, LOOKS = 3.0, 28
 """What a look of the walk costs, in renderings of the fine level for a difference; how many it
-takes: 40 as a rule, 200 where many places look alike."""
+takes as a rule, and for each parameter `MORE_LOOKS` more, where many places look alike."""
+
+MORE_LOOKS = 2
 
 COARSE_COST = 0.2
 """What coarse costs, of the same at the fine level."""
@@ -48,7 +50,8 @@ class Progress:
         phases = [coarse, (float(iteration), iterations + 2)]
         self._costs = [cost for cost, _ in phases]
         self._starts = [0.0, *np.cumsum([cost * points for cost, points in phases]).tolist()]
-        self._all = self._starts[-1] + LOOK * LOOKS
+        self._looks = LOOKS + MORE_LOOKS * parameters
+        self._all = self._starts[-1] + LOOK * self._looks
         self._done = 0.0
         self.report = report or (lambda _: None)
         self._visited: list[tuple[ResolutionLevel, list[tuple[Values, float]]]] = []
@@ -76,7 +79,7 @@ class Progress:
         left.
         """
         self._done = max(self._done, self._starts[-1])
-        self._done += (self._all - self._done) / LOOKS
+        self._done += (self._all - self._done) / self._looks
         self.report(self._done / self._all)
 
     def path(self) -> tuple[Visited, ...]:
