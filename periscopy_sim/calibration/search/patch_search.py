@@ -9,7 +9,12 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
-from periscopy_sim.calibration.search.image_shift import ImageShift, between_patches
+from periscopy_sim.calibration.search.image_shift import (
+    BETWEEN_PATCHES,
+    NEGLIGIBLE,
+    ImageShift,
+    between_patches,
+)
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import Walked, walk
@@ -21,7 +26,8 @@ ITERATIONS = 10
 """Of a descent, at most; the last of them gain little and take long."""
 
 BESIDE, FEW = 4, 1
-"""Dips beside a walk's end from which a descent tries to gain on it, and its iterations."""
+"""Dips beside a walk's end from which descents try to gain on it, and their iterations; one that
+gains goes on to the bottom."""
 
 WALKS = 6
 """From patch to patch, or to a dip beside, after which a descent follows, at most; the last one has
@@ -89,24 +95,29 @@ def _beside(
     the bottom of one that is not much alike.
     """
 
-    def gains(at: Values, seed: int) -> bool:
+    def gain(at: Values, seed: int) -> float:
         here, there = (
             between_patches(level, place, level.judged(place, seed)) for place in (found.values, at)
         )
-        seen = (level.explain(place) for place in (found.values, at))
-        return here - there > worth(level, *seen)
+        return here - there
+
+    def is_better(end: Descent) -> bool:
+        """Return whether the photograph tells, by rays too that did not choose the place."""
+        least = worth(level, *(level.explain(at) for at in (found.values, end.values)))
+        seeds = (level.seed,) if level.by_area else (level.seed, level.seed + 2)
+        return end.unphysical is None and all(gain(end.values, seed) > least for seed in seeds)
 
     for dip in found.beside[:BESIDE]:
+        looked()
         try:
             _, end = descend(level, dip, steps, 5 * steps, FEW, visit)
-            # Where there are rays, those that chose the place make it look better than it is.
-            seeds = (level.seed,) if level.by_area else (level.seed, level.seed + 2)
-            better = end.unphysical is None and all(gains(end.values, seed) for seed in seeds)
+            if not gain(end.values, level.seed) > BETWEEN_PATCHES * NEGLIGIBLE:
+                continue
+            _, end = descend(level, end.values, steps, 5 * steps, ITERATIONS, visit)
+            if is_better(end):
+                return end.values
         except SceneError:
-            better = False
-        looked()
-        if better:
-            return end.values
+            continue
     return None
 
 
