@@ -257,9 +257,7 @@ def block_scores(
     alike over any. Residuals are those `unabsorbed`: hidden image and light follow errors in a
     block as well; a spread of what they leave, of 50 blocks, would be up to a seventh too small.
     """
-    rows, columns = np.nonzero(level.used)
-    height, width = level.photograph_shape
-    block = (rows * BLOCKS // height) * BLOCKS + columns * BLOCKS // width
+    block = blocks(level)
     numbers = np.unique(block)
     scores = np.empty((len(numbers), jacobian.projected.shape[1]))
     for score, number in zip(scores, numbers, strict=True):
@@ -269,6 +267,13 @@ def block_scores(
     down, across = np.divmod(numbers, BLOCKS)
     larger = [down // size * BLOCKS + across // size for size in LARGER]
     return [scores, *(_summed(scores, group) for group in (*larger, down, across))]
+
+
+def blocks(level: ResolutionLevel) -> NDArray[np.intp]:
+    """Return the number of the block in which each used pixel lies, of `BLOCKS` x `BLOCKS`."""
+    rows, columns = np.nonzero(level.used)
+    height, width = level.photograph_shape
+    return np.asarray((rows * BLOCKS // height) * BLOCKS + columns * BLOCKS // width)
 
 
 def _summed(scores: Array, group: NDArray[np.intp]) -> Array:

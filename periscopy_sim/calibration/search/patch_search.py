@@ -89,7 +89,7 @@ def _beside(
     visit: Visit,
     looked: Callable[[], None],
 ) -> Values | None:
-    """Return where a descent from a dip beside gains on a walk's end; None if none does.
+    """Return where a descent from a dip beside gains what it is `worth`; None if none does.
 
     A walk's chords have the derivatives of the dip that it came from, so that they do not come to
     the bottom of one that is not much alike.

@@ -82,7 +82,8 @@ def walk(
 ) -> Walked:
     """Walk from dip to dip, in one direction as long as that gains, then in the next.
 
-    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`.
+    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`; what
+    gains less than it is `worth` is not walked to.
 
     Parameters
     ----------
@@ -113,12 +114,14 @@ def walk(
         k, sign = sides[0]
         if (k, sign) not in dips:
             limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
-            at = _dip(level, explain, end, values, sign * patches[:, k], limit)
-            dips[k, sign] = dip = None if at is None else (at[0], level.judged(at[0]))
-            if at is not None and dip is not None and walked < FARTHEST:
-                least = worth(level, here, at[1])
-                if between_patches(level, values, seen) - between_patches(level, *dip) > least:
-                    dips, (values, seen), here = {(k, -sign): (values, seen)}, dip, at[1]
+            bottom = _dip(level, explain, end, values, sign * patches[:, k], limit)
+            dips[k, sign] = None
+            if bottom is not None:
+                at, there = bottom
+                dips[k, sign] = dip = at, level.judged(at)
+                gain = between_patches(level, values, seen) - between_patches(level, *dip)
+                if walked < FARTHEST and gain > worth(level, here, there):
+                    dips, (values, seen), here = {(k, -sign): (values, seen)}, dip, there
                     walked += 1
                     continue  # the same way, while that gains
         sides.rotate(-1)
@@ -167,9 +170,8 @@ def _dip(
 ) -> Dip | None:
     """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
 
-    Each is kept physical by `physical_step`.
-    None if it is not physical, if there is no dip of its own, for the chords lead back, or if its
-    evidence will hardly be below the limit.
+    Chords are kept physical by `physical_step`. None if the dip is not physical, if there is no dip
+    of its own, for the chords lead back, or if its evidence will hardly be below the limit.
     """
     about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
     metric, damped = about.invertible() @ patch, about.damped(DAMPING)

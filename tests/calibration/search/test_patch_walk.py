@@ -199,7 +199,7 @@ def test_a_bowl_has_no_dip_beside():
 def test_one_walks_no_farther_than_so_many_patches_and_what_is_alike_is_told_of_the_last():
     values, _, alike = Comb({k: -1000 * k for k in range(FARTHEST + 3)}, border=50).walked(0.0, 1.0)
     assert values == pytest.approx([FARTHEST], abs=0.01)
-    # The next is far better, and so no place that looks the same.
+    # The next, where it might have gone on to, is one that it may as well be.
     assert alike.shape == (1, 1) and alike[0, 0] == pytest.approx(1, abs=0.01)
 
 

@@ -6,7 +6,7 @@ import pytest
 from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, NEGLIGIBLE
 from periscopy_sim.calibration.search.telling import CERTAIN, standard_error, worth
 
-ROWS, COLUMNS = 40, 48
+ROWS, COLUMNS = 40, 60
 LEVEL = SimpleNamespace(photograph_shape=(ROWS, COLUMNS), used=np.ones((ROWS, COLUMNS), bool))
 
 
@@ -29,12 +29,12 @@ def test_the_standard_error_is_the_spread_of_the_difference_over_draws_of_white_
 
 
 def test_errors_that_neighbours_share_are_told():
-    """In squares of 5 x 6 pixels; pixel by pixel one would think them 5 times less."""
+    """In squares of 4 x 6 pixels; by pixels that are independent one would think them a third."""
     rng = np.random.default_rng(2)
-    differ = np.kron(0.05 * rng.normal(size=(8, 8)), np.ones((5, 6))).ravel()[:, None]
+    differ = np.kron(0.05 * rng.normal(size=(10, 10)), np.ones((4, 6))).ravel()[:, None]
     differences, told = [], []
     for _ in range(300):
-        shared = np.kron(rng.normal(size=(8, 8)), np.ones((5, 6))).ravel()[:, None]
+        shared = np.kron(rng.normal(size=(10, 10)), np.ones((4, 6))).ravel()[:, None]
         here, there = (shared + sign * differ for sign in (1, -1))
         differences.append(np.sum(here**2) - np.sum(there**2))
         told.append(standard_error(LEVEL, seen(here, (1.0,)), seen(there, (1.0,))))
