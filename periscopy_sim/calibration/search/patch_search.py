@@ -9,6 +9,7 @@ import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.search.fisher_information import Curvature
 from periscopy_sim.calibration.search.image_shift import (
     BETWEEN_PATCHES,
     NEGLIGIBLE,
@@ -74,7 +75,7 @@ def search_patches(
         if walked == WALKS:
             break
         if np.array_equal(values, here[0]):
-            better = _beside(level, found, steps, visit, looked)
+            better = _beside(level, end.curvature, found, steps, visit, looked)
             if better is None:
                 break
             values = better
@@ -84,6 +85,7 @@ def search_patches(
 
 def _beside(
     level: ResolutionLevel,
+    about: Curvature,
     found: Walked,
     steps: Values,
     visit: Visit,
@@ -103,7 +105,8 @@ def _beside(
 
     def is_better(end: Descent) -> bool:
         """Return whether the photograph tells, by rays too that did not choose the place."""
-        least = worth(level, *(level.explain(at) for at in (found.values, end.values)))
+        places = ((at, level.explain(at)) for at in (found.values, end.values))
+        least = worth(level, about, *places)
         seeds = (level.seed,) if level.by_area else (level.seed, level.seed + 2)
         return end.unphysical is None and all(gain(end.values, seed) > least for seed in seeds)
 

@@ -120,7 +120,8 @@ def walk(
                 at, there = bottom
                 dips[k, sign] = dip = at, level.judged(at)
                 gain = between_patches(level, values, seen) - between_patches(level, *dip)
-                if walked < FARTHEST and gain > worth(level, here, there):
+                least = worth(level, end.curvature, (values, here), (at, there))
+                if walked < FARTHEST and gain > least:
                     dips, (values, seen), here = {(k, -sign): (values, seen)}, dip, there
                     walked += 1
                     continue  # the same way, while that gains

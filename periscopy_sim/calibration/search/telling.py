@@ -2,9 +2,10 @@
 
 What no scene explains, of paint, light or the occluder's shape, favours one place over another by
 chance. By how much tells the test of Vuong [1] for models that are both wrong: the variance of a
-difference of two log-likelihoods, a sum over pixels, is found from its parts. Here it is that of
-their misfits (what else the evidence holds does not change with errors), and the parts are blocks
-of the photograph, between which such errors are independent.
+difference of two log-likelihoods, a sum over pixels, is found from its parts. Here these are blocks
+of the photograph, between which such errors are independent. Each adds to the misfit (what else the
+evidence holds does not change with errors), and to the ruler's penalty by what the values make of
+it: they are where evidence and penalty are least together, not where places are compared by.
 
 References
 ----------
@@ -17,28 +18,38 @@ from __future__ import annotations
 import numpy as np
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
-from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.search.fisher_information import blocks
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values
+from periscopy_sim.calibration.search.fisher_information import Curvature, block_scores, blocks
 from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, NEGLIGIBLE
+from periscopy_sim.scenario import Array
 
 CERTAIN = 2.0
-"""Standard errors of a difference in evidence that tell two places apart."""
+"""Standard errors of a difference that tell two places apart."""
+
+Place = tuple[Values, Explanation]
+"""Values, (P,), and what is seen there by a level's own filter."""
 
 
-def worth(level: ResolutionLevel, here: Explanation, there: Explanation) -> float:
+def worth(level: ResolutionLevel, about: Curvature, here: Place, there: Place) -> float:
     """Return what a place must gain on another, by `between_patches`, to be moved to.
 
-    That counts a part of the evidence, and so the same part of its standard error. Both explain the
-    photograph by the level's own filter.
+    The curvature is that about either: of one patch and the next it is much the same.
     """
-    least = max(NEGLIGIBLE, CERTAIN * standard_error(level, here, there))
-    return BETWEEN_PATCHES * least
+    certain = CERTAIN * standard_error(level, about, here, there)
+    return max(BETWEEN_PATCHES * NEGLIGIBLE, certain)
 
 
-def standard_error(level: ResolutionLevel, here: Explanation, there: Explanation) -> float:
-    """Return the standard error of the difference in evidence between two places."""
-    pixels = np.sum((here.residuals / here.deviations) ** 2, axis=1)
-    pixels -= np.sum((there.residuals / there.deviations) ** 2, axis=1)
-    _, block = np.unique(blocks(level), return_inverse=True)
-    parts = np.bincount(block, pixels)
+def standard_error(level: ResolutionLevel, about: Curvature, here: Place, there: Place) -> float:
+    """Return the standard error of the difference by `between_patches` of two places."""
+    parts = _parts(level, about, *here) - _parts(level, about, *there)
     return float(np.sqrt(len(parts) * np.var(parts, ddof=1))) if len(parts) > 1 else 0.0
+
+
+def _parts(level: ResolutionLevel, about: Curvature, values: Values, seen: Explanation) -> Array:
+    """Return what each block of pixels adds to what a place is compared by, (blocks,)."""
+    _, block = np.unique(blocks(level), return_inverse=True)
+    misfit = np.bincount(block, np.sum((seen.residuals / seen.deviations) ** 2, axis=1))
+    scores = block_scores(level, seen, about.jacobian)[0]
+    followed = np.linalg.solve(about.invertible(), scores.T)  # how far the values go with a block
+    penalty = 2 * level.prior.slope(values) @ followed
+    return np.asarray(BETWEEN_PATCHES * misfit + (1 - BETWEEN_PATCHES) * penalty)

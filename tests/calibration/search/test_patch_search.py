@@ -7,7 +7,7 @@ import pytest
 
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search import patch_search
-from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, NEGLIGIBLE, ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.calibration.search.patch_search import (
     BESIDE,
@@ -17,6 +17,7 @@ from periscopy_sim.calibration.search.patch_search import (
     search_patches,
 )
 from periscopy_sim.calibration.search.patch_walk import Walked
+from periscopy_sim.calibration.search.telling import CERTAIN
 from periscopy_sim.errors import SceneError
 
 START, PATCH, FOLLOWED = np.array([[0.3, 0.0, 0.0], [0.0, 1.0, 0.0], [0.01, 0.0, 0.0]])
@@ -114,14 +115,14 @@ def test_a_row_of_patches_has_no_place_above(monkeypatch):
 class Beside:
     """A search whose walks stay; dips lie beside, of which some lead on to what is better.
 
-    By `better` a descent of few iterations, from the occluder's place at a dip, leads to a gain; of
-    that from the start, `noise` is a standard error.
+    By `better` a descent of few iterations, from the occluder's place at a dip, leads to a gain, of
+    which `noise` is the standard error.
     """
 
     def __init__(self, monkeypatch, dips, better, noise=0.0):
         self.starts, self.tried, self.better, self.noise = [], [], better, noise
         self.dips = [np.array([dip, 0.0, 0.0]) for dip in dips]
-        for name in ("descend", "settle", "walk"):
+        for name in ("descend", "settle", "walk", "worth"):
             monkeypatch.setattr(patch_search, name, getattr(self, name))
         monkeypatch.setattr(patch_search, "undone", lambda *_: (np.zeros((3, 0)), None))
         shift = ImageShift(np.eye(3)[1:])
@@ -133,9 +134,7 @@ class Beside:
             prior=Prior.none(3),
             by_area=True,
             seed=0,
-            explain=self.explain,
-            photograph_shape=(2, 2),
-            used=np.ones((2, 2), bool),
+            explain=lambda values: f"seen from {values[0]}",
         )
         self.found = search_patches(level, START, np.ones(3), shift, "visit", lambda: None)
 
@@ -143,12 +142,13 @@ class Beside:
         del seed
         return SimpleNamespace(evidence=-self.better.get(round(float(values[0]), 3), 0.0))
 
-    def explain(self, values):
-        """Errors of the last pixel alone, as large as makes a gain of `noise` a standard error."""
-        last = np.sqrt(self.noise) if values[0] == START[0] else 0.0
-        residuals = np.zeros((4, 3))
-        residuals[3, 0] = last
-        return SimpleNamespace(residuals=residuals, deviations=np.ones(3))
+    def worth(self, level, about, here, there):
+        del level
+        assert about == "about"
+        assert [seen for _, seen in (here, there)] == [
+            f"seen from {at[0]}" for at, _ in (here, there)
+        ]
+        return BETWEEN_PATCHES * max(NEGLIGIBLE, CERTAIN * self.noise)
 
     def descend(self, level, start, steps, longest, iterations, visit):
         del steps, longest, visit

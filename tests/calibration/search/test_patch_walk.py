@@ -19,6 +19,16 @@ MOVED = np.full((1, 4, 3), 30.0)
 EVERY = np.ones(3, bool)
 
 
+def seen(evidence, residuals, excess):
+    deviations = np.full(3, np.sqrt(excess))
+    return SimpleNamespace(
+        evidence=evidence,
+        residuals=residuals,
+        deviations=deviations,
+        unabsorbed=lambda pixels: residuals[pixels] / deviations,
+    )
+
+
 class Comb:
     """Dips at whole numbers, each with a loss of its own; a border where nothing is physical.
 
@@ -38,13 +48,8 @@ class Comb:
         dip = 0 if self.bowl else int(np.rint(values[0]))
         residuals = -(values[0] - dip) * MOVED[0]
         excess = 1 + float(np.sum(residuals**2)) / self.freedom
-        return SimpleNamespace(
-            evidence=self.freedom * np.log(excess)
-            + self.losses.get(dip, 1e6)
-            + self.prior.penalty(values),
-            residuals=residuals,
-            deviations=np.full(3, np.sqrt(excess)),
-        )
+        loss = self.losses.get(dip, 1e6) + self.prior.penalty(values)
+        return seen(self.freedom * np.log(excess) + loss, residuals, excess)
 
     def judged(self, values):
         return self.explain(values)
@@ -86,9 +91,8 @@ class LeaningComb(Comb):
         aside = np.array([values[0] - dip, values[1] - 0.1 - self.lean * dip])
         residuals = -np.tensordot(aside, self.moved, 1)
         excess = 1 + float(np.sum(residuals**2)) / self.freedom
-        evidence = self.freedom * np.log(excess) + self.losses.get(dip, 1e6)
-        deviations = np.full(3, np.sqrt(excess))
-        return SimpleNamespace(evidence=evidence, residuals=residuals, deviations=deviations)
+        loss = self.losses.get(dip, 1e6)
+        return seen(self.freedom * np.log(excess) + loss, residuals, excess)
 
     def unphysical(self, values):
         return SceneError("the exponent is negative") if values[1] < 0 else None
@@ -165,11 +169,7 @@ def test_each_way_is_walked_as_soon_as_it_gains():
             residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
             excess = 1 + float(np.sum(residuals**2)) / self.freedom
             loss = 200.0 * float(np.sum((dips - [2, -1]) ** 2))
-            return SimpleNamespace(
-                evidence=self.freedom * np.log(excess) + loss,
-                residuals=residuals,
-                deviations=np.full(3, np.sqrt(excess)),
-            )
+            return seen(self.freedom * np.log(excess) + loss, residuals, excess)
 
         def unphysical(self, _):
             return None
