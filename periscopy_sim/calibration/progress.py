@@ -15,11 +15,11 @@ from periscopy_sim.calibration.search.ruled_starts import (
     places_looked_at,
 )
 
-LOOK, LOOKS = 3.0, 28
-"""What a look of the walk costs, in renderings of the fine level for a difference; how many it
-takes as a rule, and for each parameter `MORE_LOOKS` more, where many places look alike."""
+LOOK = 3.0
+"""What a look of the walks costs, in renderings of the fine level for a difference."""
 
-MORE_LOOKS = 2
+LOOKS, WALKED = 18, 6
+"""How many looks the walks take for each parameter, of so many at most."""
 
 COARSE_COST = 0.2
 """What coarse costs, of the same at the fine level."""
@@ -50,7 +50,7 @@ class Progress:
         phases = [coarse, (float(iteration), iterations + 2)]
         self._costs = [cost for cost, _ in phases]
         self._starts = [0.0, *np.cumsum([cost * points for cost, points in phases]).tolist()]
-        self._looks = LOOKS + MORE_LOOKS * parameters
+        self._looks = LOOKS * min(parameters, WALKED)
         self._all = self._starts[-1] + LOOK * self._looks
         self._done = 0.0
         self.report = report or (lambda _: None)

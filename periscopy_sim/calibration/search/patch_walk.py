@@ -3,16 +3,17 @@
 Where an occluder moves shadows as a warp of the image does (`image_warp`), there is a place for
 each whole patch that explains nearly as much, as there is where the monitor itself moves
 (`ImageShift.by_patch`); between them the image, on a grid, cannot follow.
-Slopes tell of these walls, not of how the dips compare, so the dips beside a descent's end are
-looked at. One patch on the photograph looks the same, and so do its derivatives: a few renderings
-find the bottom of a dip.
+Slopes tell of these walls, not of how the dips compare, so the dips about a descent's end are
+looked at, the ruler's favourites (`patch_lattice`). One patch on the photograph looks the same, and
+so do its derivatives: a few renderings find the bottom of a dip.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from periscopy_sim.calibration.search.image_shift import (
     between_patches,
 )
 from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
+from periscopy_sim.calibration.search.patch_lattice import PatchLattice
 from periscopy_sim.calibration.search.physical_step import physical_step
 from periscopy_sim.calibration.search.telling import worth
 from periscopy_sim.errors import SceneError
@@ -40,16 +42,28 @@ CHORDS = 6
 MORE = 4.0
 """Times what a chord promises that a dip may gain yet."""
 
-FARTHEST = 8
-"""Patches walked, at most, in all directions together."""
+PLACES, MOST = 4, 24
+"""Places looked at in a walk, for each move, and at most."""
+
+DIPS = 3
+"""Of so many places, by what they explain, the bottom of the best one's dip is sought."""
+
+OBJECTION = 20.0
+"""Of the ruler, to a place: more than photographs have made up for."""
 
 NEAR = 0.25
 """Squared distance of two dips, over that to where they are seen from, at which they are one."""
 
 SAME = 0.8
-"""Squared cosine of the angle between two moves from which they lead to dips in one row."""
+"""Squared cosine of the angle between a move and others from which on it leads along them."""
 
-Dip = tuple[Values, Explanation]
+
+class Looked(NamedTuple):
+    """Parameters, (P,), the evidence there and the residuals, (M, 3): explanations are large."""
+
+    values: Values
+    evidence: float
+    residuals: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +75,7 @@ class Walked:
     values, seen
         (P,) the best dip's bottom, and what is seen there.
     alike
-        (P, K) how far it is to the next dips that lose less than is telling.
+        (P, K) how far it is to the next dips that lose less than is telling, in K directions.
     beside
         The bottoms of these dips, (P,) each, the best first; none twice.
     """
@@ -80,10 +94,10 @@ def walk(
     patches: Array,
     looked: Callable[[], None] = lambda: None,
 ) -> Walked:
-    """Walk from dip to dip, in one direction as long as that gains, then in the next.
+    """Walk to the best dip about a descent's end, of those in which the ruler likes to have it.
 
-    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`; what
-    gains less than it is `worth` is not walked to.
+    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`; to what
+    gains less than it is `worth` nobody walks.
 
     Parameters
     ----------
@@ -100,34 +114,32 @@ def walk(
         Called whenever a place was looked at.
     """
 
-    def explain(at: Values) -> Explanation:
-        found = level.explain(at)
+    def look(at: Values) -> Looked | None:
+        try:
+            found = level.explain(at)
+        except SceneError:
+            return None
         looked()
-        return found
+        return Looked(at, found.evidence, found.residuals)
 
-    sides = deque(
-        (k, sign) for k in range(patches.shape[1]) if patches[:, k].any() for sign in (1, -1)
-    )
-    dips: dict[tuple[int, int], Dip | None] = {}
-    walked, here = 0, explain(values) if sides else seen
-    while len(dips) < len(sides):
-        k, sign = sides[0]
-        if (k, sign) not in dips:
-            limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
-            bottom = _dip(level, explain, end, values, sign * patches[:, k], limit)
-            dips[k, sign] = None
-            if bottom is not None:
-                at, there = bottom
-                dips[k, sign] = dip = at, level.judged(at)
-                gain = between_patches(level, values, seen) - between_patches(level, *dip)
-                least = worth(level, end.curvature, (values, here), (at, there))
-                if walked < FARTHEST and gain > least:
-                    dips, (values, seen), here = {(k, -sign): (values, seen)}, dip, there
-                    walked += 1
-                    continue  # the same way, while that gains
-        sides.rotate(-1)
+    moves = patches[:, patches.any(axis=0)]
+    lattice = PatchLattice(end.curvature, values, moves)
+    starts = sorted(filter(None, map(look, _physical(level, lattice))), key=lambda at: at.evidence)
+    limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
+    bottoms = [
+        _bottom(level, look, end, lattice, start, limit)
+        for start in starts[: ceil(len(starts) / DIPS)]
+    ]
+    dips = [(at, level.judged(at)) for at in bottoms if at is not None]
+    dips.sort(key=lambda dip: between_patches(level, *dip))
+    for k, dip in enumerate(dips):
+        gain = between_patches(level, values, seen) - between_patches(level, *dip)
+        places = ((at, level.explain(at)) for at in (values, dip[0]))
+        if gain > BETWEEN_PATCHES * NEGLIGIBLE and gain > worth(level, end.curvature, *places):
+            (values, seen), dips[k] = dip, (values, seen)
+            break
     telling = seen.evidence + TELLING
-    near = [dip for dip in dips.values() if dip is not None and dip[1].evidence < telling]
+    near = [dip for dip in dips if dip[1].evidence < telling]
     near.sort(key=lambda dip: between_patches(level, *dip))
     metric = end.curvature.invertible()
     beside = _single([at for at, _ in near], values, metric)
@@ -149,72 +161,74 @@ def _single(places: Sequence[Values], values: Values, metric: Array) -> tuple[Va
 
 
 def _distinct(moves: Sequence[Values], metric: Array) -> Array:
-    """Return of moves, (P,) each, those that are not much the same, or opposite: (P, K).
+    """Return of moves, (P,) each, those that lead elsewhere than the shorter ones: (P, K).
 
-    The farther first, by a metric, (P, P): what leads to the same dip must not count twice.
+    By a metric, (P, P): what leads to dips in one row, or plane, must not count twice.
     """
+    root = np.linalg.cholesky(metric).T
     found: list[Values] = []
-    for move in sorted(moves, key=lambda move: -float(move @ metric @ move)):
-        aside = [(move @ metric @ each) ** 2 / (each @ metric @ each) for each in found]
-        if all(square < SAME * (move @ metric @ move) for square in aside):
+    basis = np.zeros((len(metric), 0))
+    for move in sorted(moves, key=lambda move: float(np.linalg.norm(root @ move))):
+        length = np.linalg.norm(root @ move)
+        aside = root @ move - basis @ (basis.T @ (root @ move))
+        if np.sum(aside**2) > (1 - SAME) * length**2:
             found.append(move)
+            basis = np.column_stack([basis, aside / np.linalg.norm(aside)])
     return np.array(found).reshape(len(found), len(metric)).T
 
 
-def _dip(
-    level: ResolutionLevel,
-    explain: Callable[[Values], Explanation],
-    end: Descent,
-    values: Values,
-    patch: Values,
-    limit: float,
-) -> Dip | None:
-    """Return the bottom of the dip a patch from some values, by chords, and what is seen there.
+def _physical(level: ResolutionLevel, lattice: PatchLattice) -> Iterator[Values]:
+    """Yield the places that a walk looks at; of one that is not physical, what of the way is."""
+    count = min(PLACES * lattice.moves.shape[1], MOST)
+    for at in lattice.favourites(count, OBJECTION):
+        move = at - lattice.values
+        step, _ = physical_step(level, lattice.values, move, move.__getitem__)
+        if lattice.is_beside(lattice.values + step):
+            yield lattice.values + step
 
-    Chords are kept physical by `physical_step`. None if the dip is not physical, if there is no dip
-    of its own, for the chords lead back, or if its evidence will hardly be below the limit.
+
+def _bottom(
+    level: ResolutionLevel,
+    look: Callable[[Values], Looked | None],
+    end: Descent,
+    lattice: PatchLattice,
+    start: Looked,
+    limit: float,
+) -> Values | None:
+    """Return the bottom of the dip that a place is in, by chords kept physical.
+
+    None if it is that of the lattice's own values, or if its evidence will hardly be below the
+    limit.
     """
     about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
-    metric, damped = about.invertible() @ patch, about.damped(DAMPING)
+    damped = about.damped(DAMPING)
 
-    def pull(seen: Explanation) -> Array:
-        errors = seen.residuals / end.explanation.deviations
+    def pull(residuals: Array) -> Array:
+        errors = residuals / end.explanation.deviations
         return np.asarray(np.einsum("pmc,mc->p", moved, errors, optimize=True))
 
-    volume = about.slope - about.prior.slope(end.values) + pull(end.explanation)
+    volume = about.slope - about.prior.slope(end.values) + pull(end.explanation.residuals)
 
-    def step(at: Values, seen: Explanation) -> Values:
-        slope = volume - pull(seen) + about.prior.slope(at)
+    def chord(seen: Looked) -> Values:
+        slope = volume - pull(seen.residuals) + about.prior.slope(seen.values)
 
         def of(free: NDArray[np.bool_]) -> Values:
             return np.asarray(-np.linalg.solve(damped[np.ix_(free, free)], slope[free]))
 
-        return physical_step(level, at, of(np.ones(len(at), bool)), of)[0]
+        return physical_step(level, seen.values, of(np.ones(len(slope), bool)), of)[0]
 
-    def is_own(at: Values) -> bool:
-        return bool((at - values) @ metric > 0.5 * (patch @ metric))
-
-    def look(at: Values) -> Explanation | None:
-        try:
-            return explain(at)
-        except SceneError:
-            return None
-
-    bottom, part = values + physical_step(level, values, patch, lambda free: patch[free])[0], 1.0
-    if not is_own(bottom) or (seen := look(bottom)) is None:
-        return None
-    along = step(bottom, seen)
+    seen, part, along = start, 1.0, chord(start)
     for _ in range(CHORDS):
         promised = float(along @ damped @ along)
-        if not is_own(bottom) or seen.evidence - MORE * promised > limit:
+        if not lattice.is_beside(seen.values) or seen.evidence - MORE * promised > limit:
             return None
-        tried = look(bottom + part * along)
+        tried = look(seen.values + part * along)
         if tried is None or not tried.evidence < seen.evidence:
             part /= 2
             continue
         gain = seen.evidence - tried.evidence
-        bottom, seen, part = bottom + part * along, tried, 1.0
+        seen, part = tried, 1.0
         if gain < NEGLIGIBLE:
             break
-        along = step(bottom, seen)
-    return (bottom, seen) if is_own(bottom) and seen.evidence < limit else None
+        along = chord(seen)
+    return seen.values if lattice.is_beside(seen.values) and seen.evidence < limit else None
