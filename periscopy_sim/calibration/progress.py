@@ -19,7 +19,7 @@ LOOK = 3.0
 """What a look of the walks costs, in renderings of the fine level for a difference."""
 
 LOOKS, WALKED = 18, 6
-"""How many looks the walks take for each parameter, of so many at most."""
+"""Looks that the walks take for each parameter, and how many parameters count, at most."""
 
 COARSE_COST = 0.2
 """What coarse costs, of the same at the fine level."""

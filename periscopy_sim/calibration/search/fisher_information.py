@@ -251,7 +251,9 @@ def curvature(
 def block_scores(
     level: ResolutionLevel, explanation: Explanation, jacobian: Jacobian
 ) -> list[Array]:
-    """Return what each block of pixels adds to the slope of the misfit, (blocks, P) of a partition.
+    """Return what each block of pixels adds to the pull on the parameters, (blocks, P) of each.
+
+    The pull is minus the slope of the misfit.
 
     The partitions are into squares, into larger squares, rows and columns of them: errors may be
     alike over any. Residuals are those `unabsorbed`: hidden image and light follow errors in a

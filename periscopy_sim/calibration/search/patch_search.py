@@ -1,4 +1,4 @@
-"""Descents, each to where the image lies within a patch, and walks from one patch to the next."""
+"""Descents, each to where the image lies within a patch, and walks to places patches away."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from periscopy_sim.calibration.search.image_shift import (
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent, descend, settle
 from periscopy_sim.calibration.search.patch_walk import Walked, walk
-from periscopy_sim.calibration.search.telling import worth
+from periscopy_sim.calibration.search.telling import least_gain
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -91,7 +91,7 @@ def _beside(
     visit: Visit,
     looked: Callable[[], None],
 ) -> Values | None:
-    """Return where a descent from a dip beside gains what it is `worth`; None if none does.
+    """Return where a descent from a dip beside gains more than the `least_gain`; None if none does.
 
     A walk's chords have the derivatives of the dip that it came from, so that they do not come to
     the bottom of one that is not much alike.
@@ -106,7 +106,7 @@ def _beside(
     def is_better(end: Descent) -> bool:
         """Return whether the photograph tells, by rays too that did not choose the place."""
         places = ((at, level.explain(at)) for at in (found.values, end.values))
-        least = worth(level, about, *places)
+        least = least_gain(level, about, *places)
         seeds = (level.seed,) if level.by_area else (level.seed, level.seed + 2)
         return end.unphysical is None and all(gain(end.values, seed) > least for seed in seeds)
 

@@ -10,9 +10,8 @@ so do its derivatives: a few renderings find the bottom of a dip.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from periscopy_sim.calibration.search.image_shift import (
 from periscopy_sim.calibration.search.levenberg_marquardt import DAMPING, Descent
 from periscopy_sim.calibration.search.patch_lattice import PatchLattice
 from periscopy_sim.calibration.search.physical_step import physical_step
-from periscopy_sim.calibration.search.telling import worth
+from periscopy_sim.calibration.search.telling import least_gain
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -46,20 +45,18 @@ PLACES, MOST = 4, 24
 """Places looked at in a walk, for each move, and at most."""
 
 DIPS = 3
-"""Of so many places, by what they explain, the bottom of the best one's dip is sought."""
+"""Of so many places, the dip's bottom is sought of the one that explains most, besides those in whose
+direction none is sought."""
 
 OBJECTION = 20.0
-"""Of the ruler, to a place: more than photographs have made up for."""
-
-NEAR = 0.25
-"""Squared distance of two dips, over that to where they are seen from, at which they are one."""
+"""Of the ruler to a place, from which on it is left out: 200 of evidence would make up for it."""
 
 SAME = 0.8
 """Squared cosine of the angle between a move and others from which on it leads along them."""
 
 
 class Looked(NamedTuple):
-    """Parameters, (P,), the evidence there and the residuals, (M, 3): explanations are large."""
+    """Parameters, (P,), the evidence there and the residuals, (M, 3), of an explanation."""
 
     values: Values
     evidence: float
@@ -94,10 +91,9 @@ def walk(
     patches: Array,
     looked: Callable[[], None] = lambda: None,
 ) -> Walked:
-    """Walk to the best dip about a descent's end, of those in which the ruler likes to have it.
+    """Walk to the best dip about a descent's end that gains more than the `least_gain`.
 
-    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`; to what
-    gains less than it is `worth` nobody walks.
+    Of dips that the photograph hardly tells apart the ruler decides, see `between_patches`.
 
     Parameters
     ----------
@@ -123,68 +119,86 @@ def walk(
         return Looked(at, found.evidence, found.residuals)
 
     moves = patches[:, patches.any(axis=0)]
+    if not moves.size:
+        return Walked(values, seen, moves, ())
     lattice = PatchLattice(end.curvature, values, moves)
-    starts = sorted(filter(None, map(look, _physical(level, lattice))), key=lambda at: at.evidence)
+    starts = sorted(filter(None, map(look, _places(level, lattice))), key=lambda at: at.evidence)
     limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
-    bottoms = [
-        _bottom(level, look, end, lattice, start, limit)
-        for start in starts[: ceil(len(starts) / DIPS)]
-    ]
-    dips = [(at, level.judged(at)) for at in bottoms if at is not None]
-    dips.sort(key=lambda dip: between_patches(level, *dip))
-    for k, dip in enumerate(dips):
+    bottoms = [_bottom(level, look, end, lattice, at, limit) for at in _likeliest(starts, lattice)]
+    found = _single([at for at in bottoms if at is not None], values, lattice)
+    dips = sorted(
+        ((at, level.judged(at)) for at in found), key=lambda dip: between_patches(level, *dip)
+    )
+    here = values, level.explain(values) if dips else seen
+    for dip in dips:
         gain = between_patches(level, values, seen) - between_patches(level, *dip)
-        places = ((at, level.explain(at)) for at in (values, dip[0]))
-        if gain > BETWEEN_PATCHES * NEGLIGIBLE and gain > worth(level, end.curvature, *places):
-            (values, seen), dips[k] = dip, (values, seen)
+        if gain < BETWEEN_PATCHES * NEGLIGIBLE:
+            break
+        if gain > least_gain(level, end.curvature, here, (dip[0], level.explain(dip[0]))):
+            dips.append((values, seen))
+            values, seen = dip
             break
     telling = seen.evidence + TELLING
     near = [dip for dip in dips if dip[1].evidence < telling]
     near.sort(key=lambda dip: between_patches(level, *dip))
-    metric = end.curvature.invertible()
-    beside = _single([at for at, _ in near], values, metric)
-    alike = _distinct([at - values for at in beside], metric)
+    beside = _single([at for at, _ in near], values, lattice)
+    alike = _distinct([at - values for at in beside], lattice.root)
     return Walked(values, seen, alike, beside)
 
 
-def _single(places: Sequence[Values], values: Values, metric: Array) -> tuple[Values, ...]:
-    """Return places but those that lie much nearer to one before them than to some values."""
+def _places(level: ResolutionLevel, lattice: PatchLattice) -> tuple[Values, ...]:
+    """Return the places that a walk looks at; of one that is not physical, what of the way is."""
+    count = min(PLACES * lattice.moves.shape[1], MOST)
+    moves = lattice.favourites(count, OBJECTION) - lattice.values
+    steps = [physical_step(level, lattice.values, move, move.__getitem__)[0] for move in moves]
+    return _single([lattice.values + step for step in steps], lattice.values, lattice)
 
-    def squared(move: Values) -> float:
-        return float(move @ metric @ move)
 
+def _likeliest(starts: Sequence[Looked], lattice: PatchLattice) -> list[Looked]:
+    """Return of places, the best first, those of whose dips the bottom is sought.
+
+    A dip that looks much the same must not be missed for others that look more so.
+    """
+    found: list[Looked] = []
+    for k, start in enumerate(starts):
+        moves = [each.values - lattice.values for each in found]
+        if k * DIPS < len(starts) or _is_elsewhere(
+            start.values - lattice.values, moves, lattice.root
+        ):
+            found.append(start)
+    return found
+
+
+def _single(places: Sequence[Values], values: Values, lattice: PatchLattice) -> tuple[Values, ...]:
+    """Return of places those in other dips than some values, one of each."""
     found: list[Values] = []
     for at in places:
-        if all(squared(at - each) > NEAR * squared(at - values) for each in found):
+        if all(lattice.are_apart(at, each) for each in (values, *found)):
             found.append(at)
     return tuple(found)
 
 
-def _distinct(moves: Sequence[Values], metric: Array) -> Array:
+def _is_elsewhere(move: Values, others: Sequence[Values], root: Array) -> bool:
+    """Return whether a move leads out of the row, or plane, that others lead along.
+
+    Lengths are those of moves @ root, see `PatchLattice`.
+    """
+    along = root.T @ np.reshape(others, (-1, len(move))).T
+    aside = root.T @ move
+    aside = aside - along @ np.linalg.lstsq(along, aside, rcond=None)[0]
+    return bool(np.sum(aside**2) > (1 - SAME) * np.sum((move @ root) ** 2))
+
+
+def _distinct(moves: Sequence[Values], root: Array) -> Array:
     """Return of moves, (P,) each, those that lead elsewhere than the shorter ones: (P, K).
 
-    By a metric, (P, P): what leads to dips in one row, or plane, must not count twice.
+    What leads to dips in one row, or plane, must not count twice.
     """
-    root = np.linalg.cholesky(metric).T
     found: list[Values] = []
-    basis = np.zeros((len(metric), 0))
-    for move in sorted(moves, key=lambda move: float(np.linalg.norm(root @ move))):
-        length = np.linalg.norm(root @ move)
-        aside = root @ move - basis @ (basis.T @ (root @ move))
-        if np.sum(aside**2) > (1 - SAME) * length**2:
+    for move in sorted(moves, key=lambda move: float(np.linalg.norm(move @ root))):
+        if _is_elsewhere(move, found, root):
             found.append(move)
-            basis = np.column_stack([basis, aside / np.linalg.norm(aside)])
-    return np.array(found).reshape(len(found), len(metric)).T
-
-
-def _physical(level: ResolutionLevel, lattice: PatchLattice) -> Iterator[Values]:
-    """Yield the places that a walk looks at; of one that is not physical, what of the way is."""
-    count = min(PLACES * lattice.moves.shape[1], MOST)
-    for at in lattice.favourites(count, OBJECTION):
-        move = at - lattice.values
-        step, _ = physical_step(level, lattice.values, move, move.__getitem__)
-        if lattice.is_beside(lattice.values + step):
-            yield lattice.values + step
+    return np.reshape(found, (len(found), len(root))).T
 
 
 def _bottom(
@@ -217,10 +231,13 @@ def _bottom(
 
         return physical_step(level, seen.values, of(np.ones(len(slope), bool)), of)[0]
 
+    def is_elsewhere(at: Values) -> bool:
+        return bool(lattice.are_apart(at, lattice.values))
+
     seen, part, along = start, 1.0, chord(start)
     for _ in range(CHORDS):
         promised = float(along @ damped @ along)
-        if not lattice.is_beside(seen.values) or seen.evidence - MORE * promised > limit:
+        if not is_elsewhere(seen.values) or seen.evidence - MORE * promised > limit:
             return None
         tried = look(seen.values + part * along)
         if tried is None or not tried.evidence < seen.evidence:
@@ -231,4 +248,4 @@ def _bottom(
         if gain < NEGLIGIBLE:
             break
         along = chord(seen)
-    return seen.values if lattice.is_beside(seen.values) and seen.evidence < limit else None
+    return seen.values if is_elsewhere(seen.values) and seen.evidence < limit else None

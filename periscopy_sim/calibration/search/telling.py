@@ -3,9 +3,10 @@
 What no scene explains, of paint, light or the occluder's shape, favours one place over another by
 chance. By how much tells the test of Vuong [1] for models that are both wrong: the variance of a
 difference of two log-likelihoods, a sum over pixels, is found from its parts. Here these are blocks
-of the photograph, between which such errors are independent. Each adds to the misfit (what else the
-evidence holds does not change with errors), and to the ruler's penalty by what the values make of
-it: they are where evidence and penalty are least together, not where places are compared by.
+of the photograph, between which such errors are taken as independent. Each adds to the misfit (what
+else the evidence holds does not change with errors), and to the ruler's penalty by how far the
+values follow it: they are where evidence and penalty are least, each counted in full, and not where
+that is least by which places are compared.
 
 References
 ----------
@@ -30,8 +31,8 @@ Place = tuple[Values, Explanation]
 """Values, (P,), and what is seen there by a level's own filter."""
 
 
-def worth(level: ResolutionLevel, about: Curvature, here: Place, there: Place) -> float:
-    """Return what a place must gain on another, by `between_patches`, to be moved to.
+def least_gain(level: ResolutionLevel, about: Curvature, here: Place, there: Place) -> float:
+    """Return the least gain of a place on another, by `between_patches`, to move there.
 
     The curvature is that about either: of one patch and the next it is much the same.
     """
@@ -42,7 +43,7 @@ def worth(level: ResolutionLevel, about: Curvature, here: Place, there: Place) -
 def standard_error(level: ResolutionLevel, about: Curvature, here: Place, there: Place) -> float:
     """Return the standard error of the difference by `between_patches` of two places."""
     parts = _parts(level, about, *here) - _parts(level, about, *there)
-    return float(np.sqrt(len(parts) * np.var(parts, ddof=1))) if len(parts) > 1 else 0.0
+    return float(np.sqrt(len(parts) * np.var(parts, ddof=1))) if len(parts) > 1 else np.inf
 
 
 def _parts(level: ResolutionLevel, about: Curvature, values: Values, seen: Explanation) -> Array:

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import minimize
 
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.patch_lattice import REACH, PatchLattice
+from periscopy_sim.calibration.search.patch_lattice import REACH, TOGETHER, PatchLattice
 
 INFORMATION = np.array([[90.0, 60.0, 5.0], [60.0, 50.0, 0.0], [5.0, 0.0, 2.0]])
 RULER = Prior(np.array([0.2, -0.4, 1.0]), np.array([0.5, 0.3, 1.0]))
@@ -56,10 +56,14 @@ def free(ruler, moves, values=(0.0, 0.0), known=1e3):
 def test_the_rulers_favourites_come_first_though_no_step_alone_leads_there():
     """Two oblique moves: each alone is far from the ruler, their difference is near."""
     oblique = free(Prior(np.zeros(2), np.ones(2)), [[5.0, 5.5], [1.0, 5.0]], (-0.5, 4.0))
-    singles = oblique.objection(np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]))
-    assert (singles > 10).all()
-    first = oblique.favourites(1, most=1.0)[0]
-    np.testing.assert_allclose(first, oblique.values + oblique.move(np.array([1, -1])))
+    places = [np.array(k) for k in ((1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))]
+    objections = [oblique.objection(k) for k in places]
+    assert objections[0] < 0 and min(objections[1:]) > 10
+    found = oblique.favourites(99, most=1e9)
+    np.testing.assert_allclose(found[0], oblique.values + oblique.move(places[0]))
+    wholes = np.rint(np.linalg.solve(oblique.moves, (found - oblique.values).T).T).astype(int)
+    cost = oblique.objection(wholes) + np.sum(wholes**2, axis=1)
+    assert len(cost) > 20 and (np.diff(cost) > -1e-9).all()
 
 
 def test_where_no_ruler_tells_the_nearest_come_first():
@@ -93,10 +97,28 @@ def test_places_that_two_moves_lead_to_are_asked_for_once():
 def test_half_of_the_shortest_move_away_is_another_dip():
     found = free(Prior.none(2), np.diag([3.0, 5.0]), (1.0, 2.0))
     for side in np.array([[1, 0], [0, -1], [0.6, 0.8]]):
-        assert not found.is_beside(found.values + 1.49 * side)
-        assert found.is_beside(found.values + 1.51 * side)
+        assert not found.are_apart(found.values + 1.49 * side, found.values)
+        assert found.are_apart(found.values + 1.51 * side, found.values)
+    short = free(Prior.none(2), np.diag([0.01, 5.0]))  # as short as a bottom is found
+    assert not short.are_apart(np.array([[0.05, 0.0], [0.0, 0.05]]), np.zeros(2)).any()
 
 
 def test_without_moves_there_is_no_place_beside():
     found = lattice(moves=np.zeros((3, 0)))
     assert found.favourites(9, most=1e9).shape == (0, 3)
+
+
+def test_many_moves_are_no_more_than_a_few_together():
+    """Twelve: 5^12 places would be 244 million."""
+    about = SimpleNamespace(prior=Prior.none(12), invertible=lambda: 1e3 * np.eye(12))
+    found = PatchLattice(about, np.zeros(12), np.eye(12)).favourites(60, most=1.0)
+    assert len(found) == 60 and (np.count_nonzero(found, axis=1) <= TOGETHER).all()
+
+
+def test_what_a_number_that_no_ruler_knows_does_is_as_its_error_grows():
+    known, unknown = (
+        lattice(Prior(RULER.centers, np.array([0.5, 0.3, error]))) for error in (1e6, np.inf)
+    )
+    places = np.array(list(product(range(-2, 3), repeat=2)))
+    np.testing.assert_allclose(unknown.objection(places), known.objection(places), rtol=1e-6)
+    np.testing.assert_allclose(unknown.move(places), known.move(places), rtol=1e-6)

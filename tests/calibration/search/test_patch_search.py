@@ -122,7 +122,7 @@ class Beside:
     def __init__(self, monkeypatch, dips, better, noise=0.0):
         self.starts, self.tried, self.better, self.noise = [], [], better, noise
         self.dips = [np.array([dip, 0.0, 0.0]) for dip in dips]
-        for name in ("descend", "settle", "walk", "worth"):
+        for name in ("descend", "settle", "walk", "least_gain"):
             monkeypatch.setattr(patch_search, name, getattr(self, name))
         monkeypatch.setattr(patch_search, "undone", lambda *_: (np.zeros((3, 0)), None))
         shift = ImageShift(np.eye(3)[1:])
@@ -142,7 +142,7 @@ class Beside:
         del seed
         return SimpleNamespace(evidence=-self.better.get(round(float(values[0]), 3), 0.0))
 
-    def worth(self, level, about, here, there):
+    def least_gain(self, level, about, here, there):
         del level
         assert about == "about"
         assert [seen for _, seen in (here, there)] == [

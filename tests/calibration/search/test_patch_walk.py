@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search import patch_walk
 from periscopy_sim.calibration.search.fisher_information import (
     Curvature,
     Jacobian,
     curvature,
     differences,
 )
+from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES
 from periscopy_sim.calibration.search.image_warp import undone
 from periscopy_sim.calibration.search.levenberg_marquardt import descend
 from periscopy_sim.calibration.search.patch_walk import (
@@ -155,7 +157,7 @@ def test_a_patch_of_which_hardly_anything_is_physical_is_not_looked_at():
     end, explain = comb.end(0.0, 0.1), comb.explain
     comb.explain = lambda at: (looks.append(at[1]), explain(at))[1]
     walk(comb, end, end.values, end.explanation, np.array([[0.0], [-0.2]]))
-    assert looks and min(looks) >= 0.1  # where it is, and on the other side
+    assert {round(at, 3) for at in looks} - {0.1} == {0.3, 0.5}  # on the other side
 
 
 def test_a_patch_that_takes_a_number_past_the_border_is_walked_without_it():
@@ -249,6 +251,68 @@ def test_dips_are_alike_where_one_beside_loses_less_than_is_telling(side, loss):
     _, _, alike = Comb({0: 0, side: loss * TELLING}).walked(0.0)
     # As far as the dip is, not as was guessed.
     np.testing.assert_allclose(np.abs(alike), [[1.0] if loss < 1 else []], atol=1e-6)
+
+
+class Free(LeaningComb):
+    """Dips at whole numbers of up to two parameters, each with a loss that is given."""
+
+    def __init__(self, loss, prior=None):
+        super().__init__({}, 0.0)
+        self.loss, self.prior = loss, prior or Prior.none(2)
+
+    def explain(self, values):
+        dips = np.rint(values)
+        residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
+        excess = 1 + float(np.sum(residuals**2)) / self.freedom
+        loss = self.loss(*dips) + self.prior.penalty(values)
+        return seen(self.freedom * np.log(excess) + loss, residuals, excess)
+
+    def unphysical(self, _):
+        return None
+
+    def walked(self, patches):
+        end = self.end(0.0, 0.0)
+        return walk(self, end, end.values, self.explain(end.values), np.array(patches))
+
+
+def test_what_two_places_lead_to_is_one_dip_and_the_next_one_is_told_all_the_same():
+    """Patches are told too short: from one and two of them one comes to the same."""
+    comb = Comb({0: 0, 1: -30})
+    end = comb.end(0.0)
+    found = walk(comb, end, end.values, end.explanation, np.array([[0.6]]))
+    assert found.values == pytest.approx([1.0], abs=0.02)
+    np.testing.assert_allclose(np.abs(found.alike), [[1.0]], atol=0.02)
+    assert np.concatenate(found.beside) == pytest.approx([0.0], abs=0.02)
+
+
+def test_a_direction_in_which_dips_look_the_same_is_told_though_others_look_more_so():
+    found = Free(lambda a, b: abs(a) + 60 * abs(b)).walked(np.eye(2))
+    assert np.linalg.matrix_rank(found.alike, tol=0.1) == found.alike.shape[1] == 2
+    np.testing.assert_allclose(np.sort(np.abs(found.alike).max(axis=0)), [1, 1], atol=0.02)
+
+
+def test_dips_in_one_plane_are_counted_twice():
+    found = Free(lambda a, b: abs(a) + abs(b)).walked(np.eye(2))
+    assert len(found.beside) > 2
+    np.testing.assert_allclose(np.abs(found.alike[:, ::-1]), np.eye(2)[::-1], atol=0.02)
+
+
+def test_no_more_places_are_looked_at_than_most_and_none_to_which_the_ruler_objects():
+    for error, most in ((np.inf, 2 * PLACES), (0.3, 4)):
+        comb = Free(lambda a, b: 500.0 * (a != 0 or b != 0), Prior(np.zeros(2), np.full(2, error)))
+        looks, explain = [], comb.explain
+        end = comb.end(0.0, 0.0)
+        comb.explain = lambda at, looks=looks, explain=explain: (looks.append(at), explain(at))[1]
+        comb.walked(1.001 * np.eye(2))
+        assert 0 < len({tuple(np.rint(at)) for at in looks} - {(0.0, 0.0)}) <= most
+        del end
+
+
+@pytest.mark.parametrize(("noise", "place"), [(0.0, 1.0), (500.0, 0.0)])
+def test_a_gain_that_errors_may_have_made_leads_nowhere(noise, place, monkeypatch):
+    monkeypatch.setattr(patch_walk, "least_gain", lambda *_: BETWEEN_PATCHES * 2 * noise)
+    values, _, _ = Comb({0: 0, 1: -400}).walked(0.0)
+    assert values == pytest.approx([place], abs=0.02)
 
 
 def test_dips_in_one_row_are_counted_once():

@@ -5,7 +5,12 @@ import pytest
 
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, NEGLIGIBLE
-from periscopy_sim.calibration.search.telling import CERTAIN, standard_error, worth
+from periscopy_sim.calibration.search.telling import (
+    CERTAIN,
+    _parts,
+    least_gain,
+    standard_error,
+)
 
 ROWS, COLUMNS, PIXELS = 40, 60, 2400
 DRAWS = 300
@@ -107,6 +112,33 @@ def test_the_rulers_penalty_errs_as_far_as_the_values_follow_the_errors(patch):
         assert np.std(differences) < 1.2 * by_misfit
 
 
+def test_each_part_is_the_derivative_of_what_is_compared_by_its_blocks_weight():
+    """A block's errors count in where the values are, too, which then count in the penalty."""
+    rng = np.random.default_rng(6)
+    ruler = Prior(np.array([0.5, -1.0]), np.array([1.0, 0.7]))
+    moved = 0.05 * rng.normal(size=(2, PIXELS, 3)) + 0.02 * rng.normal(size=(2, 1, 1))
+    light = blocky(rng) + rng.normal(size=(PIXELS, 3)) + np.tensordot([0.7, 0.4], moved, 1)
+    block = np.kron(np.arange(100).reshape(10, 10), np.ones((4, 6), int)).ravel()
+
+    def compared(weights):
+        weighed = moved * weights[block][:, None]
+        total = np.einsum("imc,jmc->ij", weighed, moved) + np.diag(ruler.precision)
+        pull = np.einsum("imc,mc->i", weighed, light) + ruler.precision * ruler.centers
+        values = np.linalg.solve(total, pull)
+        residuals = light - np.tensordot(values, moved, 1)
+        misfit = np.sum(weights[block][:, None] * residuals**2)
+        return ruler.penalty(values) + BETWEEN_PATCHES * misfit, values, residuals
+
+    _, values, residuals = compared(np.ones(100))
+    parts = _parts(level(ruler), about(moved, ruler), *place(residuals, values=values))
+    for k in (0, 37, 99):
+        step = 1e-4 * (np.arange(100) == k)
+        expected = (compared(1 + step)[0] - compared(1 - step)[0]) / 2e-4
+        assert parts[k] == pytest.approx(expected, rel=1e-5)
+    penalties = parts - BETWEEN_PATCHES * np.bincount(block, np.sum(residuals**2, axis=1))
+    assert np.abs(penalties).max() > 0.02 * np.abs(parts).max()  # either shows
+
+
 def test_each_place_has_a_noise_of_its_own_and_pixels_that_are_masked_do_not_count():
     rng = np.random.default_rng(4)
     noise, other = rng.normal(size=(2, PIXELS, 3))
@@ -122,8 +154,8 @@ def test_each_place_has_a_noise_of_its_own_and_pixels_that_are_masked_do_not_cou
 
 def test_what_is_certain_is_worth_a_move_and_what_the_rays_change_is_not():
     calm = place(np.zeros((PIXELS, 3)))
-    assert worth(level(), STILL, calm, calm) == BETWEEN_PATCHES * NEGLIGIBLE
+    assert least_gain(level(), STILL, calm, calm) == BETWEEN_PATCHES * NEGLIGIBLE
     rng = np.random.default_rng(5)
     here, there = (place(each) for each in rng.normal(size=(2, PIXELS, 3)))
     expected = CERTAIN * standard_error(level(), STILL, here, there)
-    assert worth(level(), STILL, here, there) == expected > BETWEEN_PATCHES * NEGLIGIBLE
+    assert least_gain(level(), STILL, here, there) == expected > BETWEEN_PATCHES * NEGLIGIBLE
