@@ -45,8 +45,8 @@ PLACES, MOST = 4, 24
 """Places looked at in a walk, for each move, and at most."""
 
 DIPS = 3
-"""Of so many places, the dip's bottom is sought of the one that explains most, besides those in whose
-direction none is sought."""
+"""Of so many places, the dip's bottom is sought of the one that explains most, besides those in
+whose direction none is sought."""
 
 OBJECTION = 20.0
 """Of the ruler to a place, from which on it is left out: 200 of evidence would make up for it."""
