@@ -10,7 +10,7 @@ so do its derivatives: a few renderings find the bottom of a dip.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -122,10 +122,12 @@ def walk(
     if not moves.size:
         return Walked(values, seen, moves, ())
     lattice = PatchLattice(end.curvature, values, moves)
-    starts = sorted(filter(None, map(look, _places(level, lattice))), key=lambda at: at.evidence)
+    starts = _by_evidence(map(look, _places(level, lattice)))
     limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
-    bottoms = [_bottom(level, look, end, lattice, at, limit) for at in _likeliest(starts, lattice)]
-    found = _single([at for at in bottoms if at is not None], values, lattice)
+    bottoms = _by_evidence(
+        _bottom(level, look, end, lattice, at, limit) for at in _likeliest(starts, lattice)
+    )
+    found = _single([at.values for at in bottoms], values, lattice)
     dips = sorted(
         ((at, level.judged(at)) for at in found), key=lambda dip: between_patches(level, *dip)
     )
@@ -152,6 +154,11 @@ def _places(level: ResolutionLevel, lattice: PatchLattice) -> tuple[Values, ...]
     moves = lattice.favourites(count, OBJECTION) - lattice.values
     steps = [physical_step(level, lattice.values, move, move.__getitem__)[0] for move in moves]
     return _single([lattice.values + step for step in steps], lattice.values, lattice)
+
+
+def _by_evidence(places: Iterable[Looked | None]) -> list[Looked]:
+    """Return places, the best first, without those of which there is nothing to tell."""
+    return sorted(filter(None, places), key=lambda at: at.evidence)
 
 
 def _likeliest(starts: Sequence[Looked], lattice: PatchLattice) -> list[Looked]:
@@ -208,7 +215,7 @@ def _bottom(
     lattice: PatchLattice,
     start: Looked,
     limit: float,
-) -> Values | None:
+) -> Looked | None:
     """Return the bottom of the dip that a place is in, by chords kept physical.
 
     None if it is that of the lattice's own values, or if its evidence will hardly be below the
@@ -248,4 +255,4 @@ def _bottom(
         if gain < NEGLIGIBLE:
             break
         along = chord(seen)
-    return seen.values if is_elsewhere(seen.values) and seen.evidence < limit else None
+    return seen if is_elsewhere(seen.values) and seen.evidence < limit else None
