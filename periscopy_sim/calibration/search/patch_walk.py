@@ -38,6 +38,9 @@ wrong patch by more than 30."""
 CHORDS = 6
 """Steps to the bottom of a dip, at most; one that does not gain, or is not physical, is halved."""
 
+SHORTEST = 0.5
+"""Part of a chord, at least."""
+
 MORE = 4.0
 """Times what a chord promises that a dip may gain yet."""
 
@@ -125,7 +128,8 @@ def walk(
     starts = _by_evidence(map(look, _places(level, lattice)))
     limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
     bottoms = _by_evidence(
-        _bottom(level, look, end, lattice, at, limit) for at in _likeliest(starts, lattice)
+        _bottom(level, look, end, lattice, at, seen.evidence, limit)
+        for at in _likeliest(starts, lattice)
     )
     found = _single([at.values for at in bottoms], values, lattice)
     dips = sorted(
@@ -214,12 +218,13 @@ def _bottom(
     end: Descent,
     lattice: PatchLattice,
     start: Looked,
+    home: float,
     limit: float,
 ) -> Looked | None:
     """Return the bottom of the dip that a place is in, by chords kept physical.
 
-    None if it is that of the lattice's own values, or if its evidence will hardly be below the
-    limit.
+    None if it is that of the lattice's own values, or if its evidence will hardly be below a limit,
+    by what chords promise and by the rate at which it came nearer to that of the values so far.
     """
     about, moved = end.curvature, end.curvature.jacobian.moved.mean(axis=0)
     damped = about.damped(DAMPING)
@@ -242,17 +247,22 @@ def _bottom(
         return bool(lattice.are_apart(at, lattice.values))
 
     seen, part, along = start, 1.0, chord(start)
-    for _ in range(CHORDS):
-        promised = float(along @ damped @ along)
-        if not is_elsewhere(seen.values) or seen.evidence - MORE * promised > limit:
+    for left in reversed(range(CHORDS)):
+        if seen.evidence - MORE * float(along @ damped @ along) > limit:
             return None
         tried = look(seen.values + part * along)
         if tried is None or not tried.evidence < seen.evidence:
             part /= 2
+            if part < SHORTEST:
+                break
             continue
+        if tried.evidence > limit:
+            rate = (tried.evidence - home) / (seen.evidence - home)
+            if (tried.evidence - home) * rate**left > limit - home:
+                return None
         gain = seen.evidence - tried.evidence
         seen, part = tried, 1.0
-        if gain < NEGLIGIBLE:
+        if gain < NEGLIGIBLE or not is_elsewhere(seen.values):
             break
         along = chord(seen)
     return seen if is_elsewhere(seen.values) and seen.evidence < limit else None

@@ -339,6 +339,17 @@ def test_of_dips_that_are_no_match_the_bottom_is_not_sought():
     assert sum(0.5 < at < 1.5 for at in looks) == sum(at < -1.5 for at in looks) == 1
 
 
+@pytest.mark.parametrize(("known", "looks", "reached"), [(1.3, 20, 1.0), (30.0, 5, 0.0)])
+def test_a_bottom_that_is_neared_too_slowly_is_not_sought_on(known, looks, reached):
+    """Chords are so many times too short; of two places the bottom is sought, besides four looks."""
+    comb, looked = Comb({0: 0, 1: -30}), []
+    end = comb.end(0.0, known)
+    values, _, _ = told(
+        walk(comb, end, end.values, end.explanation, np.array([[1.3]]), lambda: looked.append(1))
+    )
+    assert values == pytest.approx([reached], abs=0.05) and len(looked) <= looks + 1
+
+
 def test_a_bowl_is_left_as_soon_as_chords_lead_back():
     comb, looks = Comb({}, bowl=True), []
     end = comb.end(0.0)
