@@ -243,7 +243,7 @@ def _bottom(
 
         return physical_step(level, seen.values, of(np.ones(len(slope), bool)), of)[0]
 
-    def is_elsewhere(at: Values) -> bool:
+    def is_beside(at: Values) -> bool:
         return bool(lattice.are_apart(at, lattice.values))
 
     seen, part, along = start, 1.0, chord(start)
@@ -262,7 +262,7 @@ def _bottom(
                 return None
         gain = seen.evidence - tried.evidence
         seen, part = tried, 1.0
-        if gain < NEGLIGIBLE or not is_elsewhere(seen.values):
+        if gain < NEGLIGIBLE or not is_beside(seen.values):
             break
         along = chord(seen)
-    return seen if is_elsewhere(seen.values) and seen.evidence < limit else None
+    return seen if is_beside(seen.values) and seen.evidence < limit else None

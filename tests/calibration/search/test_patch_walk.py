@@ -20,6 +20,9 @@ from periscopy_sim.calibration.search.patch_walk import (
     NEGLIGIBLE,
     PLACES,
     TELLING,
+    Looked,
+    _distinct,
+    _likeliest,
     walk,
 )
 from periscopy_sim.errors import SceneError
@@ -117,6 +120,28 @@ class LeaningComb(Comb):
         return SimpleNamespace(values=values, explanation=self.explain(values), curvature=about)
 
 
+class Free(LeaningComb):
+    """Dips at whole numbers of up to two parameters, each with a loss that is given."""
+
+    def __init__(self, loss, prior=None):
+        super().__init__({}, 0.0)
+        self.loss, self.prior = loss, prior or Prior.none(2)
+
+    def explain(self, values):
+        dips = np.rint(values)
+        residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
+        excess = 1 + float(np.sum(residuals**2)) / self.freedom
+        loss = self.loss(*dips) + self.prior.penalty(values)
+        return seen(self.freedom * np.log(excess) + loss, residuals, excess)
+
+    def unphysical(self, _):
+        return None
+
+    def walked(self, patches):
+        end = self.end(0.0, 0.0)
+        return walk(self, end, end.values, self.explain(end.values), np.array(patches))
+
+
 def told(found):
     return found.values, found.seen, found.alike
 
@@ -171,22 +196,8 @@ def test_a_patch_that_takes_a_number_past_the_border_is_walked_without_it():
 
 def test_the_best_dip_around_is_walked_to_though_no_way_there_gains_at_once():
     """Two numbers, each with dips of its own; those beside the start are worse."""
-
-    class Grid(LeaningComb):
-        def explain(self, values):
-            dips = np.rint(values)
-            residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
-            excess = 1 + float(np.sum(residuals**2)) / self.freedom
-            loss = -200.0 if tuple(dips) == (1, -1) else 60.0 * float(np.any(dips))
-            return seen(self.freedom * np.log(excess) + loss, residuals, excess)
-
-        def unphysical(self, _):
-            return None
-
-    grid = Grid({}, lean=0.0)
-    end = grid.end(0.0, 0.0)
-    found = walk(grid, end, end.values, grid.explain(end.values), np.eye(2))
-    assert found.values == pytest.approx([1.0, -1.0], abs=0.01)
+    grid = Free(lambda a, b: -200.0 if (a, b) == (1, -1) else 60.0 * (a != 0 or b != 0))
+    assert grid.walked(np.eye(2)).values == pytest.approx([1.0, -1.0], abs=0.01)
 
 
 @pytest.mark.parametrize("second", [0.0, 0.8])
@@ -206,24 +217,14 @@ def test_a_bowl_has_no_dip_beside():
 def test_bottoms_are_sought_of_those_places_that_explain_most():
     """Of the many that two numbers lead to some are looked at, of a few of these it goes on."""
 
-    class Far(LeaningComb):
-        def explain(self, values):
-            dips = np.rint(values)
-            residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
-            excess = 1 + float(np.sum(residuals**2)) / self.freedom
-            loss = 30.0 * float(np.sum((dips - [1, 1]) ** 2))
-            return seen(self.freedom * np.log(excess) + loss, residuals, excess)
-
-        def unphysical(self, _):
-            return None
-
-    comb, looks = Far({}, lean=0.0), []
-    end, explain = comb.end(0.0, 0.0), comb.explain
+    comb, looks = Free(lambda a, b: 30.0 * ((a - 1) ** 2 + (b - 1) ** 2)), []
+    explain = comb.explain
     comb.explain = lambda at: (looks.append(np.array(at)), explain(at))[1]
     comb.judged = explain
     patches = np.array([[1.1, 0.0], [0.0, 0.9]])
-    found = walk(comb, end, end.values, explain(end.values), patches)
+    found = comb.walked(patches)
     assert found.values == pytest.approx([1.0, 1.0], abs=0.02)
+    del looks[0]  # where it is
     first = looks[: 2 * PLACES]
     assert all(
         np.abs(at / np.diag(patches) - np.rint(at / np.diag(patches))).max() < 1e-6 for at in first
@@ -254,28 +255,6 @@ def test_dips_are_alike_where_one_beside_loses_less_than_is_telling(side, loss):
     np.testing.assert_allclose(np.abs(alike), [[1.0] if loss < 1 else []], atol=1e-6)
 
 
-class Free(LeaningComb):
-    """Dips at whole numbers of up to two parameters, each with a loss that is given."""
-
-    def __init__(self, loss, prior=None):
-        super().__init__({}, 0.0)
-        self.loss, self.prior = loss, prior or Prior.none(2)
-
-    def explain(self, values):
-        dips = np.rint(values)
-        residuals = -np.tensordot(np.asarray(values) - dips, self.moved, 1)
-        excess = 1 + float(np.sum(residuals**2)) / self.freedom
-        loss = self.loss(*dips) + self.prior.penalty(values)
-        return seen(self.freedom * np.log(excess) + loss, residuals, excess)
-
-    def unphysical(self, _):
-        return None
-
-    def walked(self, patches):
-        end = self.end(0.0, 0.0)
-        return walk(self, end, end.values, self.explain(end.values), np.array(patches))
-
-
 def test_what_two_places_lead_to_is_one_dip_and_the_next_one_is_told_all_the_same():
     """Patches are told too short: from one and two of them one comes to the same."""
     comb = Comb({0: 0, 1: -30})
@@ -302,11 +281,9 @@ def test_no_more_places_are_looked_at_than_most_and_none_to_which_the_ruler_obje
     for error, most in ((np.inf, 2 * PLACES), (0.3, 4)):
         comb = Free(lambda a, b: 500.0 * (a != 0 or b != 0), Prior(np.zeros(2), np.full(2, error)))
         looks, explain = [], comb.explain
-        end = comb.end(0.0, 0.0)
         comb.explain = lambda at, looks=looks, explain=explain: (looks.append(at), explain(at))[1]
         comb.walked(1.001 * np.eye(2))
         assert 0 < len({tuple(np.rint(at)) for at in looks} - {(0.0, 0.0)}) <= most
-        del end
 
 
 @pytest.mark.parametrize(("noise", "place"), [(0.0, 1.0), (500.0, 0.0)])
@@ -359,7 +336,7 @@ def test_a_bowl_is_left_as_soon_as_chords_lead_back():
     comb, looks = Comb({}, bowl=True), []
     end = comb.end(0.0)
     walk(comb, end, end.values, end.explanation, np.array([[0.1, 0.0]]), lambda: looks.append(1))
-    assert len(looks) <= 9  # where it is, and four places
+    assert len(looks) <= 9
 
 
 def test_without_a_shift_that_can_be_undone_nothing_is_rendered():
@@ -389,3 +366,15 @@ def test_a_chair_that_a_descent_left_a_patch_aside_is_walked_back(chair_before_a
     assert abs(values @ metric) < 0.3 * (start @ metric)
     # Up and down this photograph does not tell it: that is counted as an error.
     assert np.abs(alike[1]).max() > 0.005, alike
+
+
+def test_of_moves_along_one_row_the_shorter_is_distinct():
+    moves = [np.array(move) for move in ([2.0, 0.0], [1.0, 0.0], [1.1, 0.3], [0.0, -4.0])]
+    np.testing.assert_array_equal(_distinct(moves, np.eye(2)), [[1.0, 0.0], [0.0, -4.0]])
+
+
+def test_the_bottom_is_sought_in_each_direction_however_little_is_explained_there():
+    lattice = SimpleNamespace(values=np.zeros(2), root=np.eye(2))
+    places = [*([float(k), 0.0] for k in range(1, 6)), [0.0, 1.0]]
+    starts = [Looked(np.array(at), float(k), np.zeros(1)) for k, at in enumerate(places)]
+    assert _likeliest(starts, lattice) == [*starts[:2], starts[-1]]
