@@ -25,7 +25,7 @@ import typer
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from periscopy_sim.calibration.calibrate import calibrate_levels
+from periscopy_sim.calibration.calibrate_levels import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain

@@ -2,43 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.calibration.calibrate_levels import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import (
-    UncertainParameters,
-    require_effect,
-    sensitivity,
     uncertain_parameters,
 )
 from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.resolution_level import (
     Rays,
     Resolution,
     ResolutionLevel,
-    Values,
     fitted,
 )
-from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
-from periscopy_sim.calibration.progress import Progress
-from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.search.fisher_information import block_scores
-from periscopy_sim.calibration.search.global_search import explore
+from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.calibration.search.image_shift import ImageShift
-from periscopy_sim.calibration.search.levenberg_marquardt import Descent
-from periscopy_sim.calibration.search.patch_search import ITERATIONS, search_patches
-from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
-from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
-from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError, VariantError
+from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.background_photographs import (
     Backgrounds,
@@ -64,16 +51,6 @@ down to the last. Patches of the coarse one are nearly as small as an image's de
 a side, wrong places explained images of 20 and 36 by 200 to 1200 in evidence more than the true one
 did. With fewer rays, where areas do not serve, the last has dips that hold a descent, millimetres
 from the best; slopes, of wide differences, need fewer."""
-
-GAINS = 3
-"""Times that the gain over the wall is found anew before a descent: it is linearized each time."""
-
-MARGIN = 1.3
-"""Times larger than by the linear theory that errors are told to be: valleys of the evidence are
-curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
-
-SHOWN = 100.0
-"""Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
 
 
 def calibrate(
@@ -231,175 +208,3 @@ def _monitor_off(
     except ValueError as error:
         raise PhotographError(str(error)) from None
     return list(off.values())
-
-
-def calibrate_levels(
-    levels: Sequence[ResolutionLevel],
-    start: Values,
-    held: UncertainParameters,
-    progress: Callable[[float], None] | None = None,
-    *,
-    shift: ImageShift | None = None,
-    flipped: Mapping[str, ResolutionLevel] = MappingProxyType({}),
-) -> Calibration:
-    """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
-
-    The two levels, coarse and fine, are of the same photograph, parameters and prior. Those
-    `flipped`, by name, are the coarse one of it mirrored or rotated.
-    """
-    coarse, fine = levels
-    names, prior = fine.names, fine.prior
-    shift = shift or ImageShift.none(len(names))
-    require_effect(coarse, start, held)
-    scales, spreads = scales_and_spreads(coarse.differing(), start)
-    steps = np.minimum(scales, prior.errors)
-    ruled = bool(np.isfinite(prior.errors).all())
-    log = Progress(len(start), ruled, ITERATIONS, progress)
-    if ruled:
-        evened = _evened(coarse, start).comparable(start)
-        ends = ends_from_ruler(evened, start, steps, log.at(coarse))
-        evened = _evened(fine, start).comparable(start)
-        values = min([start, *ends], key=evened.judgement)
-    else:
-        values = explore(coarse, start, spreads, coarse.seed, log.at(coarse))
-    _require_shadows(coarse, values)
-    visit = log.at(fine)
-    fine = _evened(fine, values)
-    best = search_patches(fine, values, steps, shift, visit, log.looked)
-    values, after, fine, end = best.values, best.seen, best.level, best.end
-    if end.unphysical is not None:
-        place = ", ".join(f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True))
-        raise SceneError(
-            f"the search left the physical, past {place}: {end.unphysical}; free less, or fix "
-            "the one that went too far by -D"
-        )
-    # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
-    moves = sensitivity(fine, end, held)
-    moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
-    before = fine.judged(start)
-    known = learned(end.curvature)
-    gained = is_significant(before.evidence - after.evidence, known)
-    set_back = ruled and not gained
-    if set_back:
-        values, after = start, before
-    visit(values, after.evidence)
-    plain = fine.as_it_comes()
-    left_before, left = plain.explain(start), plain.explain(values)
-    structured = fine.discrepancy > STRUCTURED
-    misfit = left.left if structured else 0.0
-    negative = after.darker_than_black if structured else 0.0
-    why = (
-        *doubts(names, values, spreads, prior, gained, known, misfit, negative),
-        *_doubted_orientation(coarse, values, flipped, start),
-    )
-    # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
-    unknown = shift.alone & np.isinf(prior.errors)
-    ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
-    alone, covariance = _covariances(fine, end, best.alike, moves, ruler, shift.alone, set_back)
-    deviations = np.sqrt(np.diag(covariance))
-    log.report(1.0)
-    columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
-    return Calibration(
-        parameters=tuple(
-            Parameter(name, *(float(number) for number in numbers), trusted=not why)
-            for name, *numbers in zip(names, *columns, strict=True)
-        ),
-        uncertain=held,
-        moves=moves,
-        correlation=covariance / np.outer(deviations, deviations),
-        path=log.path(),
-        noise_before=left_before.noise / fine.scale,
-        noise=left.noise / fine.scale,
-        residual_before=fine.picture(left_before.residuals),
-        residual=fine.picture(left.residuals),
-        gain=fine.gain_of(after),
-        discrepancy=fine.discrepancy,
-        overdispersion=fine.overdispersion,
-        moved=gained,
-        doubts=why,
-    )
-
-
-def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
-    """Return a level whose wall's unevenness, as it shows at some values, is divided out.
-
-    It begins with the gain that is found there. Images that may shine negatively would follow a
-    strong gain, and lead to one that is upside down.
-    """
-    level.background(values)  # once for this level and all that are made of it
-    found = level.of_nonnegative_images().explain(values)
-    level = level.evened(found)
-    for _ in range(GAINS):
-        level = level.gained(found)
-        found = level.of_nonnegative_images().explain(values)
-    return level.gained(found)
-
-
-def _require_shadows(level: ResolutionLevel, values: Values) -> None:
-    """Check that something of the scene is seen at some values; else raise a PhotographError."""
-    seen = level.explain(values)
-    if not seen.darkness - seen.evidence >= SHOWN:  # nor where nothing is a number
-        raise PhotographError(
-            "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
-            "can be learned from it"
-        )
-
-
-def _doubted_orientation(
-    level: ResolutionLevel,
-    values: Values,
-    flipped: Mapping[str, ResolutionLevel],
-    start: Values,
-) -> tuple[str, ...]:
-    """Return a doubt if a flipped photograph is explained better than the one as it is.
-
-    The values were found for the level's photograph as it is; one that is flipped may be explained
-    at the start, too.
-    """
-    if not flipped:
-        return ()
-
-    def evidence(seen: ResolutionLevel, *places: Values) -> float:
-        plain = seen.as_it_comes().of_nonnegative_images()
-        try:
-            return min(plain.explain(place).evidence for place in places)
-        except PeriscopyError:  # a mask that leaves too little of it
-            return np.inf
-
-    found = {name: evidence(each, start, values) for name, each in flipped.items()}
-    name = min(found, key=lambda each: found[each])
-    if not found[name] < evidence(level, values) - SHOWN:
-        return ()
-    return (f"the photograph may be {name}: so it is explained better than as it is",)
-
-
-def _covariances(
-    level: ResolutionLevel,
-    end: Descent,
-    alike: Array,
-    moves: Array,
-    ruler: Values,
-    shifting: NDArray[np.bool_],
-    set_back: bool,
-) -> tuple[Array, Array]:
-    """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
-
-    Both are `bounded`; `alike`, (P, K), lead to dips that are, see `walk`; `moves`, (P, U), are of
-    `sensitivity`. Parameters that are `shifting`, (P,), the image alone are known by the ruler, and
-    so the others, which move as they do, no better: a room that is moved as a whole looks the same.
-    If `set_back`, all are the ruler's.
-    """
-    if set_back:
-        as_ruler = np.diag(ruler**2)
-        return as_ruler, bounded(as_ruler + moves @ moves.T, ruler)
-    others, about = ~shifting, end.curvature
-    found = np.zeros((len(ruler), len(ruler)))
-    scores = block_scores(level, end.explanation, about.jacobian)
-    told = about.of(others)
-    found[np.ix_(others, others)] = MARGIN**2 * told.covariance([s[:, others] for s in scores])
-    crossed = about.invertible()[np.ix_(others, shifting)]
-    following = np.zeros((len(ruler), int(shifting.sum())))
-    following[others] = -np.linalg.solve(told.invertible(), crossed)
-    following[shifting] = np.eye(int(shifting.sum()))
-    found += (following * ruler[shifting] ** 2) @ following.T + alike @ alike.T
-    return bounded(found, ruler), bounded(found + moves @ moves.T, ruler)

@@ -72,8 +72,18 @@ class Progress:
 
         return visit
 
+    def again(self) -> Visit:
+        """Return what keeps the points that the first level visits once more."""
+        _, points = self._visited[0]
+
+        def visit(values: Values, evidence: float) -> None:
+            points.append((values, evidence))
+            self.looked()
+
+        return visit
+
     def looked(self) -> None:
-        """Count a place that the walk looked at.
+        """Count a place that a walk looked at, or a search that begins anew.
 
         How many it takes, and what descents follow, nobody knows before: each is a part of what is
         left.

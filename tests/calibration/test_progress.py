@@ -51,3 +51,16 @@ def test_a_descent_after_a_walk_does_not_go_back():
         for _ in range(5):
             each(np.zeros(2), 0.0)
     assert told == sorted(told)
+
+
+def test_a_search_that_begins_anew_moves_on_and_keeps_what_it_visits():
+    told = []
+    log = Progress(2, True, 10, told.append)
+    levels = [SimpleNamespace(photograph_shape=(k, k), hidden_shape=(k, k)) for k in (1, 2)]
+    for level in levels:
+        log.at(level)(np.zeros(2), 0.0)
+    again = log.again()
+    for k in range(30):
+        again(np.full(2, k), 1.0)
+    assert all(before < after < 1 for before, after in itertools.pairwise(told))
+    assert [len(visited.values) for visited in log.path()] == [31, 1]

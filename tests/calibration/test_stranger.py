@@ -9,7 +9,7 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.laboratories.making.laboratory import SCENES
-from periscopy_sim.calibration import calibrate
+from periscopy_sim.calibration import calibrate_levels
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import declared_errors, start_values
 from periscopy_sim.calibration.search import ruled_starts
@@ -73,7 +73,7 @@ def test_eighteen_numbers_that_are_all_wrong_are_found_with_their_errors(tmp_pat
         gained.extend(truth - level.judgement(end) for end in ends)
         return ends
 
-    monkeypatch.setattr(calibrate, "ends_from_ruler", ends_from_ruler)
+    monkeypatch.setattr(calibrate_levels, "ends_from_ruler", ends_from_ruler)
     found = ps.calibrate(photograph, SCENE, SHAPE)
     # Of 18 numbers chance explains 18; coarse images in wrong places explained 900 more than it.
     assert max(gained) < 200, gained

@@ -36,30 +36,33 @@ def places_looked_at(parameters: int) -> int:
 
 
 def ends_from_ruler(
-    level: ResolutionLevel, start: Values, steps: Values, visit: Visit
+    level: ResolutionLevel, start: Values, steps: Values, visit: Visit, attempt: int = 0
 ) -> list[Values]:
     """Return where descents end, (P,) each, from the start and from places that the ruler allows.
 
     The places are drawn from the ruler's errors about the start (Sobol's sequence); descents, as
     in `descend`, follow on those with the best evidence. All that is visited is passed to `visit`.
-    What is not physical is left out, the start alone raises a SceneError.
+    What is not physical is left out, the start alone raises a SceneError. A later attempt draws
+    others, and leaves out the start.
     """
-    places = _drawn(level, start, visit)
-    _, end = descend(level, start, steps, 5 * steps, DESCENT_ITERATIONS, visit)
-    ends = [end.values]
-    for place in places[: DESCENTS - 1]:
+    places = _drawn(level, start, visit, attempt)
+    ends = []
+    if attempt == 0:
+        _, end = descend(level, start, steps, 5 * steps, DESCENT_ITERATIONS, visit)
+        ends.append(end.values)
+    for place in places[: DESCENTS - len(ends)]:
         with suppress(SceneError):
             _, end = descend(level, place, steps, 5 * steps, DESCENT_ITERATIONS, visit)
             ends.append(end.values)
     return ends
 
 
-def _drawn(level: ResolutionLevel, start: Values, visit: Visit) -> list[Values]:
+def _drawn(level: ResolutionLevel, start: Values, visit: Visit, attempt: int) -> list[Values]:
     """Return places within the ruler's errors, those of the best evidence first."""
     from scipy.stats import norm, qmc
 
     count = places_looked_at(len(start))
-    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed)).random(DRAWN)
+    even = qmc.Sobol(len(start), rng=np.random.default_rng(level.seed + attempt)).random(DRAWN)
     places = start + level.prior.errors * np.clip(norm.ppf(even), -BOX, BOX)
     looked: list[tuple[float, int]] = []
     for k, place in enumerate(places):

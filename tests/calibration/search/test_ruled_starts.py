@@ -51,10 +51,10 @@ def descents(monkeypatch):
     return begun
 
 
-def ended(level, start=RULER):
+def ended(level, start=RULER, attempt=0):
     """Return the ends, the places looked at, and where descents were."""
     seen = []
-    ends = ends_from_ruler(level, start, ERRORS / 8, lambda *visited: seen.append(visited))
+    ends = ends_from_ruler(level, start, ERRORS / 8, lambda *at: seen.append(at), attempt)
     places = len(seen) - len(ends)
     return ends, seen[:places], seen[places:]
 
@@ -72,6 +72,16 @@ def test_descents_follow_on_the_places_of_the_best_evidence(descents):
     _, places, _ = ended(TwoDips())
     best = sorted(places, key=lambda seen: seen[1])[: DESCENTS - 1]
     np.testing.assert_array_equal(descents[1:], [at for at, _ in best])
+
+
+def test_a_later_attempt_looks_at_other_places_and_descends_from_the_best_alone(descents):
+    _, first, _ = ended(TwoDips())
+    descents.clear()
+    ends, places, _ = ended(TwoDips(), attempt=1)
+    assert len(places) == len(first) and len(ends) == DESCENTS
+    assert not any(np.array_equal(at, other) for at, _ in places for other, _ in first)
+    best = sorted(places, key=lambda seen: seen[1])[:DESCENTS]
+    np.testing.assert_array_equal(descents, [at for at, _ in best])
 
 
 def test_places_are_spread_as_the_ruler_errs():

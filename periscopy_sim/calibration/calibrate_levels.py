@@ -1,0 +1,287 @@
+"""The search from a coarse level to a fine one, and whether to believe what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.consider_analysis import (
+    UncertainParameters,
+    require_effect,
+    sensitivity,
+)
+from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
+from periscopy_sim.calibration.explanation.evidence import Explanation
+from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel, Values, Visit
+from periscopy_sim.calibration.parameters import scales_and_spreads
+from periscopy_sim.calibration.progress import Progress
+from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.search.fisher_information import block_scores
+from periscopy_sim.calibration.search.global_search import explore
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.patch_search import ITERATIONS, Best, search_patches
+from periscopy_sim.calibration.search.patch_walk import TELLING
+from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
+from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
+from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError
+from periscopy_sim.scenario import Array
+
+GAINS = 3
+"""Times that the gain over the wall is found anew before a descent: it is linearized each time."""
+
+MARGIN = 1.3
+"""Times larger than by the linear theory that errors are told to be: valleys of the evidence are
+curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
+
+ATTEMPTS = 3
+"""Times that a search begins, at most, each from other places, while what it finds is in doubt."""
+
+SHOWN = 100.0
+"""Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
+
+
+def calibrate_levels(
+    levels: Sequence[ResolutionLevel],
+    start: Values,
+    held: UncertainParameters,
+    progress: Callable[[float], None] | None = None,
+    *,
+    shift: ImageShift | None = None,
+    flipped: Mapping[str, ResolutionLevel] = MappingProxyType({}),
+) -> Calibration:
+    """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
+
+    The two levels, coarse and fine, are of the same photograph, parameters and prior. Those
+    `flipped`, by name, are the coarse one of it mirrored or rotated.
+    """
+    coarse, fine = levels
+    prior = fine.prior
+    shift = shift or ImageShift.none(len(start))
+    require_effect(coarse, start, held)
+    scales, spreads = scales_and_spreads(coarse.differing(), start)
+    steps = np.minimum(scales, prior.errors)
+    ruled = bool(np.isfinite(prior.errors).all())
+    log = Progress(len(start), ruled, ITERATIONS, progress)
+    search = _Search(coarse, fine, start, steps, spreads, shift, flipped, ruled, log)
+    found = search.from_ruler() if ruled else search.of_box()
+    values, level, best = found.values, found.best.level, found.best
+    # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
+    moves = sensitivity(level, best.end, held)
+    moves = np.clip(moves, -prior.errors[:, None], prior.errors[:, None])
+    plain = level.as_it_comes()
+    left_before, left = plain.explain(start), plain.explain(values)
+    # A shift of the image that no ruler knows, nobody knows: it is anywhere that was searched.
+    unknown = shift.alone & np.isinf(prior.errors)
+    ruler = np.hypot(np.where(unknown, spreads, prior.errors), values - start)
+    alone, covariance = _covariances(best, moves, ruler, shift.alone, found.set_back)
+    deviations = np.sqrt(np.diag(covariance))
+    log.report(1.0)
+    columns = start, values, np.sqrt(np.diag(alone)), deviations, scales, spreads, prior.errors
+    return Calibration(
+        parameters=tuple(
+            Parameter(name, *(float(number) for number in numbers), trusted=not found.doubts)
+            for name, *numbers in zip(fine.names, *columns, strict=True)
+        ),
+        uncertain=held,
+        moves=moves,
+        correlation=covariance / np.outer(deviations, deviations),
+        path=log.path(),
+        noise_before=left_before.noise / level.scale,
+        noise=left.noise / level.scale,
+        residual_before=level.picture(left_before.residuals),
+        residual=level.picture(left.residuals),
+        gain=level.gain_of(found.seen),
+        discrepancy=level.discrepancy,
+        overdispersion=level.overdispersion,
+        moved=found.gained,
+        doubts=found.doubts,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a search found.
+
+    Attributes
+    ----------
+    values, seen
+        (P,) the ruler's if `set_back`, and what is seen there.
+    best
+        What was found best.
+    gained
+        Whether that explains more than the start does, by more than chance.
+    doubts
+        Why not to believe it.
+    """
+
+    values: Values
+    seen: Explanation
+    best: Best
+    gained: bool
+    set_back: bool
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A search of both levels, from a start, (P,); see `calibrate_levels`."""
+
+    coarse: ResolutionLevel
+    fine: ResolutionLevel
+    start: Values
+    steps: Values
+    spreads: Values
+    shift: ImageShift
+    flipped: Mapping[str, ResolutionLevel]
+    ruled: bool
+    log: Progress
+
+    def of_box(self) -> _Found:
+        """Return what is found where no ruler knows some parameter."""
+        visit = self.log.at(self.coarse)
+        values = explore(self.coarse, self.start, self.spreads, self.coarse.seed, visit)
+        return self.followed(values, self.log.at(self.fine))
+
+    def from_ruler(self) -> _Found:
+        """Return what is found about the ruler's word; while that is in doubt, begin anew.
+
+        Other places are drawn then, and followed if a coarse descent from them ends where more is
+        explained. Of what was followed, that is returned which explains most.
+        """
+        coarse = _evened(self.coarse, self.start).comparable(self.start)
+        ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
+        fine = _evened(self.fine, self.start).comparable(self.start)
+        visit = self.log.at(self.fine)
+        found = self.followed(min([self.start, *ends], key=fine.judgement), visit)
+        for attempt in range(1, ATTEMPTS):
+            if not found.doubts:
+                break
+            ends = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
+            better = coarse.judgement(found.best.values) - TELLING
+            end = min(ends, key=coarse.judgement, default=self.start)
+            if coarse.judgement(end) < better:
+                with suppress(SceneError):
+                    other = self.followed(end, visit)
+                    found = min(found, other, key=lambda each: fine.judgement(each.values))
+        return found
+
+    def followed(self, values: Values, visit: Visit) -> _Found:
+        """Return what the fine level finds from some values, and whether to believe it.
+
+        A SceneError says that the search left the physical, a PhotographError that nothing is seen.
+        """
+        names, start, prior = self.fine.names, self.start, self.fine.prior
+        _require_shadows(self.coarse, values)
+        level = _evened(self.fine, values)
+        best = search_patches(level, values, self.steps, self.shift, visit, self.log.looked)
+        values, seen, level, end = best.values, best.seen, best.level, best.end
+        if end.unphysical is not None:
+            place = ", ".join(
+                f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True)
+            )
+            raise SceneError(
+                f"the search left the physical, past {place}: {end.unphysical}; free less, or fix "
+                "the one that went too far by -D"
+            )
+        before = level.judged(start)
+        known = learned(end.curvature)
+        gained = is_significant(before.evidence - seen.evidence, known)
+        set_back = self.ruled and not gained
+        if set_back:
+            values, seen = start, before
+        visit(values, seen.evidence)
+        left = level.as_it_comes().explain(values).left
+        structured = level.discrepancy > STRUCTURED
+        misfit, negative = (left, seen.darker_than_black) if structured else (0.0, 0.0)
+        why = (
+            *doubts(names, values, self.spreads, prior, gained, known, misfit, negative),
+            *_doubted_orientation(self.coarse, values, self.flipped, start),
+        )
+        return _Found(values, seen, best, gained, set_back, why)
+
+
+def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
+    """Return a level whose wall's unevenness, as it shows at some values, is divided out.
+
+    It begins with the gain that is found there. Images that may shine negatively would follow a
+    strong gain, and lead to one that is upside down.
+    """
+    level.background(values)  # once for this level and all that are made of it
+    found = level.of_nonnegative_images().explain(values)
+    level = level.evened(found)
+    for _ in range(GAINS):
+        level = level.gained(found)
+        found = level.of_nonnegative_images().explain(values)
+    return level.gained(found)
+
+
+def _require_shadows(level: ResolutionLevel, values: Values) -> None:
+    """Check that something of the scene is seen at some values; else raise a PhotographError."""
+    seen = level.explain(values)
+    if not seen.darkness - seen.evidence >= SHOWN:  # nor where nothing is a number
+        raise PhotographError(
+            "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
+            "can be learned from it"
+        )
+
+
+def _doubted_orientation(
+    level: ResolutionLevel,
+    values: Values,
+    flipped: Mapping[str, ResolutionLevel],
+    start: Values,
+) -> tuple[str, ...]:
+    """Return a doubt if a flipped photograph is explained better than the one as it is.
+
+    The values were found for the level's photograph as it is; one that is flipped may be explained
+    at the start, too.
+    """
+    if not flipped:
+        return ()
+
+    def evidence(seen: ResolutionLevel, *places: Values) -> float:
+        plain = seen.as_it_comes().of_nonnegative_images()
+        try:
+            return min(plain.explain(place).evidence for place in places)
+        except PeriscopyError:  # a mask that leaves too little of it
+            return np.inf
+
+    found = {name: evidence(each, start, values) for name, each in flipped.items()}
+    name = min(found, key=lambda each: found[each])
+    if not found[name] < evidence(level, values) - SHOWN:
+        return ()
+    return (f"the photograph may be {name}: so it is explained better than as it is",)
+
+
+def _covariances(
+    best: Best,
+    moves: Array,
+    ruler: Values,
+    shifting: NDArray[np.bool_],
+    set_back: bool,
+) -> tuple[Array, Array]:
+    """Return the parameters' covariances, (P, P): alone, and with what uncertain ones do to them.
+
+    Both are `bounded`; `moves`, (P, U), are of `sensitivity`. Parameters that are `shifting`, (P,),
+    the image alone are known by the ruler, and so the others, which move as they do, no better: a
+    room that is moved as a whole looks the same. If `set_back`, all are the ruler's.
+    """
+    if set_back:
+        as_ruler = np.diag(ruler**2)
+        return as_ruler, bounded(as_ruler + moves @ moves.T, ruler)
+    others, end, about = ~shifting, best.end, best.end.curvature
+    found = np.zeros((len(ruler), len(ruler)))
+    scores = block_scores(best.level, end.explanation, about.jacobian)
+    told = about.of(others)
+    found[np.ix_(others, others)] = MARGIN**2 * told.covariance([s[:, others] for s in scores])
+    crossed = about.invertible()[np.ix_(others, shifting)]
+    following = np.zeros((len(ruler), int(shifting.sum())))
+    following[others] = -np.linalg.solve(told.invertible(), crossed)
+    following[shifting] = np.eye(int(shifting.sum()))
+    found += (following * ruler[shifting] ** 2) @ following.T + best.alike @ best.alike.T
+    return bounded(found, ruler), bounded(found + moves @ moves.T, ruler)
