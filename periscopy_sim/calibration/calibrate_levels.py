@@ -39,7 +39,8 @@ MARGIN = 1.3
 curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
 
 ATTEMPTS = 3
-"""Times that a search begins, at most, each from other places, while what it finds is in doubt."""
+"""Times that a search begins, at most, each from other places, while what it finds is in doubt or
+leaves more than noise."""
 
 SHOWN = 100.0
 """Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
@@ -126,6 +127,11 @@ class _Found:
     set_back: bool
     doubts: tuple[str, ...]
 
+    @property
+    def may_be_wrong(self) -> bool:
+        """Whether it is in doubt, or leaves what is no noise, as a search in a wrong place does."""
+        return bool(self.doubts) or self.best.level.discrepancy > STRUCTURED
+
 
 @dataclass(frozen=True, eq=False)
 class _Search:
@@ -148,10 +154,11 @@ class _Search:
         return self.followed(values, self.log.at(self.fine))
 
     def from_ruler(self) -> _Found:
-        """Return what is found about the ruler's word; while that is in doubt, begin anew.
+        """Return what is found about the ruler's word; where that may be wrong, begin anew.
 
-        Other places are drawn then, and followed if a coarse descent from them ends where more is
-        explained. Of what was followed, that is returned which explains most.
+        That is while it is in doubt, or what it leaves is no noise. Other places are drawn then,
+        and followed if a coarse descent from them ends where more is explained. Of what was
+        followed, that is returned which explains most.
         """
         coarse = _evened(self.coarse, self.start).comparable(self.start)
         ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
@@ -159,7 +166,7 @@ class _Search:
         visit = self.log.at(self.fine)
         found = self.followed(min([self.start, *ends], key=fine.judgement), visit)
         for attempt in range(1, ATTEMPTS):
-            if not found.doubts:
+            if not found.may_be_wrong:
                 break
             ends = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
             better = coarse.judgement(found.best.values) - TELLING

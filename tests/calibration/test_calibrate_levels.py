@@ -8,6 +8,7 @@ import pytest
 from periscopy_sim.calibration import calibrate_levels as search
 from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
@@ -126,6 +127,16 @@ def test_one_that_is_believed_does_not_begin_anew(ends_of):
     attempts = ends_of([TRUTH], [ERRING])
     assert calibrated(ERRING, [0.02, 0.02]).trusted
     assert attempts == [0]
+
+
+@pytest.mark.usefixtures("held")
+@pytest.mark.parametrize("structured", [False, True])
+def test_one_that_leaves_more_than_noise_begins_anew_too(ends_of, monkeypatch, structured):
+    discrepancy = property(lambda _: STRUCTURED + 0.1 if structured else STRUCTURED)
+    monkeypatch.setattr(Slat, "discrepancy", discrepancy)
+    attempts = ends_of([TRUTH + 0.004], [TRUTH + 0.004])
+    assert calibrated(ERRING, [0.02, 0.02]).trusted
+    assert attempts == (list(range(ATTEMPTS)) if structured else [0])
 
 
 @pytest.mark.usefixtures("doubted", "held")
