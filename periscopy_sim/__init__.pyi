@@ -45,6 +45,8 @@ from .reconstruction.uncertain_scene.uncertain_transport import UncertainTranspo
 from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
+from .rendering.transport.bounced import BouncedLight, render_bounced_light
+from .rendering.transport.bounced_transport import BouncedTransport
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
@@ -56,6 +58,8 @@ from .storage.wall_marks import read_wall_points, read_wall_tags
 
 __all__ = [
     "Background",
+    "BouncedLight",
+    "BouncedTransport",
     "Calibration",
     "Differencing",
     "IterativePeriscope",
@@ -116,6 +120,7 @@ __all__ = [
     "recover_silhouette",
     "registered",
     "render_background",
+    "render_bounced_light",
     "render_photograph",
     "render_transport",
     "repair",

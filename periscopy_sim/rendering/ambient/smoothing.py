@@ -44,7 +44,7 @@ def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, in
     candidates = []
     if np.array_equal(sites, np.arange(M)):
         candidates.append(Field(replicas, np.zeros(3), None))
-    basis, degrees = _polynomials(shape)
+    basis, degrees = polynomials(shape)
     side_by_side = replicas.transpose(1, 0, 2).reshape(len(sites), -1)
     Q, R = np.linalg.qr(basis[sites])
     for degree in range(degrees[-1] + 1):
@@ -70,7 +70,7 @@ def chosen_sites(shape: tuple[int, int], count: int) -> NDArray[np.intp]:
     return (along(shape[0])[:, None] * shape[1] + along(shape[1])).ravel()
 
 
-def _polynomials(shape: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
+def polynomials(shape: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
     """Products of Legendre polynomials of row and column: (M, n), and (n,) their total degrees.
 
     They are sorted by degree. Along a side of n pixels no polynomial beyond degree n - 1 is

@@ -44,7 +44,7 @@ def make_kernel(
     scene = build_scene(scenario)
     camera = camera_of(scene)
     wall, monitor = shape_of(scene, "wall"), shape_of(scene, "monitor")
-    bsdf, profile = wall.bsdf(), _profile(scenario, monitor.emitter())
+    bsdf, profile = wall.bsdf(), monitor_profile(scenario, monitor.emitter())
     rows, columns = scenario.photograph_shape
     hidden_rows, hidden_columns = scenario.hidden_shape
     strata_down, strata_across = _factor(samples)
@@ -159,7 +159,7 @@ def _sum(count: int, term: Callable[[Any], Any], kind: Any) -> Any:
     return total
 
 
-def _profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
+def monitor_profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
     """Return the radiance of a point of the monitor in a direction, relative to the normal's."""
     import drjit as dr
     import mitsuba as mi

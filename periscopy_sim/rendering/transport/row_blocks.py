@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import VariantError
+from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
@@ -40,6 +41,8 @@ class RenderedTransport:
         As of `render_transport`.
     lanes
         Entries rendered at once; bounds the memory (about 40 bytes each).
+    bounced
+        What `render_bounced_light` found: the channels' mean of it is added. None: direct light.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class RenderedTransport:
     pixel_samples: int = 1
     seed: int = 0
     lanes: int = LANES
+    bounced: BouncedLight | None = None
 
     def __post_init__(self) -> None:
         if self.samples < 1 or self.pixel_samples < 1 or self.lanes < 1:
@@ -95,4 +99,5 @@ class RenderedTransport:
             # Opaque, so that all blocks share one compiled kernel.
             pixel = lane // patches + dr.opaque(mi.UInt32, start)
             values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
-            yield rows, np.array(values).reshape(-1, patches)
+            block = np.array(values).reshape(-1, patches)
+            yield rows, block if self.bounced is None else block + self.bounced.rows(rows)

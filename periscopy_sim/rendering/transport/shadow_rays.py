@@ -6,11 +6,19 @@ Column j of A is the photograph of the wall when only patch j shines with unit n
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.transport.bounced import require_paths
+from periscopy_sim.rendering.transport.bounced_transport import (
+    DIRECT,
+    BouncedTransport,
+    add_bounces,
+    check_bounces,
+)
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.rendering.transport.row_blocks import LANES, RenderedTransport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
@@ -19,17 +27,50 @@ from periscopy_sim.scenario import Scenario
 Progress = Callable[[float], None]
 
 
+DIRECT_SHARE = 0.3
+"""Of the time that a matrix with bounced light takes, about, up to which direct light is done."""
+
+
+@overload
+def render_transport(
+    scenario: Scenario,
+    *,
+    samples: int = ...,
+    strata: Strata = ...,
+    pixel_samples: int = ...,
+    bounces: Literal[1] = ...,
+    seed: int = ...,
+    out: NDArray[np.float32] | None = ...,
+    progress: Progress | None = ...,
+) -> NDArray[np.float32]: ...
+
+
+@overload
+def render_transport(
+    scenario: Scenario,
+    *,
+    samples: int = ...,
+    strata: Strata = ...,
+    pixel_samples: int = ...,
+    bounces: int | None,
+    seed: int = ...,
+    out: NDArray[np.float32] | None = ...,
+    progress: Progress | None = ...,
+) -> NDArray[np.float32] | BouncedTransport: ...
+
+
 def render_transport(
     scenario: Scenario,
     *,
     samples: int = 16,
     strata: Strata = "jittered",
     pixel_samples: int = 1,
+    bounces: int | None = DIRECT,
     seed: int = 0,
     out: NDArray[np.float32] | None = None,
     progress: Progress | None = None,
-) -> NDArray[np.float32]:
-    """Render the light transport matrix by shadow rays.
+) -> NDArray[np.float32] | BouncedTransport:
+    """Render the light transport matrix by shadow rays, and light that bounces by paths.
 
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
     each. Through a thin lens each sample sees a wall point of its own, spread over the aperture. In
@@ -53,8 +94,12 @@ def render_transport(
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
         averaged. A textured wall has at least `TEXTURE_SAMPLES`.
+    bounces
+        Most reflections of the monitor's light on its way to the camera: 1 is the wall's alone,
+        direct light; None is any number, as light has it. What bounces is smooth over the wall and
+        estimated apart, see `BouncedLight`.
     seed
-        Seed of the jitter. The same seed and variant give the same bytes.
+        Seed of the jitter, and of paths. The same seed and variant give the same bytes.
     out
         (M, N) array to fill, such as a memory map; None allocates one.
     progress
@@ -62,23 +107,36 @@ def render_transport(
 
     Returns
     -------
-    ndarray
+    ndarray or BouncedTransport
         A, (M, N) float32, radiance sent to the camera for each unit of a patch's normal radiance.
-        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured.
+        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured. With more
+        than one bounce the matrices of all channels, which coloured surroundings make differ.
 
     Raises
     ------
     SceneError
         If no light of the monitor reaches the wall.
     ValueError
-        If a number of samples is below 1, `strata` is none of these, or `out` has another shape.
+        If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
+        another shape.
+    VariantError
+        If light shall bounce in a scalar variant.
+
+    Warns
+    -----
+    RuntimeWarning
+        Bounced light is not known well enough, see `render_bounced_light`.
     """
     use_variant()
+    alone = check_bounces(bounces) == DIRECT
+    if not alone:
+        require_paths()
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed, LANES)
     A = np.empty(rendered.shape, np.float32) if out is None else out
     if A.shape != rendered.shape:
         raise ValueError(f"out has shape {A.shape}, the transport matrix {rendered.shape}")
     report = progress or (lambda _: None)
+    share = 1.0 if alone else DIRECT_SHARE
     if not is_vectorized():
         from periscopy_sim.rendering.transport.scalar import render_columns
 
@@ -86,9 +144,13 @@ def render_transport(
     else:
         for rows, block in rendered.row_blocks():
             A[rows] = block
-            report(rows.stop / len(A))
+            report(share * rows.stop / len(A))
     require_light(A, scenario)
-    return A
+    if alone:
+        return A
+    return add_bounces(
+        scenario, A, bounces, seed=seed, progress=lambda done: report(share + (1 - share) * done)
+    )
 
 
 def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
