@@ -9,6 +9,14 @@ import numpy as np
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.output import fixable, progress, say, told_folder, write_json
+from periscopy_sim.cli.transport_matrix import (
+    AskedTransport,
+    BouncesOption,
+    Model,
+    ModelOption,
+    check_memory,
+    parse_bounces,
+)
 from periscopy_sim.storage.outputs.provenance import as_text
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
@@ -31,7 +39,8 @@ def analyze(
     hidden: arguments.Hidden,
     out: arguments.Out,
     samples: arguments.Samples = 16,
-    model: inputs.ModelOption = inputs.Model.rendered,
+    model: ModelOption = Model.rendered,
+    bounces: BouncesOption = "direct",
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
@@ -50,15 +59,17 @@ def analyze(
     from periscopy_sim.reconstruction.background_subspace import background_basis
     from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
     from periscopy_sim.reconstruction.observation import observation_of
+    from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
+    asked = AskedTransport(samples, seed, model, parse_bounces(bounces))
     with told_folder(out) as folder:
         scenario = inputs.load(scene, hidden, define)
         unseen = inputs.warn_without_shadows(scenario, scene)
         unseen += inputs.warn_of_long_patches(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         dark = inputs.read_backgrounds(background, scenario, used)
-        inputs.check_memory(scenario)
-        A = inputs.render_transport(scenario, samples, seed, model)
+        check_memory(scenario)
+        A = channels_mean(asked.matrix(scenario))
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
@@ -93,8 +104,7 @@ def analyze(
         record = {
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
-            "model": model.value,
-            "samples": samples,
+            **asked.origin,
             "rank_tolerance": rank_tolerance,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),

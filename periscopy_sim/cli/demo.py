@@ -10,6 +10,7 @@ import numpy as np
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, say, told_folder, write_json
+from periscopy_sim.cli.transport_matrix import AskedTransport
 from periscopy_sim.storage.outputs.provenance import as_text
 
 SBR = 0.5
@@ -59,13 +60,14 @@ def demo(
         scenario = inputs.load("chair", patches, [f"resolution={pixels}"])
         truth = inputs.hidden_image(image, scenario.hidden_shape)
         with timed("transport matrix"):
-            A = inputs.render_transport(scenario, 16, seed)
+            A = AskedTransport(16, seed).matrix(scenario)
         with timed("photograph"):
             if fast:
                 signal = inputs.photograph(scenario, truth, max(1, round(effort * 8192)), seed)
             else:  # path tracing takes minutes: another rendering of A shows the image
-                again = inputs.render_transport(scenario, 16, seed + 1) @ truth.reshape(-1, 3)
-                signal = again.reshape(*scenario.photograph_shape, 3) * scenario.channel_gain
+                again = AskedTransport(16, seed + 1).matrix(scenario)
+                seen = again @ truth.reshape(-1, 3)
+                signal = seen.reshape(*scenario.photograph_shape, 3) * scenario.channel_gain
         with timed("ambient light"), progress("path tracing the ambient light") as report:
             if fast:
                 ambient = render_background(

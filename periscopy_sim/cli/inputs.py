@@ -2,44 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from periscopy_sim.cli.arguments import parse_definitions, parse_size
-from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn
+from periscopy_sim.cli.output import fixable, progress, warn
 from periscopy_sim.errors import PeriscopyError, PhotographError
 
 if TYPE_CHECKING:
     from periscopy_sim.photographs.checking import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
     from periscopy_sim.reconstruction.residual.residual import Residual
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]
 SUGGESTED = "mask.png"
 """Where a command that finds defective pixels writes a mask that leaves them out."""
-
-
-class Model(StrEnum):
-    """How the transport matrix is computed."""
-
-    rendered = "rendered"
-    analytic = "analytic"
-
-
-ModelOption = Annotated[
-    Model, typer.Option(help="A by shadow rays, or in closed form (planar scenes, convex parts).")
-]
 
 
 def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
@@ -100,135 +84,6 @@ def warn_of_occluders(scenario: Scenario, name: str) -> None:
     if not warn_without_shadows(scenario, name):
         for doubt in size_doubts(scenario):
             warn(f"{name}: {doubt}")
-
-
-# -- the transport matrix ------------------------------------------------------------------------
-
-TOLD_MEMORY = 2e9
-"""Bytes from which they are told beforehand."""
-
-
-def check_memory(scenario: Scenario, method: str | None = None) -> None:
-    """Tell how much memory A and what is fitted to it need; refuse what cannot be had."""
-    from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
-    from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-
-    pixels, patches = scenario.transport_shape
-    entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
-    per_entry = 4 if method is None else entry.bytes_per_entry
-    needed = transport_memory(pixels, patches, per_entry)
-    told = f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory"
-    if not has_memory(needed):
-        thrifty = min(METHODS.values(), key=lambda each: each.bytes_per_entry)
-        would_do = has_memory(transport_memory(pixels, patches, thrifty.bytes_per_entry))
-        other = f", or take --method {thrifty.name}" if method is not None and would_do else ""
-        raise PeriscopyError(
-            f"{told}, where {(available_memory() or 0) / 1e9:.1f} GB can be had; average pixels by "
-            f"periscopy prepare --bin, ask for fewer patches by --hidden{other}"
-        )
-    if needed > TOLD_MEMORY:
-        print(f"periscopy: {told}", file=sys.stderr, flush=True)
-
-
-def render_transport(
-    scenario: Scenario, samples: int, seed: int, model: Model = Model.rendered
-) -> NDArray[np.float32]:
-    """Compute A with a progress bar."""
-    if model is Model.analytic:
-        from periscopy_sim.analytic.transport import analytic_transport
-
-        with progress("projecting shadows") as report:
-            return analytic_transport(scenario, samples=samples, progress=report)
-    from periscopy_sim.rendering.transport import shadow_rays
-
-    with progress("rendering the transport matrix") as report:
-        return shadow_rays.render_transport(scenario, samples=samples, seed=seed, progress=report)
-
-
-def fit(
-    method: str,
-    settings: Mapping[str, float],
-    scenario: Scenario,
-    used: Mask | None,
-    dark: Mapping[str, Array],
-    timed: Stopwatch,
-    *,
-    matrix: Path | None,
-    samples: int,
-    seed: int,
-    model: Model,
-    uncertain: UncertainTransport | None = None,
-) -> tuple[Any, NDArray[np.float32], dict[str, Any]]:
-    """Fit a method to a scene's B and A, from a file or computed; return it, A and A's origin."""
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.evaluation.methods import fit_method
-
-    with timed("transport matrix"):
-        check_memory(scenario, method)
-        if matrix is None:
-            A = render_transport(scenario, samples, seed, model)
-            origin: dict[str, Any] = {"model": model.value, "transport": None, "samples": samples}
-        else:
-            A = read_transport(matrix, scenario)
-            origin = {"model": "file", "transport": matrix, "samples": None}
-    place = str(matrix or f"scene '{scenario.path}'")
-    with timed("fit the method"), progress(f"fitting {method}"), fixable(place, dark):
-        B = point_light_backgrounds(scenario)
-        fitted = fit_method(method, scenario, A, B, used, dark, uncertain, **settings)
-    if matrix is not None and not matrix.with_suffix(".json").is_file():
-        warn(f"{matrix} has no JSON file beside it: it may be of another scene of this size")
-    return fitted, A, origin
-
-
-def read_transport(path: Path, scenario: Scenario) -> NDArray[np.float32]:
-    """Read a matrix, (M, N), that `periscopy transport` wrote, and check that it fits the scene.
-
-    Without the JSON file that was written beside it, only the shapes can be compared.
-    """
-    from periscopy_sim.photographs.checking import check_real
-    from periscopy_sim.storage.formats.decoding import decoding
-    from periscopy_sim.storage.formats.table import format_of
-
-    if format_of(path).name != "NPY":
-        raise PhotographError(f"{path}: is no NPY file; make one by `periscopy transport`")
-    with decoding(path, "NPY"):
-        # Mapped, not read: it may be large, and its shape is told by the header.
-        A: NDArray[np.float32] = np.load(path, mmap_mode="r", allow_pickle=False)
-    check_real(A.dtype, str(path))
-    if A.shape != scenario.transport_shape:
-        raise PhotographError(
-            f"{path}: holds a matrix of shape {A.shape}; the scene's camera and hidden size need "
-            f"{scenario.transport_shape}"
-        )
-    if not np.isfinite(A).all():
-        raise PhotographError(f"{path}: holds NaN or infinities; render the matrix again")
-    _check_record(path, scenario)
-    return A
-
-
-def _check_record(path: Path, scenario: Scenario) -> None:
-    """Compare the JSON beside a matrix with the scene it shall serve."""
-    record_file = path.with_suffix(".json")
-    if not record_file.is_file():
-        return
-    try:
-        record = json.loads(record_file.read_text())
-        held = {name: record[name] for name in ("scene_sha256", "parameters", "hidden_shape")}
-    except (ValueError, KeyError, TypeError, OSError):
-        raise PhotographError(f"{record_file}: is damaged; render the matrix again") from None
-    from periscopy_sim.storage.outputs.provenance import scene_sha256
-
-    wanted = {
-        "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
-        "parameters": dict(scenario.parameters),
-        "hidden_shape": list(scenario.hidden_shape),
-    }
-    for name, value in wanted.items():
-        if held[name] != value:
-            raise PhotographError(
-                f"{path}: was made from another scene ({name.replace('_', ' ')} {held[name]}, here "
-                f"{value}); render it again"
-            )
 
 
 # -- images and masks ----------------------------------------------------------------------------

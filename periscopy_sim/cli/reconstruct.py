@@ -22,6 +22,14 @@ from periscopy_sim.cli.output import (
     warn,
     write_json,
 )
+from periscopy_sim.cli.transport_matrix import (
+    AskedTransport,
+    BouncesOption,
+    Model,
+    ModelOption,
+    fit,
+    parse_bounces,
+)
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
@@ -54,7 +62,8 @@ def reconstruct(
         ),
     ] = DEFAULT,
     samples: arguments.Samples = 16,
-    model: inputs.ModelOption = inputs.Model.rendered,
+    model: ModelOption = Model.rendered,
+    bounces: BouncesOption = "direct",
     matrix: arguments.MatrixOption = None,
     truth: Annotated[
         str | None,
@@ -88,6 +97,7 @@ def reconstruct(
     find_method(method)
     settings = settings_for(method, options, FOR_STILLS)
     doubted = _uncertain_errors(uncertain, method, scene, parse_definitions(define))
+    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
     timed = Stopwatch()
     with told_folder(out) as folder:
         with timed("load the scene"), progress("loading the scene"):
@@ -104,14 +114,11 @@ def reconstruct(
         seen = blackened(given.values, used)
         known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
         with timed("uncertain scene") if doubted or uncertain else nullcontext():
-            rendered = matrix is None and model is inputs.Model.rendered
             moved, untold = _uncertain_transport(
-                doubted, uncertain, method, scenario, scene, samples, seed, linear=not rendered
-            )
-        fitted, A, origin = inputs.fit(
-            method, settings, scenario, used, dark, timed,
-            matrix=matrix, samples=samples, seed=seed, model=model, uncertain=moved,
-        )  # fmt: skip
+                doubted, uncertain, method, scenario, scene, samples, seed,
+                linear=not asked.is_rendered,
+            )  # fmt: skip
+        fitted, A = fit(method, settings, scenario, used, dark, timed, asked, moved)
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
         with (
@@ -140,7 +147,7 @@ def reconstruct(
             "photograph": str(photo),
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
-            **origin,
+            **asked.origin,
             **settings,
             **told.numbers,
             **inputs.mask_record(mask, used),

@@ -14,6 +14,7 @@ from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
+from periscopy_sim.cli.transport_matrix import AskedTransport, BouncesOption, parse_bounces
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -61,6 +62,7 @@ def sweep(
         str | None, option("ADDRESS", "A Dask scheduler; without it, this machine's cores.")
     ] = None,
     samples: arguments.Samples = 16,
+    bounces: BouncesOption = "direct",
     background: arguments.BackgroundOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
@@ -77,12 +79,14 @@ def sweep(
     from periscopy_sim.evaluation.sweep_folder import RESULTS, check_folder, claim_folder
     from periscopy_sim.evaluation.sweep_store import mean_errors
     from periscopy_sim.figures import panels
+    from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
     # Whatever can be refused is refused here, before hours of rendering.
     arguments.require_extras()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = parse_ratios(sbr), parse_ambient(ambient)
+    asked = AskedTransport(samples, seed, bounces=parse_bounces(bounces), file=out / "A.npy")
     names = parse_list("--methods", methods)
     for name in names:
         find_method(name)
@@ -102,6 +106,7 @@ def sweep(
         **_versions_and_scene(scenario),
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
+        "bounces": asked.origin["bounces"],
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in dark.values()],
@@ -125,9 +130,10 @@ def sweep(
         claim_folder(out, settings)
         if not (out / "A.npy").is_file():
             matrices.transport(
-                scene, hidden, out / "A.npy", samples=samples, seed=seed, define=define
-            )
-        A = inputs.read_transport(out / "A.npy", scenario)
+                scene, hidden, out / "A.npy", samples=samples, bounces=bounces, seed=seed,
+                define=define,
+            )  # fmt: skip
+        A = channels_mean(asked.matrix(scenario))
         B = point_light_backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'", dark):
             fitted = fit_methods(names, scenario, A, B, used, dark)

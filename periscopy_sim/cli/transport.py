@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+import json
 
 from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.output import say, write_json
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.cli.output import as_json, say
+from periscopy_sim.cli.transport_matrix import (
+    AskedTransport,
+    BouncesOption,
+    Model,
+    ModelOption,
+    check_memory,
+    parse_bounces,
+)
 
 
 def transport(
@@ -14,21 +21,24 @@ def transport(
     hidden: arguments.Hidden,
     out: arguments.OutFile,
     samples: arguments.Samples = 16,
-    model: inputs.ModelOption = inputs.Model.rendered,
+    model: ModelOption = Model.rendered,
+    bounces: BouncesOption = "direct",
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
     """Render the light transport matrix A of a scene.
 
-    It is written as an (M, N) float32 NPY file, and a JSON file beside it.
+    It is written as an (M, N) float32 NPY file, and a JSON file beside it. Where light bounces, the
+    NPY file holds the mean of the channels' matrices, and an NPZ file what they differ by.
     """
+    from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
+
     arguments.require_suffix(out, ".npy", "the matrix")
-    record_file = out.with_suffix(".json")
-    with staged_file(out) as staged, staged_file(record_file) as staged_record:
+    asked = AskedTransport(samples, seed, model, parse_bounces(bounces))
+    with transport_writer(out, asked.bounces) as write:
         scenario = inputs.load(scene, hidden, define)
-        inputs.check_memory(scenario)
-        A = inputs.render_transport(scenario, samples, seed, model)
-        np.save(staged, A)
+        check_memory(scenario)
+        A = asked.matrix(scenario)
         record = {
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
@@ -36,5 +46,7 @@ def transport(
             "samples": samples,
             **inputs.provenance_of(scenario, seed),
         }
-        write_json(staged_record, record)
-    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {record_file}")
+        write(A, json.loads(as_json(record)))
+    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {record_of(out)}")
+    if not asked.is_direct:
+        say(f"wrote {bounced_of(out)}")

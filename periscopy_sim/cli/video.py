@@ -31,6 +31,14 @@ from periscopy_sim.cli.output import (
     warn,
     write_json,
 )
+from periscopy_sim.cli.transport_matrix import (
+    AskedTransport,
+    BouncesOption,
+    Model,
+    ModelOption,
+    fit,
+    parse_bounces,
+)
 from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -66,7 +74,8 @@ def video(
         ),
     ] = "l1",
     samples: arguments.Samples = 16,
-    model: inputs.ModelOption = inputs.Model.rendered,
+    model: ModelOption = Model.rendered,
+    bounces: BouncesOption = "direct",
     matrix: arguments.MatrixOption = None,
     truth: Annotated[
         str | None,
@@ -109,6 +118,7 @@ def video(
     entry = METHODS[method]
     for_stills = {option.name for option in entry.options} & settings.keys()
     weights = {name: settings[name] for name in settings if name not in for_stills}
+    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
     timed = Stopwatch()
     with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"), progress("loading the scene"):
@@ -135,10 +145,8 @@ def video(
                 known = decoded_truth(
                     path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
                 )
-        still, _, origin = inputs.fit(
-            method, {name: settings[name] for name in for_stills}, scenario, used, dark, timed,
-            matrix=matrix, samples=samples, seed=seed, model=model,
-        )  # fmt: skip
+        for_each = {name: settings[name] for name in for_stills}
+        still, _ = fit(method, for_each, scenario, used, dark, timed, asked)
         recovery = entry.frames_by(still, coupling, **weights)
         records = []
         doubts: dict[str, str] = {}
@@ -197,7 +205,7 @@ def video(
             "frames": len(sequence),
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
-            **origin,
+            **asked.origin,
             "method": method,
             **settings,
             **still.fitted(),

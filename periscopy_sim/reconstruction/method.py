@@ -159,8 +159,10 @@ class StillMethod(ABC, Generic[Precision]):
             The class's other parameters.
         """
         construct: Any = cls
+        # Rows may come as they are needed; what else is no array has one.
+        matrix = A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A)
         fitted: Self = construct(
-            A,
+            matrix,
             B,
             hidden_shape=scene.hidden_shape,
             photograph_shape=scene.photograph_shape,

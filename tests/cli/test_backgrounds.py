@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli.transport_matrix import AskedTransport
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -93,7 +93,7 @@ def test_sweep_gives_every_method_the_photograph(succeeds, refused, sweep_comman
 def test_what_is_no_background_photograph_is_refused_by_name(
     command, refused, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(inputs, "render_transport", None)
+    monkeypatch.setattr(AskedTransport, "matrix", None)
     bad = {
         "small": np.ones((24, 23, 3)),
         "nan": np.where(np.arange(24) == 7, np.nan, 1.0)[:, None, None] * np.ones((24, 24, 3)),

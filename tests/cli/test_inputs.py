@@ -10,10 +10,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli import inputs
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.laboratory import overview, projections
-from periscopy_sim.numerics import memory
-from periscopy_sim.photographs.film.size import FilmAdvice
 from periscopy_sim.rendering.variant import examine_variants
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -93,7 +90,7 @@ def test_plugin_that_does_not_exist_is_named_with_its_line(edited_scene, refused
 
 def test_unknown_scene_is_answered_by_the_shipped_ones(refused):
     line = refused("transport", "sofa", *TINY, *OUT)
-    assert "'sofa' does not exist" in line and "chair, plant, plate" in line
+    assert "'sofa' does not exist" in line and "bright_room, chair, plant, plate" in line
     assert "is a folder" in refused("transport", ".", *TINY, *OUT)
 
 
@@ -188,122 +185,6 @@ def test_scalar_variant_serves_too(tmp_path, monkeypatch, succeeds, complaints):
     assert scalar.dtype == A.dtype == np.float32 and scalar.shape == (256, 6)
     # Pixel centres against pixel areas: the sums differ little, the penumbrae more.
     assert np.allclose(scalar.sum(axis=0), A.sum(axis=0), rtol=0.03)
-
-
-# -- matrices ------------------------------------------------------------------------------------
-
-MATRIX = np.random.default_rng(5).random((576, 20))
-
-
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        (MATRIX[:, :19], "shape (576, 19); the scene's camera and hidden size need (576, 20)"),
-        (MATRIX.T, "shape (20, 576)"),
-        (MATRIX.ravel(), "shape (11520,)"),
-        (np.where(np.arange(20) == 7, np.nan, MATRIX), "NaN or infinities"),
-        (np.where(np.arange(20) == 7, np.inf, MATRIX), "NaN or infinities"),
-        (MATRIX.astype(complex), "complex numbers"),
-        (MATRIX > 0.5, "truth values"),
-        (np.ones((576, 20)), "B explains all of it"),
-        (np.zeros((576, 20)), "B explains all of it"),
-    ],
-)
-@pytest.mark.usefixtures("few_lights")
-def test_matrix_that_cannot_be_of_the_scene_is_refused(matrix, message, refused, tmp_path):
-    np.save(tmp_path / "A.npy", matrix)
-    np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
-    line = refused(*arguments, "--out", "r")
-    assert line.startswith("A.npy: ") and message in line
-
-
-def test_matrix_file_that_cannot_be_read_is_refused(refused, tmp_path):
-    np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    np.save(tmp_path / "A.npy", MATRIX)
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "r", "--transport")
-    assert refused(*arguments, "B.npy") == "B.npy: no such file; check the path"
-    (tmp_path / "cut.npy").write_bytes((tmp_path / "A.npy").read_bytes()[:-1])
-    assert "cut.npy: cannot be read as NPY" in refused(*arguments, "cut.npy")
-    np.savez(tmp_path / "A.npz", A=MATRIX)
-    assert "is no NPY file; make one by `periscopy transport`" in refused(*arguments, "A.npz")
-
-
-@pytest.mark.parametrize("other", [("-D", "occluder_dx=0.01"), ("-D", "monitor_dz=0.01")])
-def test_matrix_of_another_pose_is_refused(other, refused, succeeds, tmp_path):
-    succeeds("transport", "chair", *TINY, *other, "--out", "A.npy")
-    np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
-    line = refused(*arguments, "--out", "r")
-    assert line.startswith("A.npy: was made from another scene (parameters ")
-    assert other[1].split("=")[0] in line
-
-
-def test_damaged_record_of_a_matrix_is_refused(refused, succeeds, tmp_path):
-    succeeds("transport", "chair", *TINY, "--out", "A.npy")
-    (tmp_path / "A.json").write_text("{")
-    np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
-    assert refused(*arguments, "--out", "r").startswith("A.json: is damaged")
-
-
-def test_matrix_without_a_record_is_taken_with_a_warning(periscopy, succeeds, tmp_path):
-    succeeds("transport", "chair", *TINY, "--out", "A.npy")
-    (tmp_path / "A.json").unlink()
-    y = np.load(tmp_path / "A.npy") @ np.ones((20, 3))
-    np.save(tmp_path / "y.npy", y.reshape(24, 24, 3))
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
-    outcome = periscopy(*arguments, "--out", "r")
-    assert outcome.code == 0
-    assert outcome.err == (
-        "periscopy: warning: A.npy has no JSON file beside it: it may be of another scene of this "
-        "size\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("method", "shape", "other"),
-    [
-        (None, (960_000, 4096), False),
-        ("noise-aware", (20_000, 20_000), True),  # 10.6 GB, by the iterative one 6.2
-        ("truncated-svd", (20_000, 20_000), True),
-        ("noise-aware", (960_000, 4096), False),  # not even that one
-        ("iterative", (960_000, 4096), False),
-        ("mine.py:Mine", (960_000, 4096), False),
-    ],
-)
-def test_what_does_not_fit_in_memory_is_refused_with_advice(method, shape, other, monkeypatch):
-    monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
-    with pytest.raises(PeriscopyError, match=r"need about .* GB of memory, where 8.0 GB") as error:
-        inputs.check_memory(SimpleNamespace(transport_shape=shape), method)
-    message = str(error.value)
-    assert "--bin" in message and "--hidden" in message and "\n" not in message
-    assert ("--method iterative" in message) == other
-
-
-def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
-    """A film that `prepare` calls too large is one that the default method refuses."""
-    advice = FilmAdvice(0.01, 0.001, (100, 100), 1000)
-    for side in range(100, 1000, 50):
-        needed = 0.6e9 + 25 * side**2 * 1000
-        for available in (0.99 * needed, 1.01 * needed):
-            monkeypatch.setattr(memory, "available_memory", lambda size=available: size)
-            scenario = SimpleNamespace(transport_shape=(side**2, 1000))
-            if advice.fits((side, side)):
-                inputs.check_memory(scenario, "noise-aware")
-            else:
-                with pytest.raises(PeriscopyError):
-                    inputs.check_memory(scenario, "noise-aware")
-            assert advice.fits((side, side)) == (available > needed)
-
-
-def test_memory_is_told_where_it_is_much(monkeypatch, capfd):
-    monkeypatch.setattr(memory, "available_memory", lambda: 10**12)
-    inputs.check_memory(SimpleNamespace(transport_shape=(15000, 576)), "noise-aware")
-    assert capfd.readouterr().err == ""
-    inputs.check_memory(SimpleNamespace(transport_shape=(100_000, 1000)), "noise-aware")
-    line = "periscopy: 100000 pixels x 1000 patches need about 3.1 GB of memory\n"
-    assert capfd.readouterr().err == line
 
 
 # -- shadows -------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import typer
 
 from periscopy_sim import cli
 from periscopy_sim.cli import inputs
+from periscopy_sim.cli.transport_matrix import AskedTransport
 from periscopy_sim.errors import PeriscopyError
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
@@ -231,7 +232,7 @@ def test_lack_of_memory_is_one_line(monkeypatch, refused):
 def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
     monkeypatch.setitem(sys.modules, "xarray", None)
     monkeypatch.setitem(sys.modules, "zarr", None)
-    monkeypatch.setattr(inputs, "render_transport", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr(AskedTransport, "matrix", lambda *_: pytest.fail("rendered"))
     sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
     message = refused(*sweep, "--out", str(tmp_path / "sweep"))
     assert "pip install '.[sweep]'" in message
@@ -289,20 +290,20 @@ def test_interrupt_of_which_another_error_is_made_still_interrupts(
 
 @pytest.mark.usefixtures("jit")
 def test_interrupt_while_the_files_are_written_leaves_none(monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr("periscopy_sim.cli.transport.write_json", failing(KeyboardInterrupt))
+    monkeypatch.setattr("periscopy_sim.cli.transport.as_json", failing(KeyboardInterrupt))
     assert periscopy(*TRANSPORT).code == 130
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.usefixtures("jit")
 def test_warning_is_one_line_and_the_command_goes_on(monkeypatch, periscopy):
-    transport = inputs.render_transport
+    transport = AskedTransport.matrix
 
     def warns(*arguments):
         warnings.warn("first line\n   second line", RuntimeWarning, 2)
         return transport(*arguments)
 
-    monkeypatch.setattr(inputs, "render_transport", warns)
+    monkeypatch.setattr(AskedTransport, "matrix", warns)
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         outcome = periscopy(*TRANSPORT)

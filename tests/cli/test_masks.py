@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli.transport_matrix import AskedTransport
 from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -74,7 +74,7 @@ def test_image_is_that_of_the_rows_used(given, reconstruct, scenario, transport)
 
 
 def test_mask_of_another_size_is_refused_before_rendering(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr(inputs, "render_transport", None)
+    monkeypatch.setattr(AskedTransport, "matrix", None)
     np.save(tmp_path / "y.npy", np.ones((24, 24, 3)))
     np.save(tmp_path / "mask.npy", np.ones((24, 23), bool))
     np.save(tmp_path / "none.npy", np.zeros((24, 24)))

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli.transport_matrix import AskedTransport
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -73,8 +73,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 ):
     succeeds(*sweep_command())
     np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
-    monkeypatch.setattr(inputs, "render_transport", None)
-    monkeypatch.setattr(inputs, "read_transport", None)
+    monkeypatch.setattr(AskedTransport, "matrix", None)
     for change, difference in [
         (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
         (("--methods", "preconditioned"), "methods [["),
@@ -86,6 +85,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
         (("--no-flips",), "flips true, here false"),
         (("--photograph", "other.npy"), "photograph "),
         (("--samples", "5"), "samples 4, here 5"),
+        (("--bounces", "all"), 'bounces "direct", here "all"'),
         (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
         (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
     ]:
@@ -147,6 +147,7 @@ def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
     ("change", "difference"),
     [
         (("--samples", "5"), "samples 4, here 5"),
+        (("--bounces", "all"), 'bounces "direct", here "all"'),
         (("--seed", "1"), "base_seed 0, here 1"),
         (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
         (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),

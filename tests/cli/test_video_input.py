@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli.transport_matrix import AskedTransport
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -93,7 +93,7 @@ def with_frame(k, value):
 
 @pytest.mark.parametrize("form", WRITERS)
 def test_bad_frame_is_refused_before_rendering(form, refused, monkeypatch, tiny, tmp_path):
-    monkeypatch.setattr(inputs, "render_transport", None)
+    monkeypatch.setattr(AskedTransport, "matrix", None)
     place = "folder/y7.npy" if form == "folder" else f"{form}, frame 7"
     black = with_frame(0, 1)
     black[7] = 0

@@ -53,6 +53,14 @@ class Direct(Strict):
     samples: Annotated[int, Field(ge=1, le=4096)] = 16  # of a patch, see `render_transport`
 
 
+class Bounced(Strict):
+    """Photographs A f with light that bounces between all surfaces, hardly noisy of their own."""
+
+    kind: Literal["bounced"]
+    samples: Annotated[int, Field(ge=1, le=4096)] = 16
+    bounces: Annotated[int, Field(ge=2, le=10**6)] | None = None  # reflections at most
+
+
 class PathTraced(Strict):
     """Photographs path traced one by one, with light that bounces between all surfaces."""
 
@@ -77,7 +85,7 @@ class Configuration(Strict):
     scenes: Annotated[tuple[SceneSource, ...], Field(min_length=1)]
     hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
     ambient: Annotated[tuple[AmbientSource, ...], Field(min_length=1)]
-    light: Annotated[Direct | PathTraced, Field(discriminator="kind")] = Direct()
+    light: Annotated[Direct | Bounced | PathTraced, Field(discriminator="kind")] = Direct()
     sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
     snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
     exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]

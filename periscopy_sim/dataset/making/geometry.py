@@ -12,9 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.dataset.configuration.document import Configuration, Direct, PathTraced
+from periscopy_sim.dataset.configuration.document import (
+    Bounced,
+    Configuration,
+    PathTraced,
+)
 from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
 from periscopy_sim.errors import ConfigurationError, SceneError
+from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport
 from periscopy_sim.scenario import Array, Scenario
 
 Photographer = Callable[[Array, int], Array]
@@ -33,7 +38,7 @@ class Geometry:
 
     draw: GeometryDraw
     scenario: Scenario
-    transport: NDArray[np.float32] | None  # (M, N)
+    transport: NDArray[np.float32] | BouncedTransport | None  # (M, N)
     photographer: Photographer | None
 
 
@@ -82,13 +87,15 @@ def _rendered(configuration: str, number: int) -> Geometry:
     settings = Configuration.model_validate_json(configuration)
     scenario = scenario_of(settings, number)
     draw = draw_geometry(settings, number)
-    if isinstance(settings.light, Direct):
-        from periscopy_sim.rendering.transport.shadow_rays import render_transport
+    light = settings.light
+    if isinstance(light, PathTraced):
+        return Geometry(draw, scenario, None, _photographer(scenario, light))
+    from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
-        # The seed is the data set's own: samples of A are no random draw of a sample.
-        A = render_transport(scenario, samples=settings.light.samples, seed=settings.seed)
-        return Geometry(draw, scenario, A, None)
-    return Geometry(draw, scenario, None, _photographer(scenario, settings.light))
+    # The seed is the data set's own: samples of A are no random draw of a sample.
+    bounces = light.bounces if isinstance(light, Bounced) else 1
+    A = render_transport(scenario, samples=light.samples, bounces=bounces, seed=settings.seed)
+    return Geometry(draw, scenario, A, None)
 
 
 def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:

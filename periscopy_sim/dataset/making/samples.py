@@ -23,6 +23,10 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.rendering.transport.bounced_transport import (
+    BouncedTransport,
+    channels_mean,
+)
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 Block = dict[str, NDArray[Any]]
@@ -111,7 +115,10 @@ def _signals(
         return np.stack(list(map(geometry.photographer, hidden, seeds)))
     f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
-    y = times_rows(rows, geometry.transport).reshape(len(hidden), 3, -1)
+    A = geometry.transport
+    y = times_rows(rows, channels_mean(A)).reshape(len(hidden), 3, -1)
+    if isinstance(A, BouncedTransport):
+        y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
     y *= scenario.channel_gain.astype(np.float32)[:, None]
     return np.moveaxis(y, 1, -1).reshape(len(hidden), *scenario.photograph_shape, 3)
 

@@ -26,11 +26,11 @@ from periscopy_sim.rendering.ambient.irradiance import (
 )
 from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
 from periscopy_sim.rendering.ambient.scalar import scalar_parts
-from periscopy_sim.rendering.ambient.smoothing import chosen_sites
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.shipped import find_scene
 

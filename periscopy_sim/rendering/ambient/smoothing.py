@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from periscopy_sim.rendering.wall_polynomials import polynomials
 from periscopy_sim.scenario import Array
-
-MAX_DEGREE = 12
-"""Largest total degree of the polynomials tried."""
 
 DEPENDENT = 1e-10
 """Polynomials are taken as dependent on the sites below this part of the first one's norm."""
@@ -58,35 +55,3 @@ def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, in
         bias = np.maximum((products / (K * (K - 1))).mean(axis=0), 0)
         candidates.append(Field(fitted, bias, degree))
     return min(candidates, key=lambda field: field.squared_error)
-
-
-def chosen_sites(shape: tuple[int, int], count: int) -> NDArray[np.intp]:
-    """Choose pixels that pin polynomials down: at most count x count, denser near the edges."""
-
-    def along(pixels: int) -> NDArray[np.intp]:
-        angle = np.pi * (np.arange(count) + 0.5) / count
-        return np.unique(np.round((1 - np.cos(angle)) / 2 * (pixels - 1)).astype(np.intp))
-
-    return (along(shape[0])[:, None] * shape[1] + along(shape[1])).ravel()
-
-
-def polynomials(shape: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
-    """Products of Legendre polynomials of row and column: (M, n), and (n,) their total degrees.
-
-    They are sorted by degree. Along a side of n pixels no polynomial beyond degree n - 1 is
-    another function.
-    """
-
-    def along(pixels: int) -> Array:
-        centers = (2 * np.arange(pixels) + 1) / pixels - 1
-        return np.asarray(legendre.legvander(centers, MAX_DEGREE))
-
-    down, across = along(shape[0]), along(shape[1])
-    terms = [
-        (degree - j, j)
-        for degree in range(MAX_DEGREE + 1)
-        for j in range(degree + 1)
-        if degree - j < shape[0] and j < shape[1]
-    ]
-    basis = np.stack([np.outer(down[:, i], across[:, j]).ravel() for i, j in terms], axis=1)
-    return basis, np.array([i + j for i, j in terms])

@@ -1,13 +1,14 @@
 """Light of the monitor that other surfaces send on to the wall: smooth over it, of low rank.
 
-Paths from a few pixels estimate it in independent replicas. Over the wall it is a polynomial of
-row and column, of the degree that these replicas say is best (see `rendering.ambient.smoothing`);
-over the patches it is as estimated. So to the transport matrix of channel c it adds W X_c: W, (M,
-K), the same for all, X_c of K rows.
+Paths from a few pixels estimate it in independent replicas. Over the wall it is a polynomial of row
+and column, of the degree that errs least at other pixels, drawn at random; over the patches it is
+as estimated. So to the transport matrix of channel c it adds W X_c: W, (M, K), the same for all,
+X_c of K rows.
 """
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,20 +17,31 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import VariantError
-from periscopy_sim.rendering.ambient.replicas import REPLICAS, SITES
-from periscopy_sim.rendering.ambient.smoothing import best_estimate, chosen_sites, polynomials
+from periscopy_sim.errors import SceneError, VariantError
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.transport.paths import make_tracer
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomials
 from periscopy_sim.scenario import Array, Scenario
+
+DIRECT = 1
+"""Reflections of light that goes from the monitor to the wall and to the camera."""
+
+MOST_BOUNCES = 10**6
 
 TARGET = 2e-4
 """Error of a white image's photograph by what has bounced, over the photograph: a fifth of a 60 dB
 photograph's noise."""
 
+REPLICAS = 8
+"""Independent estimates, from whose scatter the error is told."""
+
+SITES, OTHERS = 16, 64
+"""Pixels along each side of the photograph to which the polynomials are fitted, and others, drawn
+at random, by which they are judged."""
+
 PATHS = 512
-"""Paths from each of the few pixels in a round of a replica."""
+"""Paths from each of these pixels in a round of a replica."""
 
 ROUNDS = 32
 """Most rounds."""
@@ -49,9 +61,10 @@ class BouncedLight:
     of_patches
         (3, K, N) float32, X_c: by channel and patch.
     relative_error
-        Standard error and bias of a white image's photograph by this light, root mean square over
-        pixels and channels, relative to the whole photograph's root mean square. Of an image of
-        which only a part s is lit it is up to 1 / sqrt(s) times that.
+        Error of a white image's photograph by this light, chance and what polynomials cannot follow
+        together: root mean square over pixels and channels, relative to the whole photograph's root
+        mean square. Of an image of which only a part s is lit, chance errs by about 1 / sqrt(s)
+        times as much.
     """
 
     over_wall: NDArray[np.float32]
@@ -61,11 +74,14 @@ class BouncedLight:
     @cached_property
     def mean(self) -> NDArray[np.float32]:
         """(K, N) of the channels' mean."""
-        return self.of_patches.mean(axis=0, dtype=np.float64).astype(np.float32)
+        return np.asarray(self.of_patches.mean(axis=0, dtype=np.float64), np.float32)
 
     def rows(self, rows: slice) -> NDArray[np.float32]:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
-        added: NDArray[np.float32] = self.over_wall[rows] @ self.mean
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1):  # the last bits follow the number of threads
+            added: NDArray[np.float32] = self.over_wall[rows] @ self.mean
         return added
 
     @cached_property
@@ -103,6 +119,10 @@ def render_bounced_light(
 
     Raises
     ------
+    SceneError
+        If the wall has a texture and is not diffuse.
+    ValueError
+        If `bounces` is not a whole number from 2 on.
     VariantError
         In scalar variants.
 
@@ -112,20 +132,32 @@ def render_bounced_light(
         The target was not reached: the light is too noisy, or not smooth over the wall, as that by
         way of a mirror.
     """
+    from threadpoolctl import threadpool_limits
+
+    if check_bounces(bounces) == DIRECT:
+        raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
     require_paths()
+    if scenario.wall_texture is not None and scenario.wall_reflectance is None:
+        raise SceneError(
+            f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
+            "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
+            "another bsdf"
+        )
     report = progress or (lambda _: None)
-    shape, hidden = scenario.photograph_shape, scenario.hidden_shape
-    sites = chosen_sites(shape, SITES)
-    trace = make_tracer(scenario, sites, bounces)
-    direct = _direct(scenario, sites, seed)
-    unit = float(direct.mean())
+    fit = _WallFit.of(scenario, seed)
+    trace = make_tracer(scenario, fit.pixels, bounces)
+    direct = _direct(scenario, fit.pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
-    total = np.zeros((REPLICAS, len(sites), hidden[0] * hidden[1], 3))
+    total = np.zeros((REPLICAS, len(fit.pixels), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
-            total[replica] += trace(PATHS, one, unit)
-        error, basis = _fitted(total / done, sites, scenario, direct)
+            total[replica] += trace(PATHS, one)
+        with threadpool_limits(1):  # the last bits follow the number of threads
+            lights = _of_blocks(total, scenario.hidden_shape) / done
+            terms, squared, white = fit.judged(lights)
+        whole = np.mean((direct[:, np.newaxis] + white) ** 2)
+        error = float(np.sqrt(squared / whole)) if whole else 0.0
         near = min(1.0, (target / error) ** 2) if error else 1.0
         fraction = max(fraction, near, done / ROUNDS)
         report(fraction)
@@ -138,14 +170,30 @@ def render_bounced_light(
             RuntimeWarning,
             stacklevel=2,
         )
-    seen = total.mean(axis=0).reshape(len(sites), -1) / done
-    of_patches = np.linalg.lstsq(basis[sites], seen, rcond=None)[0]
-    texture = 1.0 if scenario.wall_texture is None else scenario.wall_texture[:, np.newaxis]
+    with threadpool_limits(1):
+        seen = total[:, : fit.sites].mean(axis=0).reshape(fit.sites, -1) / done
+        of_patches = fit.fitted(terms, seen).reshape(terms, -1, 3)
     return BouncedLight(
-        (basis * texture).astype(np.float32),
-        of_patches.reshape(basis.shape[1], -1, 3).transpose(2, 0, 1).astype(np.float32),
+        (fit.basis[:, :terms] * fit.texture[:, np.newaxis]).astype(np.float32),
+        of_patches.transpose(2, 0, 1).astype(np.float32),
         error,
     )
+
+
+def check_bounces(bounces: int | None) -> int | None:
+    """Return the number of reflections, or None for any; a ValueError says that it is none."""
+    if bounces is None:
+        return None
+    try:
+        count = operator.index(bounces)
+    except TypeError:
+        count = 0
+    if isinstance(bounces, bool) or not DIRECT <= count <= MOST_BOUNCES:
+        raise ValueError(
+            f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, "
+            f"to {MOST_BOUNCES}, or None for any number"
+        )
+    return count
 
 
 def require_paths() -> None:
@@ -158,36 +206,83 @@ def require_paths() -> None:
         )
 
 
-def _direct(scenario: Scenario, sites: NDArray[np.intp], seed: int) -> Array:
-    """Return what a white image sends straight, (S,)."""
+@dataclass(frozen=True, eq=False)
+class _WallFit:
+    """Polynomials over the wall, fitted at some of its pixels and judged at others.
+
+    Where the sites are all pixels, each stands for itself.
+    """
+
+    pixels: NDArray[np.intp]  # (S,) the sites, then the others
+    sites: int
+    basis: Array  # (M, K) functions of the pixel, by degree
+    degrees: NDArray[np.intp]  # (K,)
+    texture: Array  # (M,)
+
+    @classmethod
+    def of(cls, scenario: Scenario, seed: int) -> _WallFit:
+        """Return that of a scene's photograph."""
+        shape = scenario.photograph_shape
+        texture = scenario.wall_texture
+        texture = np.ones(np.prod(shape)) if texture is None else texture
+        sites = chosen_sites(shape, SITES)
+        left = np.setdiff1d(np.arange(len(texture)), sites)
+        if not len(left):
+            return cls(sites, len(sites), np.eye(len(sites)), np.zeros(len(sites), int), texture)
+        rng = np.random.default_rng(seed)
+        others = rng.choice(left, min(OTHERS, len(left)), replace=False)
+        return cls(np.concatenate([sites, others]), len(sites), *polynomials(shape), texture)
+
+    def fitted(self, terms: int, seen: Array) -> Array:
+        """Return the coefficients, (terms, K), of what is seen at the sites, (sites, K)."""
+        at_sites = self.basis[self.pixels[: self.sites], :terms]
+        return np.asarray(np.linalg.lstsq(at_sites, seen, rcond=None)[0])
+
+    def judged(self, lights: Array) -> tuple[int, float, Array]:
+        """Return how many terms are best, white light's mean squared error, and that light.
+
+        Lights, (replicas, S, 3 L), are estimates of several, white first; that which is returned is
+        (S, 3) and has the texture. At the other pixels, residuals of independent replicas share the
+        fit's bias alone, so that the mean of their products is its square; beside it stands the
+        variance of the replicas' mean.
+        """
+        K, at = len(lights), self.basis[self.pixels]
+        seen = lights[:, : self.sites].transpose(1, 0, 2).reshape(self.sites, -1)
+        texture = self.texture[self.pixels, np.newaxis]
+        best = np.inf
+        for degree in np.unique(self.degrees):
+            terms = int(np.count_nonzero(self.degrees <= degree))
+            if terms > self.sites:
+                break
+            fit = (at[:, :terms] @ self.fitted(terms, seen)).reshape(len(at), K, -1)
+            light = fit.transpose(1, 0, 2) * texture
+            variance = light.var(axis=0, ddof=1).mean(axis=0) / K
+            residual = (light - lights * texture)[:, self.sites :]
+            products = residual.sum(axis=0) ** 2 - (residual**2).sum(axis=0)
+            bias = np.maximum(products.sum(axis=0), 0) / max(len(products), 1) / (K * (K - 1))
+            squared = variance + bias
+            if squared.mean() < best:
+                best = squared.mean()
+                found = terms, float(squared[:3].mean()), light[..., :3].mean(axis=0)
+        return found
+
+
+def _of_blocks(light: Array, hidden: tuple[int, int]) -> Array:
+    """Return the sums of patches' light, (..., N, 3), of all and of each block: (..., 3 L)."""
+    R, C = hidden
+    block = ((np.arange(R) * BLOCKS // R)[:, None] * BLOCKS + np.arange(C) * BLOCKS // C).ravel()
+    parts = [light[..., block == one, :].sum(axis=-2) for one in np.unique(block)]
+    return np.concatenate([sum(parts, np.zeros(())), *parts], axis=-1)
+
+
+def _direct(scenario: Scenario, pixels: NDArray[np.intp], seed: int) -> Array:
+    """Return what a white image sends straight, (S,), at some pixels."""
     import drjit as dr
     import mitsuba as mi
 
     patches = scenario.transport_shape[1]
     entries = make_kernel(scenario, 1, "jittered", 1)
-    pixel = mi.UInt32(np.repeat(sites, patches).astype(np.uint32))
-    patch = dr.arange(mi.UInt32, len(sites) * patches) % patches
+    pixel = mi.UInt32(np.repeat(pixels, patches).astype(np.uint32))
+    patch = dr.arange(mi.UInt32, len(pixels) * patches) % patches
     light = np.array(entries(pixel, patch, dr.opaque(mi.UInt32, seed)), np.float64)
-    return np.asarray(light.reshape(len(sites), patches).sum(axis=1))
-
-
-def _fitted(
-    replicas: Array, sites: NDArray[np.intp], scenario: Scenario, direct: Array
-) -> tuple[float, Array]:
-    """Return the relative error of replicas' mean, (K, S, N, 3), and functions over the wall.
-
-    The functions, (M, K), have to follow the light of the whole monitor and of each of its parts.
-    """
-    (R, C), shape = scenario.hidden_shape, scenario.photograph_shape
-    part = (np.arange(R) * BLOCKS // R)[:, None] * BLOCKS + np.arange(C) * BLOCKS // C
-    lights = [replicas.sum(axis=2)]
-    lights += [replicas[:, :, part.ravel() == one].sum(axis=2) for one in np.unique(part)]
-    found = best_estimate(np.concatenate(lights, axis=-1), sites, shape)
-    white = found.replicas[:, sites, :3]
-    squared = white.var(axis=0, ddof=1) / len(white) + found.squared_bias[:3]
-    whole = direct[:, np.newaxis] + white.mean(axis=0)
-    error = float(np.sqrt(np.mean(squared) / np.mean(whole**2)))
-    if found.degree is None:  # every pixel was sampled, and is best left alone
-        return error, np.eye(len(sites))
-    basis, degrees = polynomials(shape)
-    return error, basis[:, degrees <= found.degree]
+    return np.asarray(light.reshape(len(pixels), patches).sum(axis=1))

@@ -12,9 +12,6 @@ from numpy.typing import DTypeLike, NDArray
 from periscopy_sim.rendering.transport.bounced import BouncedLight, render_bounced_light
 from periscopy_sim.scenario import Array, Scenario
 
-DIRECT = 1
-"""Reflections of light that goes from the monitor to the wall and to the camera."""
-
 ROWS = 1024
 """Of A to which bounced light is added at once; bounds the memory."""
 
@@ -24,8 +21,9 @@ class BouncedTransport:
     """The light transport matrix of each channel, where surroundings reflect the monitor's light.
 
     `A @ f` is the photograph, (M, 3), of a hidden image, (N, 3), each channel by its own matrix,
-    before `Scenario.channel_gain`. As an array it is the channels' mean, (M, N), by which methods
-    work: what channels differ by is smooth over the wall, as ambient light is.
+    before `Scenario.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),
+    by which methods work: what channels differ by is smooth over the wall, as ambient light is. So
+    NumPy's functions, `np.dot` for one, take the mean too; its operators take none.
 
     Attributes
     ----------
@@ -46,18 +44,28 @@ class BouncedTransport:
         """(M, N)."""
         return self.mean.shape[0], self.mean.shape[1]
 
+    __array_ufunc__ = None  # array * A and array @ A must not take the mean silently
+
     def __matmul__(self, image: NDArray[np.floating[Any]]) -> Array:
         """Return the photograph, (M, 3), of a hidden image, (N, 3).
 
         A ValueError says that the image has another shape.
         """
+        image = np.asarray(image)
         if image.shape != (self.shape[1], 3):
             raise ValueError(
                 f"the hidden image has shape {image.shape}; its channels have matrices of their "
                 f"own: give ({self.shape[1]}, 3)"
             )
-        beyond = np.einsum("ckn,nc->kc", self.bounced.colour, image, dtype=np.float64)
-        return np.asarray(self.mean @ image + self.bounced.over_wall @ beyond)
+        return np.asarray(self.mean @ image + self.beyond_mean(image))
+
+    def beyond_mean(self, images: NDArray[np.floating[Any]]) -> Array:
+        """Return by how much photographs, (..., M, 3), of images, (..., N, 3), are off the mean's.
+
+        That is what the channels' matrices send beyond their mean.
+        """
+        sent = np.einsum("ckn,...nc->...kc", self.bounced.colour, images, dtype=np.float64)
+        return np.asarray(self.bounced.over_wall @ sent)
 
     def channel(self, c: int) -> NDArray[np.float32]:
         """Return the matrix of channel c, (M, N)."""
@@ -87,13 +95,6 @@ def add_bounces(
     return BouncedTransport(A, bounced, bounces)
 
 
-def check_bounces(bounces: int | None) -> int | None:
-    """Return the number of reflections, or None for any; a ValueError says that it is none."""
-    if bounces is not None and (isinstance(bounces, bool) or bounces != int(bounces)):
-        raise ValueError(f"bounces {bounces!r}: give a whole number from 1 on, or None for all")
-    if bounces is not None and bounces < DIRECT:
-        raise ValueError(
-            f"{bounces} bounces: 1 is light that the wall alone reflects; give 1 or more, or None "
-            "for all"
-        )
-    return bounces
+def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
+    """Return the channels' mean of a matrix, (M, N), itself if it is one; memory maps stay such."""
+    return A.mean if isinstance(A, BouncedTransport) else A

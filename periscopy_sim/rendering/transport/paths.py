@@ -35,21 +35,21 @@ LATTICE = 6
 """Dimensions of a path that are spread evenly: the pixel's area, the first direction, the first
 point of the monitor."""
 
-FINEST = 2.0**-36
-"""Of a unit of light, in which it is summed: whole numbers add up alike in any order."""
+FINEST = 2.0**-40
+"""Radiance in which light is summed: whole numbers add up alike in any order. A white monitor all
+around would send a pixel 1 at most."""
 
 Sums = NDArray[np.int64]
 
 
 def make_tracer(
     scenario: Scenario, sites: NDArray[np.intp], bounces: int | None
-) -> Callable[[int, int, float], Array]:
+) -> Callable[[int, int], Array]:
     """Return the function that estimates bounced light at some pixels by so many paths from each.
 
-    It maps the number of paths, a seed of 32 bits, and the unit of light, about what the monitor
-    sends a pixel in all, to (S, N, 3): radiance to the camera for each unit of a patch's normal
-    radiance, as if the wall reflected its mean albedo there. `bounces` is the most reflections
-    of a path, 2 or more; None for any number.
+    It maps the number of paths and a seed of 32 bits to (S, N, 3): radiance to the camera for each
+    unit of a patch's normal radiance, as if the wall reflected its mean albedo there. `bounces` is
+    the most reflections of a path, 2 or more; None for any number.
     """
     import drjit as dr
     import mitsuba as mi
@@ -74,7 +74,7 @@ def make_tracer(
         return si, si.is_valid() & (si.shape == mi.ShapePtr(wall))
 
     def leave(si: Any, choice: Any, even: Callable[[int], Any], active: Any) -> tuple[Any, Any]:
-        """Draw a direction from the wall; return it, and the weight of the light that it brings.
+        """Sample a direction from the wall; return it and the throughput.
 
         A texture is left to A's rows, and colour to the channels' gain.
         """
@@ -93,92 +93,93 @@ def make_tracer(
         return row * C + dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
 
     def emitted(light: Any, direction: Any, squared_distance: Any) -> tuple[Any, Any]:
-        """Radiance sent in a direction, per unit along the normal, and the density there.
+        """Return radiance in a direction, over the normal's, and the pdf of sampling its point.
 
-        The density is that by which points spread evenly over the UV square are found, from where
-        the direction leads.
+        Points are spread evenly over the UV square; the pdf is over directions from where light is
+        sent.
         """
         cosine = dr.dot(light.n, direction)
         area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
         lit = cosine > 1e-6
-        density = squared_distance / dr.select(lit, area * cosine, 1)
+        pdf = squared_distance / dr.select(lit, area * cosine, 1)
         towards = profile(mi.SurfaceInteraction3f(light), direction)
-        return dr.select(lit, towards, 0), dr.select(lit, density, 0)
+        return dr.select(lit, towards, 0), dr.select(lit, pdf, 0)
 
-    def trace(paths: int, seed: int, unit: float) -> Array:
+    def trace(paths: int, seed: int) -> Array:
         lanes = dr.arange(mi.UInt32, len(sites) * paths)
         site, index = lanes // paths, lanes % dr.opaque(mi.UInt32, paths)
         start = dr.opaque(mi.UInt32, seed)
-        rng = mi.PCG32(initstate=mi.UInt64(lanes), initseq=mi.UInt64(start))
+        # Numbers in a row as states would give every lane the same sequence, shifted.
+        state, sequence = mi.sample_tea_32(lanes, start, 6)
+        rng = mi.PCG32(initstate=mi.UInt64(state), initseq=mi.UInt64(sequence))
         even = _even_points(mi, site, index, start)
         lens = mi.Point2f(rng.next_float32(), rng.next_float32())
         sums = dr.zeros(mi.Int64, len(sites) * R * C * 3)
-        scale = dr.opaque(mi.Float, 1 / (FINEST * unit))
 
-        def count(uv: Any, light: Any, active: Any) -> None:
-            """Add light, (3,), to what comes from a patch."""
+        def splat(uv: Any, radiance: Any, active: Any) -> None:
+            """Add radiance, (3,), to what comes from a patch."""
             at = (site * (R * C) + column(uv)) * 3
             for c in range(3):
-                whole = mi.Int64(dr.round(light[c] * scale))
-                dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (light[c] > 0))
+                whole = mi.Int64(dr.round(radiance[c] / FINEST))
+                dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))
 
         si, active = first_surface(site, even, lens)
-        direction, weight = leave(si, rng.next_float32(), even, active)
+        direction, throughput = leave(si, rng.next_float32(), even, active)
         ray = si.spawn_ray(direction)
 
         def body(
-            surfaces: Any, ray: Any, weight: Any, density: Any, straight: Any, rng: Any, active: Any
+            surface: Any, ray: Any, throughput: Any, pdf: Any, delta: Any, rng: Any, active: Any
         ) -> tuple[Any, ...]:
-            """Go on to the next surface: the `surfaces`-th after the wall's point."""
+            """Go on to the next surface, by its number from the wall's point on."""
             si = scene.ray_intersect(ray, +mi.RayFlags.All, True, active)
             active &= si.is_valid()
-            # The monitor met by chance, from a surface beyond the wall's point.
-            met = active & (surfaces > 1) & (si.shape == mi.ShapePtr(monitor))
-            radiance, aimed = emitted(si, -ray.d, dr.square(si.t))
-            share = dr.select(straight, 1, density / (density + aimed))
-            count(si.uv, weight * radiance * share, met & (radiance > 0))
+            # The monitor met by chance. From the wall's point itself it is direct light: its pdf is
+            # given as 0, and so is its weight.
+            met = active & (si.shape == mi.ShapePtr(monitor))
+            radiance, emitter_pdf = emitted(si, -ray.d, dr.square(si.t))
+            weight = dr.select(delta, 1, pdf / dr.maximum(pdf + emitter_pdf, dr.smallest(mi.Float)))
+            splat(si.uv, throughput * radiance * weight, met & (radiance > 0))
             # A point of the monitor, sampled.
-            active &= surfaces < most
-            first = surfaces == 1
+            active &= surface < most
+            first = surface == 1
             down = dr.select(first, even(4), rng.next_float32())
-            over = dr.select(first, even(5), rng.next_float32())
-            light = surface_at(monitor, mi.Point2f(over, down))
+            across = dr.select(first, even(5), rng.next_float32())
+            light = surface_at(monitor, mi.Point2f(across, down))
             to_light = light.p - si.p
             squared_distance = dr.squared_norm(to_light)
             direction = to_light * dr.rsqrt(squared_distance)
-            radiance, aimed = emitted(light, -direction, squared_distance)
-            bsdf, wo = si.bsdf(), si.to_local(direction)
+            radiance, emitter_pdf = emitted(light, -direction, squared_distance)
+            bsdf = si.bsdf()
             lit = active & light.is_valid() & (radiance > 0)
-            value, chance = bsdf.eval_pdf(context, si, wo, lit)
+            value, bsdf_pdf = bsdf.eval_pdf(context, si, si.to_local(direction), lit)
             lit &= dr.max(value) > 0
             lit &= ~scene.ray_test(si.spawn_ray_to(light.p), lit)
-            count(light.uv, weight * value * radiance / (aimed + chance), lit)
+            splat(light.uv, throughput * value * radiance / (emitter_pdf + bsdf_pdf), lit)
             # The next direction.
             sample, gain = bsdf.sample(
                 context, si, rng.next_float32(),
                 mi.Point2f(rng.next_float32(), rng.next_float32()), active,
             )  # fmt: skip
-            weight *= gain
-            density = sample.pdf
-            straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-            strongest = dr.max(weight)
+            throughput *= gain
+            strongest = dr.max(throughput)
             active &= strongest > 0
-            survival = dr.select(surfaces >= ROULETTE, dr.minimum(strongest, SURVIVAL), 1)
+            survival = dr.select(surface >= ROULETTE, dr.minimum(strongest, SURVIVAL), 1)
             active &= rng.next_float32() < survival
-            weight *= dr.rcp(dr.select(active, survival, 1))
+            throughput *= dr.rcp(dr.select(active, survival, 1))
             ray = si.spawn_ray(si.to_world(sample.wo))
-            return surfaces + 1, ray, weight, density, straight, rng, active
+            delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+            return surface + 1, ray, throughput, sample.pdf, delta, rng, active
 
-        state = mi.UInt32(1), ray, weight, mi.Float(0), mi.Bool(False), rng, active
+        state = mi.UInt32(1), ray, throughput, mi.Float(0), mi.Bool(False), rng, active
         dr.while_loop(state, lambda *state: state[-1], body)
         whole: Sums = np.array(sums).reshape(len(sites), R * C, 3)
-        return np.asarray(whole * (FINEST * unit / paths))
+        return np.asarray(whole * (FINEST / paths))
 
     return trace
 
 
 def _even_points(mi: Any, site: Any, index: Any, seed: Any) -> Callable[[int], Any]:
-    """Return a function of the dimension: numbers in (0, 1), evenly spread over a site's paths.
+    """Return a function of the dimension: numbers in (0, 1), spread evenly over a site's paths.
 
     They are of the sequence R of `LATTICE` dimensions [2], shifted at random for each site.
     """
@@ -189,6 +190,6 @@ def _even_points(mi: Any, site: Any, index: Any, seed: Any) -> Callable[[int], A
     def even(dimension: int) -> Any:
         step = round(2**32 * golden ** -(dimension + 1))
         shift, _ = mi.sample_tea_32(site, seed + mi.UInt32(dimension * 0x9E3779B9 & 0xFFFFFFFF), 6)
-        return (mi.Float((shift + index * mi.UInt32(step)) >> 8) + 0.5) / (1 << 24)
+        return (mi.Float((shift + index * mi.UInt32(step)) >> 9) + 0.5) / (1 << 23)
 
     return even

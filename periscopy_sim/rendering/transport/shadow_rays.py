@@ -12,13 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import require_paths
-from periscopy_sim.rendering.transport.bounced_transport import (
-    DIRECT,
-    BouncedTransport,
-    add_bounces,
-    check_bounces,
-)
+from periscopy_sim.rendering.transport.bounced import DIRECT, check_bounces, require_paths
+from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.rendering.transport.row_blocks import LANES, RenderedTransport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
@@ -120,7 +115,7 @@ def render_transport(
         If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
         another shape.
     VariantError
-        If light shall bounce in a scalar variant.
+        If more bounces than one are asked for in a scalar variant.
 
     Warns
     -----

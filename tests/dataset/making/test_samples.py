@@ -1,6 +1,7 @@
 """What photographs are made of, put together again from the parts that are kept."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from periscopy_sim.dataset.making.draws import draw_clip
 from periscopy_sim.dataset.making.geometry import as_json, geometry_of, view_digest
 from periscopy_sim.dataset.making.samples import make_samples
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.rendering.transport import bounced_transport
 
 INTERVAL = 4.9
 """Standard deviations that one of 10⁶ normal draws exceeds."""
@@ -149,6 +151,23 @@ def test_lamps_light_by_eq_4(configured, geometry):
         np.testing.assert_allclose(
             channel / channel.mean(), expected[:, 0] / expected.mean(), rtol=1e-5
         )
+
+
+def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monkeypatch):
+    trace = partial(bounced_transport.render_bounced_light, target=0.1)
+    monkeypatch.setattr(bounced_transport, "render_bounced_light", trace)
+    scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
+    light = {"kind": "bounced", "samples": 4}
+    configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
+    geometry = geometry_of(as_json(configuration), 0)
+    block = make_samples(configuration, geometry, {}, 0, 4)
+    for photograph, hidden in zip(block["photograph"], block["hidden"], strict=True):
+        f = hidden.reshape(-1, 3)
+        expected = np.stack([geometry.transport.channel(c) @ f[:, c] for c in range(3)], axis=1)
+        scale = photograph.mean() / expected.mean()
+        np.testing.assert_allclose(photograph.reshape(-1, 3), scale * expected, rtol=1e-4)
+        mean = np.asarray(geometry.transport) @ f
+        assert np.abs(scale * mean / photograph.reshape(-1, 3) - 1).max() > 1e-3  # colours
 
 
 def test_path_traced_photographs_agree_with_the_transport_matrix(configured):

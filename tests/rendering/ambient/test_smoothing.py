@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.rendering.ambient import smoothing
+from periscopy_sim.rendering import wall_polynomials
 from periscopy_sim.rendering.ambient.background import SITES
-from periscopy_sim.rendering.ambient.smoothing import best_estimate, chosen_sites
+from periscopy_sim.rendering.ambient.smoothing import best_estimate
+from periscopy_sim.rendering.wall_polynomials import chosen_sites
 
 SHAPE = (24, 20)
 
@@ -84,7 +85,7 @@ def test_estimate_is_hardly_ever_worse_than_the_samples_and_knows_its_error(sigm
 
 
 def test_bias_is_estimated_without_bias(monkeypatch):
-    monkeypatch.setattr(smoothing, "MAX_DEGREE", 1)
+    monkeypatch.setattr(wall_polynomials, "MAX_DEGREE", 1)
     field, sites = step(SHAPE), chosen_sites(SHAPE, SITES)
     basis = monomials(SHAPE, 1)[sites]
     fit = basis @ np.linalg.lstsq(basis, field[sites], rcond=None)[0]

@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
+from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.errors import SceneError
+from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.photograph import render_photograph
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport.bounced import render_bounced_light
-from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport
+from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from tests.rendering.conftest import Room
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -70,7 +76,7 @@ def traced(seen, image, bounces, samples=1024):
     [
         (2, {"board": painted("0.8, 0.4, 0.2")}, 2e-3),
         (None, {"board": painted("0.8, 0.4, 0.2"), "floor": painted("0.5, 0.6, 0.7")}, 2e-3),
-        (3, {"board": GLOSSY, "floor": painted(0.8)}, 2e-3),
+        pytest.param(3, {"board": GLOSSY, "floor": painted(0.8)}, 2e-3, marks=pytest.mark.thorough),
         (None, {"floor": SHINY}, 1e-2),
     ],
     ids=["once more", "corner", "glossy", "mirror"],
@@ -91,7 +97,10 @@ def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, boun
         painted("0.9, 0.5, 0.3"),
         checkered("0.9, 0.8, 0.2", "0.3, 0.2, 0.4", 40),
         checkered("0", "0.8", 40),
-        '<bsdf type="roughplastic"><float name="alpha" value="0.4"/></bsdf>',
+        pytest.param(
+            '<bsdf type="roughplastic"><float name="alpha" value="0.4"/></bsdf>',
+            marks=pytest.mark.thorough,
+        ),
     ],
     ids=["coloured", "textured", "half black", "glossy"],
 )
@@ -106,6 +115,46 @@ def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
     same_mean(list(traced(seen, image, None, 256)), list(predicted(seen, image, None)))
 
 
+def test_light_through_a_lens_bounces_too(room, same_mean):
+    seen = room.load(floor(painted(0.8)), camera=room.lens(0.05, 0.8, (4, 5)))
+    image = hidden_image(seen.hidden_shape)
+    same_mean(list(traced(seen, image, None)), list(predicted(seen, image, None)))
+
+
+@pytest.mark.thorough
+def test_it_is_right_between_the_pixels_that_paths_leave(room, same_mean):
+    parts = board(painted("0.8, 0.4, 0.2")), floor(painted(0.6))
+    seen = room.load(*parts, camera=room.camera((50, 60)), monitor=room.monitor(room.area))
+    image = hidden_image(seen.hidden_shape)
+    photographs = list(traced(seen, image, None, 256))
+    same_mean(photographs, list(predicted(seen, image, None, 1e-3)))
+
+
+@pytest.mark.thorough
+def test_in_a_sphere_it_is_a_geometric_series(tmp_path):
+    """What a sphere of albedo ρ sends on is even: ρ²/(1 - ρ) of the power over π and its area."""
+    albedo, half = 0.9, 0.02
+    path = tmp_path / "sphere.xml"
+    path.write_text(f"""<scene version="3.0.0">
+<sensor type="perspective" id="camera"><float name="fov" value="30"/><transform name="to_world">
+<lookat origin="0, -0.5, 0.3" target="0, 1, 0" up="0, 0, 1"/></transform><film type="hdrfilm">
+<integer name="height" value="3"/><integer name="width" value="4"/><rfilter type="box"/></film>
+</sensor>
+<shape type="sphere" id="wall"><bsdf type="twosided"><bsdf type="diffuse">
+<rgb name="reflectance" value="{albedo}"/></bsdf></bsdf></shape>
+<shape type="rectangle" id="monitor"><transform name="to_world"><scale value="{half}"/>
+<rotate x="1" angle="-90"/><translate z="-0.3"/></transform>
+{Room.area}{Room.black}</shape></scene>""")
+    light = render_bounced_light(load_scenario(path, (1, 1)), target=3e-3)
+    power, area = np.pi * (2 * half) ** 2, 4 * np.pi
+    expected = albedo**2 / (1 - albedo) * power / (np.pi * area)
+    # What falls on the monitor's black back and front is lost: its sides over the sphere's area.
+    lost = 2 * (2 * half) ** 2 / area / (1 - albedo)
+    found = light.rows(slice(None))[:, 0].mean()
+    assert found == pytest.approx(expected * (1 - lost), rel=1e-2)
+
+
+@pytest.mark.thorough
 def test_bent_and_mirrored_monitors_light_the_right_patches(room, same_mean):
     seen = room.load(
         board(painted(0.8)),
@@ -117,26 +166,39 @@ def test_bent_and_mirrored_monitors_light_the_right_patches(room, same_mean):
     same_mean(list(traced(seen, image, None, 4096)), list(predicted(seen, image, None, 1e-2)))
 
 
-def test_a_small_distant_board_reflects_as_its_closed_form(room):
-    size, where = 0.01, np.array([0.9, 0.4, 0.3])
-    monitor = room.monitor(room.area, scale=(0.01, 0.01))
+def spread(size, count):
+    """Middles of count x count parts of a square of that side about 0, (count², 2)."""
+    steps = ((np.arange(count) + 0.5) / count - 0.5) * size
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+
+
+def falls(source, front, points, normals):
+    """Cosines at either end over the squared distance, (..., P), of points seen from a source."""
+    away = points - source
+    squared = np.sum(away**2, axis=-1)
+    return (away @ front) * -np.sum(away * normals, axis=-1) / squared**2
+
+
+def test_a_board_lit_by_a_small_monitor_reflects_as_its_form_factors(room, monkeypatch):
+    monkeypatch.setattr(bounced, "PATHS", 1 << 15)
+    half = 0.1
     seen = room.load(
-        board(painted(0.7), x=where[0], y=where[1], size=size, angle=-90),
-        monitor=monitor,
+        board(painted(0.7), x=0.9, y=0.4, size=half),
+        monitor=room.monitor(room.area, scale=(0.01, 0.01)),
         camera=room.camera((1, 2)),
         hidden=(1, 1),
     )
     with pytest.warns(RuntimeWarning, match="light that bounces"):
         light = render_bounced_light(seen, bounces=2, target=1e-9)
-    front, normal = np.array([-1.0, 0, 0]), np.array([0, -1.0, 0])
-    source = np.array([0.2, 0, 0.3])
-    to_source = source - where
-    lit = (to_source @ front) * -(to_source @ np.array([0, 1.0, 0])) / (to_source @ to_source) ** 2
-    radiosity = 0.7 / np.pi * lit * 0.02**2  # W/m²/sr of a white monitor
-    to_board = where - seen.wall_points
-    squared = np.sum(to_board**2, axis=1)
-    form = (to_board @ normal) * -(to_board @ front) / squared**2
-    expected = 0.5 / np.pi * radiosity * form * (2 * size) ** 2
+    left, back = np.array([-1.0, 0, 0]), np.array([0, -1.0, 0])
+    down_and_along = spread(2 * half, 24)
+    there = np.array([0.9, 0.4, 0.3]) + np.insert(down_and_along, 0, 0, axis=1)
+    lit = falls(np.array([0.2, 0, 0.3]), np.array([0, 1.0, 0]), there, left) * 0.02**2
+    expected = []
+    for center in seen.wall_points:
+        here = center + np.insert(spread(0.2, 12), 1, 0, axis=1)  # all over the pixel
+        form = np.mean([falls(point, back, there, left) for point in here], axis=0)
+        expected.append(0.5 / np.pi * 0.7 / np.pi * np.mean(lit * form) * (2 * half) ** 2)
     np.testing.assert_allclose(light.rows(slice(None))[:, 0], expected, rtol=0.02)
 
 
@@ -208,7 +270,73 @@ def test_what_is_not_known_well_is_warned_of(room, monkeypatch):
         render_bounced_light(seen, target=1e-7)
 
 
-@pytest.mark.parametrize("bounces", [0, -1, 1.5, True])
+def test_shadows_that_a_small_mirror_sends_are_warned_of(room, monkeypatch):
+    monkeypatch.setattr(bounced, "ROUNDS", 4)
+    strip = board(SHINY, x=0.75, y=0.6, size=0.03)
+    seen = room.load(strip, camera=room.camera((60, 60)), monitor=room.monitor(room.area))
+    with pytest.warns(RuntimeWarning, match="not smooth over the wall"):
+        light = render_bounced_light(seen)
+    assert light.relative_error > 1e-3
+
+
+def test_a_textured_wall_that_is_not_diffuse_is_refused(room):
+    wall = room.wall(
+        '<bsdf type="roughconductor"><float name="alpha" value="0.6"/><texture type="checkerboard" '
+        'name="specular_reflectance"><rgb name="color0" value="0.2"/><rgb name="color1" '
+        'value="0.8"/></texture></bsdf>'
+    )
+    seen = room.load(board(painted(0.8)), wall=wall)
+    with pytest.raises(SceneError, match="has a texture and is not diffuse"):
+        render_transport(seen, bounces=None)
+
+
+def test_light_without_a_direct_way_is_known(room):
+    """A screen before the monitor leaves the way by the board alone."""
+    screen = (
+        f'<shape type="cube" id="screen">{room.black}<transform name="to_world"><scale x="0.02" '
+        'y="0.02" z="0.6"/><translate x="0.45" y="0.5" z="0.3"/></transform></shape>'
+    )
+    small = room.monitor(room.area, scale=(0.005, 0.005))
+    seen = room.load(screen, board(painted(0.8), x=1.2), monitor=small, hidden=(1, 1))
+    light = render_bounced_light(seen, target=0.05)
+    assert 0 < light.rows(slice(None)).mean() < 1e-4
+
+
+def test_every_row_has_its_bounced_light(room):
+    seen = room.load(board(painted(0.8)), camera=room.camera((40, 42)), hidden=(2, 2))
+    direct = render_transport(seen)
+    A = add_bounces(seen, direct.copy(), 2)
+    added = A.bounced.over_wall @ A.bounced.mean
+    np.testing.assert_allclose(np.asarray(A) - direct, added, atol=1e-6 * direct.max())
+    assert added.min() > 1e-4 * direct.max()
+
+
+def test_last_bits_do_not_follow_the_number_of_threads_of_products(room):
+    seen = room.load(board(painted(0.8)), camera=room.camera((40, 42)), hidden=(12, 14))
+    found = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            found.append(np.asarray(add_bounces(seen, np.zeros((1680, 168), np.float32), 2)))
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_operators_do_not_take_the_mean_silently(room):
+    A = render_transport(room.load(board(painted(0.8))), bounces=2)
+    for product in (lambda: np.ones((1, A.shape[0])) @ A, lambda: 2 * np.ones(A.shape) * A):
+        with pytest.raises(TypeError):
+            product()
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_methods_take_it_as_the_channels_mean(room, method):
+    seen = room.load(board(painted("0.8, 0.4, 0.2")), camera=room.camera((12, 12)))
+    A, B = render_transport(seen, bounces=2), point_light_backgrounds(seen)
+    y = (A @ hidden_image((2, 3)).reshape(-1, 3)).reshape(12, 12, 3) + 0.01
+    images = [METHODS[method](seen, matrix, B).reconstruct(y) for matrix in (A, np.asarray(A))]
+    np.testing.assert_array_equal(*images)
+
+
+@pytest.mark.parametrize("bounces", [0, -1, 1.5, True, "all", np.inf, 10**7])
 def test_absurd_bounces_are_refused(room, bounces):
     with pytest.raises(ValueError, match="bounces"):
         render_transport(room.load(), bounces=bounces)
