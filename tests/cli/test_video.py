@@ -302,7 +302,7 @@ def test_terminal_shows_how_many_frames_a_second(
         (("--batch", "0"), "'--batch'"),
         (("--hidden", "24x24"), "full column rank"),
         (("--hidden", "24x25"), "24x25 hidden patches are more than the 24x24 pixels"),
-        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: bright_room, chair"),
+        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: bright_room"),
         (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
         (("--truth", "three.npy"), "three.npy: holds 3 hidden images for 9 photographs"),
         (("--truth", "dark.npy"), "dark.npy, frame 4: has negative, NaN or infinite values"),

@@ -35,7 +35,7 @@ COUNTS = np.random.default_rng(21).integers(9000, 65536, (24, 24, 3)).astype(np.
         (("--rank-tolerance", "1"), "'--rank-tolerance'"),
         (("--hidden", "24x24"), "full column rank"),
         (("--hidden", "24x25"), "24x25 hidden patches are more than the 24x24 pixels"),
-        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: bright_room, chair"),
+        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: bright_room"),
         (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
         (("--transport", "none.npy"), "none.npy: no such file"),
     ],
