@@ -156,9 +156,9 @@ class _Search:
     def from_ruler(self) -> _Found:
         """Return what is found about the ruler's word; where that may be wrong, begin anew.
 
-        That is while it is in doubt, or what it leaves is no noise. Other places are drawn then,
-        and followed if a coarse descent from them ends where more is explained. Of what was
-        followed, that is returned which explains most.
+        That is while it is in doubt, or what it leaves is no noise. Then another coarse descent's
+        end is followed that explains more, or, if there is none, descents from other places are
+        looked at. Of what was followed, that is returned which explains most.
         """
         coarse = _evened(self.coarse, self.start).comparable(self.start)
         ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
@@ -168,12 +168,16 @@ class _Search:
         for attempt in range(1, ATTEMPTS):
             if not found.may_be_wrong:
                 break
-            ends = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
-            better = coarse.judgement(found.best.values) - TELLING
-            end = min(ends, key=coarse.judgement, default=self.start)
-            if coarse.judgement(end) < better:
+            least = coarse.judgement(found.best.values) - TELLING
+            better = [end for end in ends if coarse.judgement(end) < least]
+            if not better:
+                ends = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
+                better = [end for end in ends if coarse.judgement(end) < least]
+            if better:
+                best = min(better, key=coarse.judgement)
+                ends = [end for end in ends if end is not best]
                 with suppress(SceneError):
-                    other = self.followed(end, visit)
+                    other = self.followed(best, visit)
                     found = min(found, other, key=lambda each: fine.judgement(each.values))
         return found
 

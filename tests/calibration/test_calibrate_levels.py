@@ -123,6 +123,32 @@ def test_a_search_in_doubt_begins_anew_from_other_places(ends_of):
 
 
 @pytest.mark.usefixtures("doubted", "held")
+def test_an_end_that_explains_more_by_the_coarse_level_is_followed_before_others_are_looked_for(
+    ends_of, monkeypatch
+):
+    """The fine level takes it for worse at first: there it has not come to the bottom."""
+    attempts = ends_of([TRUTH + 0.06, TRUTH])
+    coarse, fine = Slat(ERRING, [0.02, 0.02]), Slat(ERRING, [0.02, 0.02])
+    plain = ResolutionLevel.judgement
+
+    def judgement(level, values):
+        hidden = level.marked and np.array_equal(values, TRUTH) and not followed
+        return 0.0 if hidden else plain(level, values)
+
+    followed = []
+    found = search.search_patches
+    monkeypatch.setattr(
+        search, "search_patches", lambda level, at, *o: followed.append(at) or found(level, at, *o)
+    )
+    monkeypatch.setattr(Slat, "judgement", judgement)
+    monkeypatch.setattr(Slat, "marked", False, raising=False)
+    fine.marked = True
+    assert calibrate_levels([coarse, fine], ERRING, NOTHING).trusted
+    assert attempts == [0]
+    np.testing.assert_array_equal(followed[1], TRUTH)
+
+
+@pytest.mark.usefixtures("doubted", "held")
 def test_one_that_is_believed_does_not_begin_anew(ends_of):
     attempts = ends_of([TRUTH], [ERRING])
     assert calibrated(ERRING, [0.02, 0.02]).trusted
