@@ -38,9 +38,11 @@ MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
 curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
 
-ATTEMPTS = 3
-"""Times that a search begins, at most, each from other places, while what it finds is in doubt or
-leaves more than noise."""
+ATTEMPTS = 4
+"""Times that a search begins, at most, while its result is in doubt or leaves more than noise."""
+
+WIDER = 4
+"""Times as many places as usual that walks look at where the search may be wrong."""
 
 SHOWN = 100.0
 """Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
@@ -157,39 +159,46 @@ class _Search:
         """Return what is found about the ruler's word; where that may be wrong, begin anew.
 
         That is while it is in doubt, or what it leaves is no noise. Then another coarse descent's
-        end is followed that explains more, or, if there is none, descents from other places are
-        looked at. Of what was followed, that is returned which explains most.
+        end is followed that explains more; if there is none, the last walk is gone wider, and then
+        descents from other places are looked at. Of what was followed, that is returned which
+        explains most.
         """
         coarse = _evened(self.coarse, self.start).comparable(self.start)
         ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
         fine = _evened(self.fine, self.start).comparable(self.start)
         visit = self.log.at(self.fine)
         found = self.followed(min([self.start, *ends], key=fine.judgement), visit)
+        widened = False
         for attempt in range(1, ATTEMPTS):
             if not found.may_be_wrong:
                 break
             least = coarse.judgement(found.best.values) - TELLING
-            better = [end for end in ends if coarse.judgement(end) < least]
-            if not better:
+            if widened and not any(coarse.judgement(end) < least for end in ends):
                 ends = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
-                better = [end for end in ends if coarse.judgement(end) < least]
-            if better:
-                best = min(better, key=coarse.judgement)
-                ends = [end for end in ends if end is not best]
-                with suppress(SceneError):
-                    other = self.followed(best, visit)
-                    found = min(found, other, key=lambda each: fine.judgement(each.values))
+            better = min(ends, key=coarse.judgement, default=self.start)
+            if coarse.judgement(better) < least:
+                begin, wider = better, 1
+                ends = [end for end in ends if end is not better]
+            elif not widened:
+                begin, wider, widened = found.best.values, WIDER, True
+            else:
+                continue
+            with suppress(SceneError):
+                other = self.followed(begin, visit, wider)
+                found = min(found, other, key=lambda each: fine.judgement(each.values))
         return found
 
-    def followed(self, values: Values, visit: Visit) -> _Found:
+    def followed(self, values: Values, visit: Visit, wider: int = 1) -> _Found:
         """Return what the fine level finds from some values, and whether to believe it.
+
+        Its walks look at `wider` times as many places as usual.
 
         A SceneError says that the search left the physical, a PhotographError that nothing is seen.
         """
         names, start, prior = self.fine.names, self.start, self.fine.prior
         _require_shadows(self.coarse, values)
         level = _evened(self.fine, values)
-        best = search_patches(level, values, self.steps, self.shift, visit, self.log.looked)
+        best = search_patches(level, values, self.steps, self.shift, visit, self.log.looked, wider)
         values, seen, level, end = best.values, best.seen, best.level, best.end
         if end.unphysical is not None:
             place = ", ".join(

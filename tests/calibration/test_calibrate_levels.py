@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration import calibrate_levels as search
-from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, calibrate_levels
+from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, WIDER, calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.evidence import Explanation
@@ -114,11 +114,35 @@ def held(monkeypatch):
     monkeypatch.setattr(search, "search_patches", search_patches)
 
 
+ALL = [0, *range(2, ATTEMPTS)]
+"""Attempts with places of their own, if none is believed: in the second one walks are wider."""
+
+
+@pytest.mark.usefixtures("doubted")
+def test_a_search_in_doubt_walks_wider_from_where_it_is(ends_of, monkeypatch):
+    """The wider walk leads to the truth; no other places are drawn."""
+    attempts, followed = ends_of([ERRING]), []
+    found = search.search_patches
+
+    def search_patches(level, start, *others):
+        *_, wider = others
+        best = found(level, start, *others)
+        followed.append((start, wider))
+        at = TRUTH if wider > 1 else ERRING + 0.01
+        return replace(best, values=at, seen=best.level.judged(at))
+
+    monkeypatch.setattr(search, "search_patches", search_patches)
+    assert calibrated(ERRING, [0.02, 0.02]).trusted
+    assert attempts == [0]
+    assert [wider for _, wider in followed] == [1, WIDER]
+    np.testing.assert_array_equal(followed[1][0], ERRING + 0.01)
+
+
 @pytest.mark.usefixtures("doubted", "held")
 def test_a_search_in_doubt_begins_anew_from_other_places(ends_of):
-    attempts = ends_of([ERRING], [TRUTH])
+    attempts = ends_of([ERRING], [], [TRUTH])
     found = calibrated(ERRING, [0.02, 0.02])
-    assert attempts == [0, 1] and found.trusted
+    assert attempts == [0, 2] and found.trusted  # after it has walked wider
     np.testing.assert_array_equal(list(found.values.values()), TRUTH)
 
 
@@ -162,7 +186,7 @@ def test_one_that_leaves_more_than_noise_begins_anew_too(ends_of, monkeypatch, s
     monkeypatch.setattr(Slat, "discrepancy", discrepancy)
     attempts = ends_of([TRUTH + 0.004], [TRUTH + 0.004])
     assert calibrated(ERRING, [0.02, 0.02]).trusted
-    assert attempts == (list(range(ATTEMPTS)) if structured else [0])
+    assert attempts == (ALL if structured else [0])
 
 
 @pytest.mark.usefixtures("doubted", "held")
@@ -177,8 +201,8 @@ def test_what_explains_hardly_more_is_not_followed_and_attempts_end(ends_of, end
     )
     attempts = ends_of([TRUTH + 0.03], ends)
     assert not calibrated(TRUTH + 0.04, [0.03, 0.03]).trusted
-    assert attempts == list(range(ATTEMPTS))
-    assert len(followed) == 1
+    assert attempts == ALL
+    assert len(followed) == 2  # once more, with wider walks
 
 
 @pytest.mark.usefixtures("doubted", "held")
@@ -191,9 +215,9 @@ def test_of_what_was_followed_the_best_is_kept_where_a_later_one_fails(ends_of, 
         return found(level, start, *others)
 
     monkeypatch.setattr(search, "search_patches", search_patches)
-    attempts = ends_of([TRUTH + 0.06], [TRUTH], [TRUTH + 0.012])
+    attempts = ends_of([TRUTH + 0.06], [], [TRUTH], [TRUTH + 0.012])
     values = list(calibrated(TRUTH + 0.07, [0.03, 0.03]).values.values())
-    assert attempts == list(range(ATTEMPTS))
+    assert attempts == ALL
     np.testing.assert_array_equal(values, TRUTH + 0.012)
 
 

@@ -53,13 +53,15 @@ def search_patches(
     shift: ImageShift,
     visit: Visit,
     looked: Callable[[], None],
+    wider: int = 1,
 ) -> Best:
     """Find the best parameters about a start, (P,): descend and walk by turns until neither gains.
 
     Where a walk stays, descents from the dips beside it try. Where a later descent is stopped by
     the border of the physical, what was found before is kept. All that descents reach, of those
     from dips beside too, is passed to `visit`; `looked` is called for each place that a walk
-    looks at. Steps are those of `descend`. A SceneError is raised if the start is not physical.
+    looks at, `wider` times as many as usual. Steps are those of `descend`. A SceneError says that
+    the start is not physical.
     """
     # A row or a column of patches has no place beside it.
     by_patch = shift.by_patch * (np.array(level.hidden_shape[::-1]) > 1)
@@ -69,7 +71,7 @@ def search_patches(
         moves, _ = undone(end.explanation, end.curvature, level.hidden_shape, ~shift.alone)
         if best is not None and end.unphysical is not None and best.end.unphysical is None:
             return best
-        found = walk(level, end, *here, np.hstack([moves, by_patch]), looked)
+        found = walk(level, end, *here, np.hstack([moves, by_patch]), looked, wider)
         best = Best(found.values, found.seen, level, end, found.alike)
         values = found.values
         if walked == WALKS:

@@ -93,6 +93,7 @@ def walk(
     seen: Explanation,
     patches: Array,
     looked: Callable[[], None] = lambda: None,
+    wider: int = 1,
 ) -> Walked:
     """Walk to the best dip about a descent's end that gains more than the `least_gain`.
 
@@ -111,6 +112,8 @@ def walk(
         `image_warp.undone` and `ImageShift.by_patch`.
     looked
         Called whenever a place was looked at.
+    wider
+        Times as many places as usual are looked at.
     """
 
     def look(at: Values) -> Looked | None:
@@ -125,7 +128,7 @@ def walk(
     if not moves.size:
         return Walked(values, seen, moves, ())
     lattice = PatchLattice(end.curvature, values, moves)
-    starts = _by_evidence(map(look, _places(level, lattice)))
+    starts = _by_evidence(map(look, _places(level, lattice, wider)))
     limit = seen.evidence + max(TELLING, level.prior.penalty(values) / BETWEEN_PATCHES)
     bottoms = _by_evidence(
         _bottom(level, look, end, lattice, at, seen.evidence, limit)
@@ -152,9 +155,9 @@ def walk(
     return Walked(values, seen, alike, beside)
 
 
-def _places(level: ResolutionLevel, lattice: PatchLattice) -> tuple[Values, ...]:
+def _places(level: ResolutionLevel, lattice: PatchLattice, wider: int) -> tuple[Values, ...]:
     """Return the places that a walk looks at; of one that is not physical, what of the way is."""
-    count = min(PLACES * lattice.moves.shape[1], MOST)
+    count = wider * min(PLACES * lattice.moves.shape[1], MOST)
     moves = lattice.favourites(count, OBJECTION) - lattice.values
     steps = [physical_step(level, lattice.values, move, move.__getitem__)[0] for move in moves]
     return _single([lattice.values + step for step in steps], lattice.values, lattice)

@@ -53,9 +53,9 @@ class Searched:
         del level, steps
         return end.values, f"seen by {end.curvature}"
 
-    def walk(self, level, end, values, seen, patches, looked):
+    def walk(self, level, end, values, seen, patches, looked, wider):
         del level, end
-        assert looked == "looked"
+        assert (looked, wider) == ("looked", 1)
         self.patches.append(patches)
         return Walked(values + self.walks.pop(0), seen, np.zeros((3, 0)), ())
 
@@ -164,8 +164,8 @@ class Beside:
         del steps
         return end.values, level.judged(end.values)
 
-    def walk(self, level, end, values, seen, patches, looked):
-        del level, end, patches, looked
+    def walk(self, level, end, values, seen, *others):
+        del level, end, others
         beside = tuple(dip for dip in self.dips if not np.array_equal(dip, values))
         return Walked(values, seen, np.zeros((3, 0)), beside)
 
@@ -187,8 +187,8 @@ def test_descents_from_dips_beside_end_with_the_last_round(monkeypatch):
     dips = np.arange(1.0, 30.0)
 
     class Ever(Beside):
-        def walk(self, level, end, values, seen, patches, looked):
-            del level, end, patches, looked
+        def walk(self, level, end, values, seen, *others):
+            del level, end, others
             return Walked(values, seen, np.zeros((3, 0)), (np.floor(values) + 1,))
 
     searched = Ever(monkeypatch, [], {float(dip): 100.0 * dip for dip in dips})

@@ -137,9 +137,9 @@ class Free(LeaningComb):
     def unphysical(self, _):
         return None
 
-    def walked(self, patches):
+    def walked(self, patches, **options):
         end = self.end(0.0, 0.0)
-        return walk(self, end, end.values, self.explain(end.values), np.array(patches))
+        return walk(self, end, end.values, self.explain(end.values), np.array(patches), **options)
 
 
 def told(found):
@@ -284,6 +284,14 @@ def test_no_more_places_are_looked_at_than_most_and_none_to_which_the_ruler_obje
         comb.explain = lambda at, looks=looks, explain=explain: (looks.append(at), explain(at))[1]
         comb.walked(1.001 * np.eye(2))
         assert 0 < len({tuple(np.rint(at)) for at in looks} - {(0.0, 0.0)}) <= most
+
+
+@pytest.mark.parametrize("wider", [1, 2])
+def test_a_wider_walk_looks_at_more_places(wider):
+    looks = []
+    comb = Free(lambda a, b: 500.0 * (a != 0 or b != 0))
+    comb.walked(1.001 * np.eye(2), looked=lambda: looks.append(1), wider=wider)
+    assert 2 * PLACES * wider <= len(looks) < 2 * PLACES * (wider + 1)
 
 
 @pytest.mark.parametrize(("noise", "place"), [(0.0, 1.0), (500.0, 0.0)])
