@@ -44,6 +44,9 @@ ATTEMPTS = 4
 WIDER = 4
 """Times as many places as usual that walks look at where the search may be wrong."""
 
+UNEVEN = 2.0
+"""Times that what is left varies more over the wall than noise does, from which it is no noise."""
+
 SHOWN = 100.0
 """Gain in evidence over a black monitor below which a photograph shows nothing of the scene."""
 
@@ -132,7 +135,9 @@ class _Found:
     @property
     def may_be_wrong(self) -> bool:
         """Whether it is in doubt, or leaves what is no noise, as a search in a wrong place does."""
-        return bool(self.doubts) or self.best.level.discrepancy > STRUCTURED
+        left = self.best.level
+        uneven = left.overdispersion > UNEVEN
+        return bool(self.doubts) or left.discrepancy > STRUCTURED or uneven
 
 
 @dataclass(frozen=True, eq=False)

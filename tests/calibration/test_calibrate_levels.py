@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration import calibrate_levels as search
-from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, WIDER, calibrate_levels
+from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, UNEVEN, WIDER, calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.evidence import Explanation
@@ -180,10 +180,20 @@ def test_one_that_is_believed_does_not_begin_anew(ends_of):
 
 
 @pytest.mark.usefixtures("held")
-@pytest.mark.parametrize("structured", [False, True])
-def test_one_that_leaves_more_than_noise_begins_anew_too(ends_of, monkeypatch, structured):
-    discrepancy = property(lambda _: STRUCTURED + 0.1 if structured else STRUCTURED)
-    monkeypatch.setattr(Slat, "discrepancy", discrepancy)
+@pytest.mark.parametrize(
+    ("name", "most", "structured"),
+    [
+        ("discrepancy", STRUCTURED, False),
+        ("discrepancy", STRUCTURED, True),
+        ("overdispersion", UNEVEN, False),
+        ("overdispersion", UNEVEN, True),
+    ],
+)
+def test_one_that_leaves_more_than_noise_begins_anew_too(
+    ends_of, monkeypatch, name, most, structured
+):
+    left = property(lambda _: most + 0.1 if structured else most, lambda *_: None)
+    monkeypatch.setattr(Slat, name, left)
     attempts = ends_of([TRUTH + 0.004], [TRUTH + 0.004])
     assert calibrated(ERRING, [0.02, 0.02]).trusted
     assert attempts == (ALL if structured else [0])
