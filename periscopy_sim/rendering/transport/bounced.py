@@ -43,7 +43,7 @@ at random, by which they are judged."""
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
 
-ROUNDS = 32
+ROUNDS = 96
 """Most rounds."""
 
 BLOCKS = 4

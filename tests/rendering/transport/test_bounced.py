@@ -181,6 +181,7 @@ def falls(source, front, points, normals):
 
 def test_a_board_lit_by_a_small_monitor_reflects_as_its_form_factors(room, monkeypatch):
     monkeypatch.setattr(bounced, "PATHS", 1 << 15)
+    monkeypatch.setattr(bounced, "ROUNDS", 32)
     half = 0.1
     seen = room.load(
         board(painted(0.7), x=0.9, y=0.4, size=half),
