@@ -49,10 +49,12 @@ BouncesOption = Annotated[
 
 def parse_bounces(text: str) -> int | None:
     """Read ``--bounces``: most reflections of a path, 1 of direct light, None of any number."""
+    from periscopy_sim.rendering.transport.bounced import MOST_BOUNCES
+
     named = {"direct": 1, "all": None}
     if text in named:
         return named[text]
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 10**6):
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MOST_BOUNCES):
         raise PeriscopyError(f"--bounces '{text}': give direct, all, or a whole number from 1 on")
     return int(text)
 

@@ -22,7 +22,7 @@ from periscopy_sim.scenario import Scenario
 Progress = Callable[[float], None]
 
 
-DIRECT_SHARE = 0.3
+DIRECT_SHARE = 0.1
 """Of the time that a matrix with bounced light takes, about, up to which direct light is done."""
 
 
