@@ -11,6 +11,7 @@ import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option, parse_definitions
+from periscopy_sim.cli.fitting import fit
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
 from periscopy_sim.cli.output import (
     Stopwatch,
@@ -27,7 +28,6 @@ from periscopy_sim.cli.transport_matrix import (
     BouncesOption,
     Model,
     ModelOption,
-    fit,
     parse_bounces,
 )
 from periscopy_sim.errors import PeriscopyError

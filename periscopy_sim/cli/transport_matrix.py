@@ -1,9 +1,8 @@
-"""The transport matrix that a command is asked for, its memory, and what is fitted to it."""
+"""The transport matrix that a command is asked for, and its memory."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,14 +12,13 @@ import numpy as np
 import typer
 
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn
+from periscopy_sim.cli.output import progress
 from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
-    from periscopy_sim.scenario import Array, Scenario
+    from periscopy_sim.scenario import Scenario
     from periscopy_sim.storage.transport_matrix import Transport
 
 TOLD_MEMORY = 2e9
@@ -49,14 +47,12 @@ BouncesOption = Annotated[
 
 def parse_bounces(text: str) -> int | None:
     """Read ``--bounces``: most reflections of a path, 1 of direct light, None of any number."""
-    from periscopy_sim.rendering.transport.bounced import MOST_BOUNCES
+    from periscopy_sim.rendering.transport.bounces import bounces_of_words
 
-    named = {"direct": 1, "all": None}
-    if text in named:
-        return named[text]
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MOST_BOUNCES):
-        raise PeriscopyError(f"--bounces '{text}': give direct, all, or a whole number from 1 on")
-    return int(text)
+    try:
+        return bounces_of_words(text)
+    except ValueError as error:
+        raise PeriscopyError(f"--bounces {error}") from None
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ class AskedTransport:
     @property
     def origin(self) -> dict[str, Any]:
         """What a summary tells of it."""
-        from periscopy_sim.storage.transport_matrix import bounces_in_words
+        from periscopy_sim.rendering.transport.bounces import bounces_in_words
 
         made = {"model": "file" if self.file else self.model.value, "transport": self.file}
         samples = None if self.file else self.samples
@@ -138,31 +134,3 @@ def check_memory(scenario: Scenario, method: str | None = None) -> None:
         )
     if needed > TOLD_MEMORY:
         print(f"periscopy: {told}", file=sys.stderr, flush=True)
-
-
-def fit(
-    method: str,
-    settings: Mapping[str, float],
-    scenario: Scenario,
-    used: NDArray[np.bool_] | None,
-    dark: Mapping[str, Array],
-    timed: Stopwatch,
-    asked: AskedTransport,
-    uncertain: UncertainTransport | None = None,
-) -> tuple[Any, NDArray[np.float32]]:
-    """Fit a method to a scene's B and A; return it and A, the channels' mean."""
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.evaluation.methods import fit_method
-    from periscopy_sim.rendering.transport.bounced_transport import channels_mean
-    from periscopy_sim.storage.transport_matrix import record_of
-
-    with timed("transport matrix"):
-        check_memory(scenario, method)
-        A = channels_mean(asked.matrix(scenario))
-    place = str(asked.file or f"scene '{scenario.path}'")
-    with timed("fit the method"), progress(f"fitting {method}"), fixable(place, dark):
-        B = point_light_backgrounds(scenario)
-        fitted = fit_method(method, scenario, A, B, used, dark, uncertain, **settings)
-    if asked.file is not None and not record_of(asked.file).is_file():
-        warn(f"{asked.file} has no JSON file beside it: it may be of another scene of this size")
-    return fitted, A

@@ -12,6 +12,7 @@ import typer
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli.fitting import fit
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
@@ -36,7 +37,6 @@ from periscopy_sim.cli.transport_matrix import (
     BouncesOption,
     Model,
     ModelOption,
-    fit,
     parse_bounces,
 )
 from periscopy_sim.errors import OutputError

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError, PhotographError
 from periscopy_sim.photographs.checking import check_real
-from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedLight
+from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
+from periscopy_sim.rendering.transport.bounces import DIRECT, bounces_in_words
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.table import format_of
@@ -43,11 +44,6 @@ def record_of(path: Path) -> Path:
 def bounced_of(path: Path) -> Path:
     """Return the name of the NPZ file beside a matrix, which it has where light bounces."""
     return path.with_suffix(".bounced.npz")
-
-
-def bounces_in_words(bounces: int | None) -> str:
-    """Return how records and commands name most reflections of a path: direct, all, or how many."""
-    return {DIRECT: "direct", None: "all"}.get(bounces, str(bounces))
 
 
 Write = Callable[[Transport, Mapping[str, Any]], None]

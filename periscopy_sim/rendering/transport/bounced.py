@@ -8,7 +8,6 @@ X_c of K rows.
 
 from __future__ import annotations
 
-import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,16 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, VariantError
+from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.transport.paths import make_tracer
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomials
 from periscopy_sim.scenario import Array, Scenario
-
-DIRECT = 1
-"""Reflections of light that goes from the monitor to the wall and to the camera."""
-
-MOST_BOUNCES = 10**6
 
 TARGET = 2e-4
 """Error of a white image's photograph by what has bounced, over the photograph: a fifth of a 60 dB
@@ -178,22 +173,6 @@ def render_bounced_light(
         of_patches.transpose(2, 0, 1).astype(np.float32),
         error,
     )
-
-
-def check_bounces(bounces: int | None) -> int | None:
-    """Return the number of reflections, or None for any; a ValueError says that it is none."""
-    if bounces is None:
-        return None
-    try:
-        count = operator.index(bounces)
-    except TypeError:
-        count = 0
-    if isinstance(bounces, bool) or not DIRECT <= count <= MOST_BOUNCES:
-        raise ValueError(
-            f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, "
-            f"to {MOST_BOUNCES}, or None for any number"
-        )
-    return count
 
 
 def require_paths() -> None:

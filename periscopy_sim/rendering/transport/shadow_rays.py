@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import DIRECT, check_bounces, require_paths
+from periscopy_sim.rendering.transport.bounced import require_paths
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
+from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.rendering.transport.row_blocks import LANES, RenderedTransport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
