@@ -22,8 +22,9 @@ from periscopy_sim.calibration.explanation.resolution_level import (
     ResolutionLevel,
     fitted,
 )
-from periscopy_sim.calibration.prior import Free, Prior, free_parameters, start_values
+from periscopy_sim.calibration.prior import Free, Prior, free_parameters
 from periscopy_sim.calibration.result import Calibration
+from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
 from periscopy_sim.photographs.checking import check_photograph
@@ -131,7 +132,7 @@ def calibrate(
     errors = free_parameters(path, free, given, uncertain)
     first = load_scenario(path, hidden, given)
     names = tuple(errors)
-    start = start_values(path, names, given)
+    start = ruled_values(path, names, given)
     prior = Prior(start, np.array(list(errors.values())))
     held = uncertain_parameters(path, names, given, uncertain)
     if not is_vectorized():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -23,10 +22,11 @@ from periscopy_sim.calibration.progress import Progress
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search.fisher_information import block_scores
 from periscopy_sim.calibration.search.global_search import explore
-from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.search.image_shift import ImageShift, between_patches
 from periscopy_sim.calibration.search.patch_search import ITERATIONS, Best, search_patches
 from periscopy_sim.calibration.search.patch_walk import TELLING
 from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
+from periscopy_sim.calibration.search.telling import least_gain
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError
 from periscopy_sim.scenario import Array
@@ -43,6 +43,9 @@ ATTEMPTS = 4
 
 WIDER = 4
 """Times as many places as usual that walks look at where the search may be wrong."""
+
+SAME = 0.01
+"""Of a parameter's step: ends of descents that are nearer than that are one."""
 
 UNEVEN = 2.0
 """Times that what is left varies more over the wall than noise does, from which it is no noise."""
@@ -161,37 +164,72 @@ class _Search:
         return self.followed(values, self.log.at(self.fine))
 
     def from_ruler(self) -> _Found:
-        """Return what is found about the ruler's word; where that may be wrong, begin anew.
+        """Return what is found about the ruler's word; where that may be wrong, search on.
 
         That is while it is in doubt, or what it leaves is no noise. Then another coarse descent's
         end is followed that explains more; if there is none, the last walk is gone wider, and then
-        descents from other places are looked at. Of what was followed, that is returned which
-        explains most.
+        descents from other places are looked at. Of what was followed, the `better` is returned.
+
+        What makes the search from one end fail makes it go on from the next; if all fail, what the
+        first one failed by is raised.
         """
         coarse = _evened(self.coarse, self.start).comparable(self.start)
         ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
         fine = _evened(self.fine, self.start).comparable(self.start)
         visit = self.log.at(self.fine)
-        found = self.followed(min([self.start, *ends], key=fine.judgement), visit)
+        begun: list[Values] = []
+        failed: list[PeriscopyError] = []
+
+        def follow(values: Values, wider: int = 1) -> _Found | None:
+            begun.append(values)
+            try:
+                return self.followed(values, visit, wider)
+            except (SceneError, PhotographError) as error:
+                failed.append(error)
+                return None
+
+        starts = sorted([self.start, *ends], key=fine.judgement)
+        found = next(filter(None, map(follow, starts)), None)
+        if found is None:
+            raise failed[0]
         widened = False
         for attempt in range(1, ATTEMPTS):
             if not found.may_be_wrong:
                 break
             least = coarse.judgement(found.best.values) - TELLING
+            ends = self.fresh(ends, begun)
             if widened and not any(coarse.judgement(end) < least for end in ends):
-                ends = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
-            better = min(ends, key=coarse.judgement, default=self.start)
-            if coarse.judgement(better) < least:
-                begin, wider = better, 1
-                ends = [end for end in ends if end is not better]
+                drawn = ends_from_ruler(coarse, self.start, self.steps, self.log.again(), attempt)
+                ends = self.fresh(drawn, begun)
+            best = min(ends, key=coarse.judgement, default=None)
+            if best is not None and coarse.judgement(best) < least:
+                other = follow(best)
             elif not widened:
-                begin, wider, widened = found.best.values, WIDER, True
+                widened, other = True, follow(found.best.values, WIDER)
             else:
                 continue
-            with suppress(SceneError):
-                other = self.followed(begin, visit, wider)
-                found = min(found, other, key=lambda each: fine.judgement(each.values))
+            found = self.better(fine, found, other) if other else found
         return found
+
+    def fresh(self, ends: Sequence[Values], begun: Sequence[Values]) -> list[Values]:
+        """Return the ends, (P,) each, from which no search has begun."""
+        near = SAME * self.steps
+        return [end for end in ends if all((np.abs(end - at) > near).any() for at in begun)]
+
+    def better(self, fine: ResolutionLevel, found: _Found, other: _Found) -> _Found:
+        """Return the one of two that photograph and ruler favour, see `between_patches`.
+
+        Where chance may make that difference, it is the one that is believed, if one is.
+        """
+        gain = between_patches(fine, found.values, fine.judged(found.values)) - between_patches(
+            fine, other.values, fine.judged(other.values)
+        )
+        if bool(found.doubts) != bool(other.doubts):
+            level, about = found.best.level, found.best.end.curvature
+            here, there = ((each.values, level.explain(each.values)) for each in (found, other))
+            if abs(gain) <= least_gain(level, about, here, there):
+                return other if found.doubts else found
+        return other if gain > 0 else found
 
     def followed(self, values: Values, visit: Visit, wider: int = 1) -> _Found:
         """Return what the fine level finds from some values, and whether to believe it.
@@ -248,7 +286,8 @@ def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
 def _require_shadows(level: ResolutionLevel, values: Values) -> None:
     """Check that something of the scene is seen at some values; else raise a PhotographError."""
     seen = level.explain(values)
-    if not seen.darkness - seen.evidence >= SHOWN:  # nor where nothing is a number
+    likelihood = seen.evidence - level.prior.penalty(values)
+    if not seen.darkness - likelihood >= SHOWN:  # nor where nothing is a number
         raise PhotographError(
             "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
             "can be learned from it"

@@ -114,9 +114,11 @@ def free_parameters(
     an infinite one. If `free` is None, all are free whose error the scene declares, but for those
     in `held` and those of an error of 0. A SceneError says that an error is not positive.
     """
-    declared = {name: e for name, e in declared_errors(path, given).items() if e > 0}
+    declared = declared_errors(path, given)
     if free is None:
-        return {name: error for name, error in declared.items() if name not in held}
+        return {name: e for name, e in declared.items() if e > 0 and name not in held}
+    if isinstance(free, str):
+        raise SceneError(f"free is the text '{free}'; give a list of names, such as ['{free}']")
     named = free if isinstance(free, Mapping) else dict.fromkeys(free)
     if len(named) < len(free):
         raise SceneError(

@@ -87,7 +87,7 @@ class Calibration:
         (P, U) how far each free parameter would have ended elsewhere, had an uncertain one been a
         standard error more.
     correlation
-        (P, P) of the free parameters' standard errors; 0 with one that only the ruler knows.
+        (P, P) of the free parameters' standard errors.
     path
         What was visited, coarse to fine.
     noise_before, noise

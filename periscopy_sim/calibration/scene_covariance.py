@@ -1,10 +1,11 @@
 """How well a calibration knows the parameters of the scene that it wrote, carried in that scene.
 
 A ``<default>`` that nothing refers to, and Mitsuba passes over, tells the parameters, their
-standard errors and the correlations of these, each with itself and those before it:
+where the ruler has them, standard errors and the correlations of these, each with itself and those
+before it:
 
     <default name="calibrated_covariance"
-             value="trusted; dx = 0.0012 +- 0.0004: 1; turn = -0.8 +- 0.5: 0.31 1"/>
+             value="trusted; dx = 0.0012 from 0 +- 0.0004: 1; turn = -0.8 from -1 +- 0.5: 0.31 1"/>
 
 The ruler's errors stay where they are: a second calibration starts from the ruler's word again, not
 from what the same photograph has said already.
@@ -13,13 +14,14 @@ from what the same photograph has said already.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
@@ -33,17 +35,21 @@ MARKS = {True: "trusted", False: "not trusted"}
 SAME = 1e-6
 """Of a parameter's standard error, or of its size: what is nearer is the value as written."""
 
-_ENTRY = re.compile(r"\s*(\S+)\s*=\s*(\S+)\s*\+-\s*(\S+)\s*:\s*(.*)")
+_ENTRY = re.compile(r"\s*(\S+)\s*=\s*(\S+)\s*(?:from\s+(\S+)\s*)?\+-\s*(\S+)\s*:\s*(.*)")
 
 
 @dataclass(frozen=True, eq=False)
 class SceneCovariance:
-    """Parameters of a scene, (P,), as a calibration left them, and their covariance, (P, P)."""
+    """Parameters of a scene, (P,), as a calibration left them, and their covariance, (P, P).
+
+    `ruled` is where the ruler has them: where the calibration began.
+    """
 
     names: tuple[str, ...]
     values: Array
     covariance: Array
     trusted: bool
+    ruled: Array
 
     @classmethod
     def of(cls, found: Calibration) -> SceneCovariance:
@@ -60,6 +66,7 @@ class SceneCovariance:
             np.array([*found.values.values(), *held.values]),
             joint,
             found.trusted,
+            np.array([*(p.start for p in found.parameters), *held.values]),
         )
 
     @property
@@ -90,7 +97,8 @@ class SceneCovariance:
         entries = [MARKS[self.trusted]]
         for k, name in enumerate(self.names):
             row = " ".join(f"{each:.6g}" for each in correlation[k, :k])
-            entries.append(f"{name} = {self.values[k]:.9g} +- {errors[k]:.6g}: {row} 1")
+            where = f"{self.values[k]:.9g} from {self.ruled[k]:.9g}"
+            entries.append(f"{name} = {where} +- {errors[k]:.6g}: {row} 1")
         return "; ".join(re.sub(" +", " ", entry) for entry in entries)
 
 
@@ -108,7 +116,8 @@ def scene_covariance(path: Path) -> SceneCovariance | None:
         matches = [_ENTRY.fullmatch(entry) for entry in entries]
         parts = [match.groups() for match in matches if match is not None]
         rows = [np.array(row.split(), np.float64) for *_, row in parts]
-        numbers = np.array([(float(value), float(error)) for _, value, error, _ in parts])
+        told = [(value, error, ruled or value) for _, value, ruled, error, _ in parts]
+        numbers = np.array(told, np.float64)
         sizes = [len(row) for row in rows]
         right = len(parts) == len(entries) > 0 and sizes == list(range(1, len(rows) + 1))
         if not (right and np.isfinite(numbers).all() and (numbers[:, 1] > 0).all()):
@@ -124,7 +133,23 @@ def scene_covariance(path: Path) -> SceneCovariance | None:
     correlation = lower + np.tril(lower, -1).T
     covariance = correlation * np.outer(numbers[:, 1], numbers[:, 1])
     names = tuple(name for name, *_ in parts)
-    return SceneCovariance(names, numbers[:, 0], covariance, trusted)
+    return SceneCovariance(names, numbers[:, 0], covariance, trusted, numbers[:, 2])
+
+
+def ruled_values(path: Path, names: Sequence[str], given: Mapping[str, str]) -> Array:
+    """Return where the ruler has some parameters of a scene, (P,), as `start_values` refuses them.
+
+    That is as given, else where the calibration began that left them as they are, or as they are.
+    """
+    values = start_values(path, names, given)
+    known = scene_covariance(path)
+    if known is not None:
+        left = set(known.names) - {*given, *known.changed(path, {})}
+        ruled = dict(zip(known.names, known.ruled, strict=True))
+        values = np.array(
+            [ruled[n] if n in left else v for n, v in zip(names, values, strict=True)]
+        )
+    return values
 
 
 def is_calibrated(scenario: Scenario) -> bool:

@@ -14,7 +14,7 @@ from periscopy_sim.calibration.explanation.resolution_level import ResolutionLev
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.image_shift import ImageShift
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import PhotographError, SceneError
 from tests.calibration.conftest import HIDDEN, LIGHT, TRUTH, SlatLevel
 
 ERRING = TRUTH + np.array([0.02, -0.015])
@@ -229,6 +229,109 @@ def test_of_what_was_followed_the_best_is_kept_where_a_later_one_fails(ends_of, 
     values = list(calibrated(TRUTH + 0.07, [0.03, 0.03]).values.values())
     assert attempts == ALL
     np.testing.assert_array_equal(values, TRUTH + 0.012)
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Have the search fail from where is said, by the error that is said; give what was begun."""
+    found, begun = search.search_patches, []
+
+    def fail_from(errors):
+        def search_patches(level, start, *others):
+            begun.append(start)
+            for at, error in errors:
+                if np.array_equal(start, at):
+                    raise error
+            return found(level, start, *others)
+
+        monkeypatch.setattr(search, "search_patches", search_patches)
+        return begun
+
+    return fail_from
+
+
+def test_where_the_best_end_leads_out_of_the_physical_the_next_one_is_followed(ends_of, failing):
+    ends_of([TRUTH, TRUTH + 0.004])
+    begun = failing([(TRUTH, SceneError("it left the physical"))])
+    assert calibrated(ERRING, [0.02, 0.02]).trusted
+    np.testing.assert_array_equal(begun, [TRUTH, TRUTH + 0.004])
+
+
+def test_where_all_lead_out_of_it_the_best_ones_error_is_raised(ends_of, failing):
+    ends_of([TRUTH + 0.004])
+    failing([(TRUTH + 0.004, SceneError("by the end")), (ERRING, SceneError("by the ruler"))])
+    with pytest.raises(SceneError, match="by the end"):
+        calibrated(ERRING, [0.02, 0.02])
+
+
+@pytest.mark.usefixtures("doubted", "held")
+def test_a_later_search_that_sees_no_shadows_costs_nothing_of_what_was_found(ends_of, failing):
+    ends_of([TRUTH + 0.012], [], [TRUTH])
+    begun = failing([(TRUTH, PhotographError("it shows no shadows"))])
+    values = list(calibrated(TRUTH + 0.07, [0.03, 0.03]).values.values())
+    assert any(np.array_equal(at, TRUTH) for at in begun)
+    np.testing.assert_array_equal(values, TRUTH + 0.012)
+
+
+@pytest.mark.usefixtures("doubted")
+def test_no_search_begins_twice_from_one_end(ends_of, monkeypatch):
+    """All end far from it, so that the coarse level would have it again."""
+    at = TRUTH + 0.015
+    attempts, begun = ends_of([at, at + 1e-6], [at - 1e-6]), []
+    found = search.search_patches
+
+    def search_patches(level, start, *others):
+        begun.append(start)
+        best = found(level, start, *others)
+        away = TRUTH + 0.06
+        return replace(best, values=away, seen=best.level.judged(away))
+
+    monkeypatch.setattr(search, "search_patches", search_patches)
+    assert not calibrated(TRUTH + 0.07, [0.03, 0.03]).trusted
+    np.testing.assert_array_equal(begun, [at, TRUTH + 0.06])  # once more, with wider walks
+    assert attempts == ALL
+
+
+@pytest.mark.usefixtures("held")
+@pytest.mark.parametrize("first", ["believed", "doubted"])
+def test_what_chance_may_favour_is_not_taken_for_what_is_believed(ends_of, monkeypatch, first):
+    """Both are within a told error of the truth, whichever explains more."""
+    places = TRUTH + 4e-4, TRUTH
+    believed = places[0] if first == "believed" else places[1]
+
+    def doubts(_, values, *__):
+        return () if np.array_equal(values, believed) else ("it is elsewhere",)
+
+    monkeypatch.setattr(search, "doubts", doubts)
+    monkeypatch.setattr(Slat, "discrepancy", property(lambda _: STRUCTURED + 0.1, lambda *_: None))
+    monkeypatch.setattr(search, "TELLING", -1e6)
+    ends_of([places[0]], [], [places[1]])
+    found = calibrated(ERRING, [0.02, 0.02])
+    assert found.trusted
+    np.testing.assert_array_equal(list(found.values.values()), believed)
+
+
+@pytest.mark.usefixtures("held")
+def test_what_explains_far_more_is_taken_though_it_is_in_doubt(ends_of, monkeypatch):
+    """Else a wrong place would be believed for ever."""
+    wrong = TRUTH + 0.012
+
+    def doubts(_, values, *__):
+        return () if np.array_equal(values, wrong) else ("it is elsewhere",)
+
+    monkeypatch.setattr(search, "doubts", doubts)
+    monkeypatch.setattr(Slat, "discrepancy", property(lambda _: STRUCTURED + 0.1, lambda *_: None))
+    ends_of([wrong], [], [TRUTH])
+    found = calibrated(TRUTH + 0.07, [0.03, 0.03])
+    np.testing.assert_array_equal(list(found.values.values()), TRUTH)
+    assert not found.trusted
+
+
+def test_shadows_are_seen_however_far_from_the_rulers_word():
+    """What the ruler objects is no want of shadows."""
+    level = Slat(TRUTH + 0.05, [1e-4, 1e-4])
+    assert level.prior.penalty(TRUTH) > 4e5
+    search._require_shadows(level, TRUTH)
 
 
 @pytest.mark.parametrize("is_mirrored", [False, True])

@@ -68,9 +68,12 @@ def test_what_the_scene_declares_an_error_of_is_free(tmp_path):
 def test_named_parameters_have_their_error_or_the_scenes_or_none(tmp_path):
     path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2))
     assert free_parameters(path, ["dz", "dx"], {}) == {"dz": np.inf, "dx": 0.01}
-    named = {"dz": 0.2, "dx": None, "dy": None}
-    assert free_parameters(path, named, {}) == {"dz": 0.2, "dx": 0.01, "dy": np.inf}
+    assert free_parameters(path, {"dz": 0.2, "dx": None}, {}) == {"dz": 0.2, "dx": 0.01}
     assert free_parameters(path, {"dx": np.inf}, {}) == {"dx": np.inf}
+    with pytest.raises(SceneError, match="ruler's error 0 of 'dy': give a positive number"):
+        free_parameters(path, ["dy"], {})  # which stays
+    with pytest.raises(SceneError, match="free is the text 'dx'; give a list"):
+        free_parameters(path, "dx", {})
 
 
 @pytest.mark.parametrize(

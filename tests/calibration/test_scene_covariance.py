@@ -1,5 +1,6 @@
 """What a scene carries of its calibration, and what is refused of it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,13 @@ import pytest
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
+from periscopy_sim.calibration.scene_covariance import (
+    SceneCovariance,
+    ruled_values,
+    scene_covariance,
+)
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED
 from periscopy_sim.shipped import find_scene
@@ -20,6 +26,7 @@ KNOWN = SceneCovariance(
     np.array([0.0012, -0.003, 0.8]),
     ROOT @ ROOT.T,
     trusted=True,
+    ruled=np.array([0.0, 0.001, 1.5]),
 )
 
 
@@ -38,8 +45,28 @@ def test_a_scene_carries_what_was_written(tmp_path, trusted):
         found = scene_covariance(path)
         assert (found.names, found.trusted) == (KNOWN.names, trusted)
         np.testing.assert_allclose(found.values, KNOWN.values, rtol=1e-8)
+        np.testing.assert_allclose(found.ruled, KNOWN.ruled, rtol=1e-8)
         np.testing.assert_allclose(found.covariance, KNOWN.covariance, rtol=1e-4)
     assert scene_covariance(find_scene("chair")) is None
+
+
+def test_a_second_calibration_begins_where_the_ruler_has_the_numbers(tmp_path):
+    """But for those that are given, or that were changed by hand since."""
+    values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
+    scene = carrying(tmp_path, KNOWN.text(), **{**values, "monitor_turn": "0.9"})
+    names = ["occluder_dz", "monitor_turn", "occluder_dx", "occluder_dy"]
+    np.testing.assert_allclose(
+        ruled_values(scene, names, {"occluder_dx": "0.0012"}), [0.001, 0.9, 0.0012, 0]
+    )
+    chair = find_scene("chair")
+    np.testing.assert_array_equal(ruled_values(chair, names, {}), start_values(chair, names, {}))
+
+
+def test_a_text_that_tells_nothing_of_the_ruler_leaves_numbers_as_they_are(tmp_path):
+    text = re.sub(r" from \S+", "", KNOWN.text())
+    values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
+    scene = carrying(tmp_path, text, **values)
+    np.testing.assert_allclose(ruled_values(scene, KNOWN.names, {}), KNOWN.values)
 
 
 def test_directions_are_a_root_of_the_covariance_without_those_of_no_variance():

@@ -93,12 +93,18 @@ def test_scalar_variants_are_refused(chair, monkeypatch):
 
 def test_a_calibrated_scene_is_held_and_loses_what_nobody_sees(chair):
     known = SceneCovariance(
-        ("occluder_dx", "resolution"), np.array([0.0, 24.0]), np.diag([1e-6, 1.0]), trusted=True
+        ("occluder_dx", "resolution"),
+        np.array([0.0, 24.0]),
+        np.diag([1e-6, 1.0]),
+        trusted=True,
+        ruled=np.zeros(2),
     )
     found = calibrated_transport(chair, known, samples=4)
     assert found.held and found.changes.shape == (1, 1, *chair.transport_shape)
     np.testing.assert_allclose(found.standard_errors, [1e-3, 0], atol=1e-12)
-    unseen = SceneCovariance(("resolution",), np.array([24.0]), np.eye(1), trusted=True)
+    unseen = SceneCovariance(
+        ("resolution",), np.array([24.0]), np.eye(1), trusted=True, ruled=np.zeros(1)
+    )
     assert calibrated_transport(chair, unseen, samples=4) is None
 
 

@@ -83,9 +83,8 @@ class Explanation:
     @property
     def left(self) -> float:
         """Part of y⊥, root mean square, that is left unexplained."""
-        return float(
-            np.linalg.norm(self.residuals) / np.linalg.norm(self.residuals + self.fit.light)
-        )
+        photograph = self.fit.residuals + self.fit.light  # without a gain's part
+        return float(np.linalg.norm(self.residuals) / np.linalg.norm(photograph))
 
     @property
     def darker_than_black(self) -> float:

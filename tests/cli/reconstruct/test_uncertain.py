@@ -21,6 +21,7 @@ KNOWN = SceneCovariance(
     np.array([0.002, 0.0]),
     np.array([[4e-6, 1e-6], [1e-6, 4e-6]]),
     trusted=True,
+    ruled=np.zeros(2),
 )
 
 
@@ -106,7 +107,9 @@ def test_what_is_set_otherwise_is_not_as_it_was_calibrated(run, photo, calibrate
 
 
 def test_a_calibration_that_is_not_trusted_is_told(run, photo, calibrated):
-    known = SceneCovariance(KNOWN.names, KNOWN.values, KNOWN.covariance, trusted=False)
+    known = SceneCovariance(
+        KNOWN.names, KNOWN.values, KNOWN.covariance, trusted=False, ruled=KNOWN.ruled
+    )
     _, _, summary, outcome = run(photo, *calibrated(known))
     assert "its calibration is not to be trusted" in outcome.err
     assert summary["uncertain"]["held"]
