@@ -140,7 +140,8 @@ def calibrate(
     y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
     if hidden_part(first) < LEAST:
         raise SceneError(
-            f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: correct it"
+            f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: add an "
+            "occluder, or move those there are"
         )
     in_front = InFront(first)
     resolutions = [*LEVELS[:-1], finest(samples)]

@@ -57,8 +57,8 @@ def scales_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, V
             scale = (spread * STEP / reached if reached else np.inf) if np.isnan(scale) else scale
         elif np.isnan(spread):
             raise SceneError(
-                f"scene '{level.path}': '{name}' cannot be moved from {start[k]:g}; leave it out "
-                "of --free, or start it elsewhere by -D"
+                f"scene '{level.path}': '{name}' cannot be moved from {start[k]:g}, where no value "
+                "beside it makes a scene; leave it out of --free, or start it elsewhere by -D"
             )
         elif reached == 0:
             raise SceneError(

@@ -67,6 +67,11 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> A
             f"{known}"
         )
     for name in free:
+        if name in document.errors:
+            raise SceneError(
+                f"'{name}' is how well the ruler knows '{document.errors[name]}', which scene "
+                f"'{path}' declares; free that one"
+            )
         if name not in declared:
             raise undeclared(path, name, declared)
         if name not in numbers:

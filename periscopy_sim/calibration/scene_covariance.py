@@ -7,6 +7,7 @@ before it:
     <default name="calibrated_covariance"
              value="trusted; dx = 0.0012 from 0 +- 0.0004: 1; turn = -0.8 from -1 +- 0.5: 0.31 1"/>
 
+Of a silhouette that is not to be trusted there is the first word alone.
 The ruler's errors stay where they are: a second calibration starts from the ruler's word again, not
 from what the same photograph has said already.
 """
@@ -117,12 +118,14 @@ def scene_covariance(path: Path) -> SceneCovariance | None:
         parts = [match.groups() for match in matches if match is not None]
         rows = [np.array(row.split(), np.float64) for *_, row in parts]
         told = [(value, error, ruled or value) for _, value, ruled, error, _ in parts]
-        numbers = np.array(told, np.float64)
+        numbers = np.array(told, np.float64).reshape(-1, 3)
         sizes = [len(row) for row in rows]
-        right = len(parts) == len(entries) > 0 and sizes == list(range(1, len(rows) + 1))
+        right = len(parts) == len(entries) and sizes == list(range(1, len(rows) + 1))
+        right = right and (len(parts) > 0 or not trusted)
         if not (right and np.isfinite(numbers).all() and (numbers[:, 1] > 0).all()):
             raise ValueError
         lower = np.array([np.pad(row, (0, len(rows) - len(row))) for row in rows])
+        lower = lower.reshape(len(rows), len(rows))
         if not (np.abs(lower) <= 1).all() or (np.diag(lower) != 1).any():
             raise ValueError
     except (KeyError, ValueError):
@@ -158,7 +161,11 @@ def is_calibrated(scenario: Scenario) -> bool:
         known = scene_covariance(scenario.path)
     except SceneError:
         return False
-    return known is not None and not known.changed(scenario.path, scenario.parameters)
+    return (
+        known is not None
+        and len(known.names) > 0
+        and not known.changed(scenario.path, scenario.parameters)
+    )
 
 
 def _is(text: str, value: float, tolerance: float) -> bool:

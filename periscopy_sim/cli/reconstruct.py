@@ -219,6 +219,10 @@ def _uncertain_transport(
     known = scene_covariance(scenario.path) if asked is None and able else None
     if known is None:
         return None, []
+    if not known.names:
+        distrust = f"{scene}: its silhouette is not to be trusted, so neither is the image"
+        warn(distrust)
+        return None, [distrust]
     warnings, carried = [], None
     changed = known.changed(scenario.path, scenario.parameters)
     if changed:
@@ -334,7 +338,13 @@ def _write_told(
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if told.standard_errors is not None:
         np.save(folder / "standard_error.npy", told.standard_errors.astype(np.float32))
-        panels.draw_certainty(folder / "certainty.png", image, told.standard_errors, text)
+        panels.draw_certainty(
+            folder / "certainty.png",
+            image,
+            told.standard_errors,
+            told.numbers.get("standard_errors_assume", ""),
+            text,
+        )
 
 
 def _compare(

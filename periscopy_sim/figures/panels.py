@@ -124,16 +124,18 @@ def draw_maps(
 
 
 def draw_certainty(
-    path: Path, image: Image, standard_errors: Image, metadata: Mapping[str, str] | None = None
+    path: Path,
+    image: Image,
+    standard_errors: Image,
+    assumed: str = "",
+    metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a reconstruction beside the standard errors of its patches, and what they assume.
+    """Draw a reconstruction beside the standard errors of its patches, and what is assumed there.
 
     Both are (R, C, 3) in one unit; the errors are shown as the root mean square over the channels,
     in percent of the image's 99th percentile.
     """
     from matplotlib.figure import Figure
-
-    from periscopy_sim.reconstruction.noise_aware.uncertainty import ASSUMPTIONS
 
     white = float(np.percentile(image, 99)) or 1.0
     errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
@@ -146,10 +148,9 @@ def draw_certainty(
     shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
-    sentences = (
-        "Right: how far each patch may be off (one standard deviation), by noise and smoothing.",
-        f"Standard errors assume that {ASSUMPTIONS}.",
-    )
+    sentences = ["Right: how far each patch may be off (one standard deviation)."]
+    if assumed:
+        sentences.append(f"It is assumed that {assumed}.")
     figure.supxlabel(
         "\n".join(fill(sentence, int(16 * width)) for sentence in sentences), fontsize=7.5
     )

@@ -135,7 +135,8 @@ def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None
         remedy = f"average {k} x {k} blocks first, by `periscopy prepare`"
     else:
         remedy = (
-            "bring it to that size by `periscopy prepare`, or change the film size in the scene"
+            "bring it to that size by `periscopy prepare`, or change the film size in the scene "
+            "(of shipped ones by -D resolution=N)"
         )
     raise PhotographError(
         f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the scene's camera has "

@@ -37,7 +37,7 @@ def shadow_doubt(scenario: Scenario) -> str:
     if not survey.solids:
         return (
             "nothing stands between the monitor and the wall: without shadows the photograph "
-            "hardly tells the image; add an occluder to the scene"
+            "hardly tells the image"
         )
     told = [f"'{solid.name}' {_where(solid, scenario)}" for solid in survey.solids[:NAMED]]
     more = len(survey.solids) - len(told)

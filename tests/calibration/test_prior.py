@@ -76,6 +76,12 @@ def test_named_parameters_have_their_error_or_the_scenes_or_none(tmp_path):
         free_parameters(path, "dx", {})
 
 
+def test_an_error_is_no_parameter(tmp_path):
+    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01))
+    with pytest.raises(SceneError, match="'dx_error' is how well the ruler knows 'dx'"):
+        start_values(path, ["dx_error"], {})
+
+
 @pytest.mark.parametrize(
     ("defaults", "given", "message"),
     [

@@ -313,7 +313,7 @@ def test_certainty_shows_the_errors_in_percent_and_what_they_assume(monkeypatch,
     image = np.full((*shape, 3), 4.0)
     errors = np.zeros((*shape, 3))
     errors[2, 3] = (0.1, 0.2, 0.2)
-    draw_certainty(tmp_path / "certainty.png", image, errors)
+    draw_certainty(tmp_path / "certainty.png", image, errors, "the scene is right")
     (figure,) = drawn
     left, right, bar = figure.axes
     assert (left.get_title(), right.get_title()) == ("reconstruction", "standard error")
@@ -322,6 +322,6 @@ def test_certainty_shows_the_errors_in_percent_and_what_they_assume(monkeypatch,
     assert bar.get_ylabel() == "% of white"
     caption = " ".join(figure.get_supxlabel().split())
     assert "how far each patch may be off" in caption
-    assert "assume that the scene is right" in caption
+    assert "assumed that the scene is right." in caption
     _, pixels = read(tmp_path / "certainty.png")
     assert pixels[:, :2].min() == pixels[:, -2:].min() == 255  # nothing is cut off

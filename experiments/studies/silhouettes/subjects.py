@@ -322,10 +322,10 @@ def _boxed(
         "occluder_dz": "0.078",
     }
     parts = (occluder.name for occluder in ps.load_scenario(shipped, (1, 1)).occluders)
-    left_out = [name for name in parts if name != "chair_seat"]
+    left_out = [part for part in parts if part != "chair_seat"]
     _write(searched, with_mesh(shipped, left_out[0], None, box, searched.parent))
-    for name in left_out[1:]:
-        _write(searched, with_mesh(searched, name, None, {}, searched.parent))
+    for part in left_out[1:]:
+        _write(searched, with_mesh(searched, part, None, {}, searched.parent))
     cells = (21, 8)  # of 32 x 12 the real photograph tells too few
     known, true = (ps.load_scenario(path, PUBLISHED) for path in (searched, shipped))
     return Subject(

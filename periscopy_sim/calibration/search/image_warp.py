@@ -74,14 +74,16 @@ def undone(
         follows by whole patches along it, and of the easiest mixtures those that are none of these.
     """
     fields = displacements(hidden_shape)
+    nothing = np.zeros((len(free), 0)), np.zeros((len(fields), 0))
+    if not len(fields) or not free.any():  # of a lone patch there is none
+        return nothing
     light = np.array(
         [
             explanation.shown((warped(explanation.images, d) - warped(explanation.images, -d)) / 2)
             for d in fields
         ]
     ).reshape(len(fields), -1)
-    nothing = np.zeros((len(free), 0)), np.zeros((len(fields), 0))
-    if not light.any() or not free.any():
+    if not light.any():
         return nothing
     moved = about.jacobian.moved.mean(axis=0)[free].reshape(free.sum(), -1)
     normal = moved @ moved.T + np.diag(about.prior.precision[free])

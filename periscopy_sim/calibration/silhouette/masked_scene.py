@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.calibration.silhouette.cells.cell_mesh import cell_mesh
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import CALIBRATED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, write_ply
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -30,6 +32,7 @@ def write_masked_scene(
 
     The mesh is written in the shape's own coordinates, so that the parameters that move the shape
     move it. In the scene its file is called `mesh_name`, which it has once both are in their place.
+    If the silhouette is not to be trusted, the scene carries that, see `SceneCovariance`.
 
     Raises
     ------
@@ -41,8 +44,11 @@ def write_masked_scene(
     vertices = whole.vertices @ to_local[:3, :3].T + to_local[:3, 3]
     write_ply(mesh, TriangleMesh(vertices, whole.faces))
 
+    doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
+    told = {**values, **({CALIBRATED: doubted.text()} if found.doubts else {})}
+
     def write(name: str) -> None:
-        text = with_mesh(path, found.name, name, values, copy.parent, remark)
+        text = with_mesh(path, found.name, name, told, copy.parent, remark)
         copy.write_text(text, encoding="utf-8")
 
     write(mesh.name)

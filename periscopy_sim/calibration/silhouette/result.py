@@ -91,7 +91,7 @@ class Silhouette:
             doubts.append(
                 f"what the mask leaves unexplained is {self.overdispersion:.0f} times stronger "
                 "than noise at some scale: the occluder is not flat, or finer than the cells, or "
-                "the scene is wrong elsewhere"
+                "the patches are larger than the image's details, or the scene is wrong elsewhere"
             )
         elif self.between > BETWEEN:
             less = 100 * (1 - self.unexplained_partly / self.unexplained)

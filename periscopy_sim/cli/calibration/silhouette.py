@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DOUBTED = (
     "Look at the picture: a silhouette that looks like nothing is nothing. Move the plane in which "
-    "it is sought (-D), draw its rectangle closer, or ask for fewer --cells."
+    "it is sought (-D), draw its rectangle closer, or ask for fewer --cells or smaller patches."
 )
 """What to do with a silhouette that is not to be trusted."""
 

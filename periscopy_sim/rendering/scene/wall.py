@@ -73,6 +73,11 @@ def seen_wall(
             f"{_instead(scene, camera, film[first])}; move the camera, its film or what stands "
             "between it and the wall"
         )
+    if len(points) > 1 and not np.ptp(points, axis=0).any():
+        raise SceneError(
+            f"{where}: all of the camera's pixels see one point of the wall; give the camera's "
+            "to_world, or its field of view, a size above 0"
+        )
     _check_reflection(colors, where, material)
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6

@@ -10,6 +10,16 @@ SHAPE = (3, 4)
 PIXELS, LIGHTS = 60, 4
 
 
+def test_what_is_left_is_of_the_photograph_whatever_the_gain(problem):
+    A, Q, y, _ = problem
+    y = y * np.linspace(0.8, 1.2, PIXELS)[:, None]
+    plain = explain(A, Q, y, SHAPE)
+    size = np.linalg.norm(y - Q @ (Q.T @ y))
+    for found in (plain, plain.with_gain(SmoothGain.none(np.ones((6, 10), bool)), A)):
+        assert found.left == pytest.approx(np.linalg.norm(found.residuals) / size, rel=1e-6)
+    assert np.abs(found.gain.field - 1).max() > 0.01
+
+
 @pytest.fixture
 def problem():
     random = np.random.default_rng(3)

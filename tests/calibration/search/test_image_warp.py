@@ -90,6 +90,12 @@ def test_what_moves_the_photograph_as_a_stretch_undoes_it_alone(seen):
     np.testing.assert_allclose(moves[:, 0] * np.sign(warps[1, 0]), [-0.25, 0], atol=1e-3)
 
 
+def test_of_a_lone_patch_nothing_is_undone(seen):
+    moved = np.ones((2, 30, 3))
+    moves, warps = undone(seen, known(moved, 1.0), (1, 1), np.ones(2, bool))
+    assert moves.shape == (2, 0) and warps.shape == (0, 0)
+
+
 def test_warps_that_are_undone_alike_are_walked_along_the_grid(seen):
     """Any mixture of two would do as well, but dips lie by whole patches along either."""
     fields = displacements(SHAPE)[[0, 3]]

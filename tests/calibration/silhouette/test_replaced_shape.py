@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration.scene_covariance import is_calibrated, scene_covariance
 from periscopy_sim.calibration.silhouette.masked_scene import local_coordinates, write_masked_scene
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
 from periscopy_sim.errors import SceneError
@@ -57,6 +60,16 @@ def test_a_mask_found_in_a_moved_and_turned_shape_stands_where_it_was_found(scen
     found = corners_of(path, {})  # the values are its defaults
     expected = plane.at(np.array([[0.0, 0], [0, 1], [1, 0], [1, 1]]))
     np.testing.assert_allclose(found, expected[np.lexsort(expected.round(6).T)], atol=1e-6)
+
+
+@pytest.mark.parametrize("agreeing", [0, 9])
+def test_a_scene_carries_that_its_silhouette_is_not_to_be_trusted(scene, plane, tmp_path, agreeing):
+    path, mesh = tmp_path / "found.xml", tmp_path / "found.ply"
+    found = replace(silhouette(plane, FLAG), agreeing=agreeing)
+    write_masked_scene(scene, found, {}, path, mesh, mesh.name)
+    known = scene_covariance(path)
+    assert (known is not None and not known.trusted) == bool(found.doubts) == (agreeing == 0)
+    assert not is_calibrated(load_scenario(path, HIDDEN))
 
 
 def test_a_shape_scaled_to_nothing_is_told_of(tmp_path):

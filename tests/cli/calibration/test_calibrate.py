@@ -124,8 +124,8 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
     ("options", "message"),
     [
         (("--free", "sofa"), "declares no parameter 'sofa'; it declares occluder_dx (default 0), "),
-        (("--free", "occluder_x"), "no parameter 'occluder_x'; did you mean 'occluder_dx'?"),
-        (("--free", "occluder_dx_error"), "did you mean 'occluder_dx'?"),
+        (("--free", "occluder_x"), "no parameter 'occluder_x'; how well the ruler knows 'occluder_dx'"),
+        (("--free", "occluder_dx_error"), "how well the ruler knows 'occluder_dx'"),
         (("--uncertain", "monitor_z=1"), "no parameter 'monitor_z'; did you mean 'monitor_dz'?"),
         (("--free", ","), "no parameter is free"),
         (("--free", "resolution"), "'resolution' cannot be moved"),
@@ -165,7 +165,9 @@ def test_a_scene_without_shadows_in_view_is_refused(photograph, refused, tmp_pat
     np.save(tmp_path / "y.npy", photograph)
     aside = ("--free", "occluder_dx", "-D", "occluder_dx=3", "--out", "found.xml")
     line = refused("calibrate", "y.npy", *SCENE, *aside)
-    assert "no occluder casts a shadow of the monitor" in line and "correct it" in line
+    assert (
+        "no occluder casts a shadow of the monitor" in line and "add an occluder, or move" in line
+    )
 
 
 def test_a_background_with_the_monitor_on_is_refused(photograph, refused, tmp_path):

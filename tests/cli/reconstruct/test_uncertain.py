@@ -115,6 +115,14 @@ def test_a_calibration_that_is_not_trusted_is_told(run, photo, calibrated):
     assert summary["uncertain"]["held"]
 
 
+def test_a_silhouette_that_is_not_trusted_is_told(run, photo, calibrated):
+    nothing = SceneCovariance((), np.empty(0), np.empty((0, 0)), trusted=False, ruled=np.empty(0))
+    _, _, summary, outcome = run(photo, *calibrated(nothing))
+    assert "its silhouette is not to be trusted, so neither is the image" in outcome.err
+    assert any("its silhouette is not to be trusted" in each for each in summary["warnings"])
+    assert "uncertain" not in summary
+
+
 def test_a_named_error_takes_the_place_of_what_is_carried(run, photo, calibrated):
     _, _, summary, _ = run(photo, *calibrated(), "--uncertain", "occluder_dx=0.003")
     assert list(summary["uncertain"]["parameters"]) == ["occluder_dx"]

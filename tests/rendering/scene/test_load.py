@@ -94,6 +94,12 @@ def test_one_sided_wall_seen_from_behind_is_refused(room):
     np.testing.assert_allclose(seen.wall_reflectance, 0.5, rtol=1e-6)
 
 
+def test_camera_that_sees_one_point_is_refused(room):
+    camera = room.camera().replace('<scale x="0.2" y="0.2"/>', '<scale x="0" y="0"/>')
+    message = refusal(room, camera=camera)
+    assert "all of the camera's pixels see one point of the wall; give the camera's" in message
+
+
 @pytest.mark.parametrize(("turn", "flip"), [(0, False), (180, True)])
 def test_monitor_that_faces_away_is_refused(room, turn, flip):
     assert "faces away from the wall" in refusal(room, monitor=room.monitor(turn=turn, flip=flip))
