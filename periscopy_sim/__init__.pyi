@@ -43,6 +43,7 @@ from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from .rendering.ambient.background import Background, render_background
+from .rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
 from .rendering.transport.bounced import BouncedLight, render_bounced_light
@@ -92,6 +93,7 @@ __all__ = [
     "defective_pixels",
     "develop",
     "diagnose",
+    "emitter_backgrounds",
     "find_image",
     "find_method",
     "find_scene",

@@ -8,8 +8,8 @@ import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.output import fixable, progress, say, told_folder, write_json
-from periscopy_sim.cli.transport_matrix import (
+from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
+from periscopy_sim.cli.fitting.transport_matrix import (
     AskedTransport,
     BouncesOption,
     Model,
@@ -17,6 +17,7 @@ from periscopy_sim.cli.transport_matrix import (
     check_memory,
     parse_bounces,
 )
+from periscopy_sim.cli.output import fixable, progress, say, told_folder, write_json
 from periscopy_sim.storage.outputs.provenance import as_text
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
@@ -45,6 +46,7 @@ def analyze(
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
     background: arguments.BackgroundOption = None,
+    backgrounds: PrototypesOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -62,6 +64,7 @@ def analyze(
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
     asked = AskedTransport(samples, seed, model, parse_bounces(bounces))
+    prototypes = AskedPrototypes.of(backgrounds, seed)
     with told_folder(out) as folder:
         scenario = inputs.load(scene, hidden, define)
         unseen = inputs.warn_without_shadows(scenario, scene)
@@ -70,12 +73,13 @@ def analyze(
         dark = inputs.read_backgrounds(background, scenario, used)
         check_memory(scenario)
         A = channels_mean(asked.matrix(scenario))
+        lights = prototypes.matrix(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
-            lights = point_light_backgrounds(scenario)
             if dark:
-                check_monitor_off(A, background_basis(observed.used(lights)), observed)
+                smooth = observed.used(point_light_backgrounds(scenario))
+                check_monitor_off(A, background_basis(smooth), observed)
             B = observed.joined(lights)
             used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
@@ -105,6 +109,7 @@ def analyze(
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
             **asked.origin,
+            **prototypes.origin,
             "rank_tolerance": rank_tolerance,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),

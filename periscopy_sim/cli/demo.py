@@ -9,8 +9,8 @@ import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, say, told_folder, write_json
-from periscopy_sim.cli.transport_matrix import AskedTransport
 from periscopy_sim.storage.outputs.provenance import as_text
 
 SBR = 0.5

@@ -11,7 +11,15 @@ import numpy as np
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option, parse_definitions
-from periscopy_sim.cli.fitting import fit
+from periscopy_sim.cli.fitting.fit import fit
+from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
+from periscopy_sim.cli.fitting.transport_matrix import (
+    AskedTransport,
+    BouncesOption,
+    Model,
+    ModelOption,
+    parse_bounces,
+)
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
 from periscopy_sim.cli.output import (
     Stopwatch,
@@ -22,13 +30,6 @@ from periscopy_sim.cli.output import (
     told_folder,
     warn,
     write_json,
-)
-from periscopy_sim.cli.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    parse_bounces,
 )
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -83,6 +84,7 @@ def reconstruct(
         ),
     ] = None,
     background: arguments.BackgroundOption = None,
+    backgrounds: PrototypesOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -98,6 +100,7 @@ def reconstruct(
     settings = settings_for(method, options, FOR_STILLS)
     doubted = _uncertain_errors(uncertain, method, scene, parse_definitions(define))
     asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
+    prototypes = AskedPrototypes.of(backgrounds, seed, [method])
     timed = Stopwatch()
     with told_folder(out) as folder:
         with timed("load the scene"), progress("loading the scene"):
@@ -118,7 +121,7 @@ def reconstruct(
                 doubted, uncertain, method, scenario, scene, samples, seed,
                 linear=not asked.is_rendered,
             )  # fmt: skip
-        fitted, A = fit(method, settings, scenario, used, dark, timed, asked, moved)
+        fitted, A = fit(method, settings, scenario, used, dark, timed, asked, prototypes, moved)
         provenance = inputs.provenance_of(scenario, seed)
         text = as_text(provenance)
         with (
@@ -148,6 +151,7 @@ def reconstruct(
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
             **asked.origin,
+            **prototypes.origin,
             **settings,
             **told.numbers,
             **inputs.mask_record(mask, used),

@@ -13,8 +13,9 @@ from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
+from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport, BouncesOption, parse_bounces
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
-from periscopy_sim.cli.transport_matrix import AskedTransport, BouncesOption, parse_bounces
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -64,6 +65,7 @@ def sweep(
     samples: arguments.Samples = 16,
     bounces: BouncesOption = "direct",
     background: arguments.BackgroundOption = None,
+    backgrounds: PrototypesOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -72,7 +74,6 @@ def sweep(
 
     A sweep that was stopped goes on by the same command.
     """
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
@@ -90,6 +91,7 @@ def sweep(
     names = parse_list("--methods", methods)
     for name in names:
         find_method(name)
+    prototypes = AskedPrototypes.of(backgrounds, seed, names)
     scenario = inputs.load(scene, hidden, define)
     shown = inputs.hidden_image(truth or hidden_image or "", scenario.hidden_shape)
     used = inputs.read_mask(mask, scenario)
@@ -98,7 +100,7 @@ def sweep(
     if photograph is not None:
         signal = inputs.read_photograph(photograph, scenario, used).values
         inputs.look_for_defects(signal, used, str(photograph))
-    backgrounds = {
+    ambience = {
         name: _background(path, scenario, used, flips) if path else None
         for name, path in lights.items()
     }
@@ -107,6 +109,7 @@ def sweep(
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
         "bounces": asked.origin["bounces"],
+        **prototypes.origin,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in dark.values()],
@@ -114,7 +117,7 @@ def sweep(
         "truth": sweeps.image_sha256(shown),
         "ambient": [
             [name, "rendered" if image is None else sweeps.array_sha256(image)]
-            for name, image in backgrounds.items()
+            for name, image in ambience.items()
         ],
         "flips": flips,
         "methods": [[name, source_sha256(name) or "built in"] for name in names],
@@ -134,7 +137,7 @@ def sweep(
                 define=define,
             )  # fmt: skip
         A = channels_mean(asked.matrix(scenario))
-        B = point_light_backgrounds(scenario)
+        B = prototypes.matrix(scenario)
         with fixable(f"scene '{scenario.path}'", dark):
             fitted = fit_methods(names, scenario, A, B, used, dark)
         if signal is None:
@@ -144,7 +147,7 @@ def sweep(
                     scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
                 )
             signal = inputs.read_photograph(file, scenario).values
-        lit = _rendered(backgrounds, scenario, out / "ambient", seed)
+        lit = _rendered(ambience, scenario, out / "ambient", seed)
         whole = sweeps.Sweep(
             signal=signal,
             truth=shown,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 
 from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.output import as_json, say
-from periscopy_sim.cli.transport_matrix import (
+from periscopy_sim.cli.fitting.transport_matrix import (
     AskedTransport,
     BouncesOption,
     Model,
@@ -14,6 +13,7 @@ from periscopy_sim.cli.transport_matrix import (
     check_memory,
     parse_bounces,
 )
+from periscopy_sim.cli.output import as_json, say
 
 
 def transport(

@@ -12,7 +12,15 @@ import typer
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.fitting import fit
+from periscopy_sim.cli.fitting.fit import fit
+from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
+from periscopy_sim.cli.fitting.transport_matrix import (
+    AskedTransport,
+    BouncesOption,
+    Model,
+    ModelOption,
+    parse_bounces,
+)
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
@@ -31,13 +39,6 @@ from periscopy_sim.cli.output import (
     told_folder,
     warn,
     write_json,
-)
-from periscopy_sim.cli.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    parse_bounces,
 )
 from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -97,6 +98,7 @@ def video(
         option("NUMBER", "Photographs that P or A is applied to in one product.", min=1, max=4096),
     ] = 16,
     background: arguments.BackgroundOption = None,
+    backgrounds: PrototypesOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -119,6 +121,7 @@ def video(
     for_stills = {option.name for option in entry.options} & settings.keys()
     weights = {name: settings[name] for name in settings if name not in for_stills}
     asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
+    prototypes = AskedPrototypes.of(backgrounds, seed, [method])
     timed = Stopwatch()
     with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"), progress("loading the scene"):
@@ -146,7 +149,7 @@ def video(
                     path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
                 )
         for_each = {name: settings[name] for name in for_stills}
-        still, _ = fit(method, for_each, scenario, used, dark, timed, asked)
+        still, _ = fit(method, for_each, scenario, used, dark, timed, asked, prototypes)
         recovery = entry.frames_by(still, coupling, **weights)
         records = []
         doubts: dict[str, str] = {}
@@ -206,6 +209,7 @@ def video(
             "photograph_shape": scenario.photograph_shape,
             "hidden_shape": scenario.hidden_shape,
             **asked.origin,
+            **prototypes.origin,
             "method": method,
             **settings,
             **still.fitted(),

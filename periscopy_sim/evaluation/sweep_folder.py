@@ -15,7 +15,7 @@ SETTINGS = "settings.json"
 RENDERED = ("A.npy", "photograph.exr", "ambient")
 STORE = "sweep.zarr"
 RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
-VARIED = ("ambient", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
+VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
 """Settings that nothing rendered follows from: they may change until there are results."""
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.transport_matrix import AskedTransport
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

@@ -9,7 +9,7 @@ import typer
 
 from periscopy_sim import cli
 from periscopy_sim.cli import inputs
-from periscopy_sim.cli.transport_matrix import AskedTransport
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 from periscopy_sim.errors import PeriscopyError
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")

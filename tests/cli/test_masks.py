@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.transport_matrix import AskedTransport
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")

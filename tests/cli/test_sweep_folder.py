@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from periscopy_sim.cli.transport_matrix import AskedTransport
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 

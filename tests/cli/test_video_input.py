@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from periscopy_sim.cli.transport_matrix import AskedTransport
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

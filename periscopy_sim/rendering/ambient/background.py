@@ -126,13 +126,7 @@ def render_background(
             "type diffuse"
         )
     path = find_scene(path)
-    nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check_media(nodes)
-    nodes.average_pixels()
-    scene = nodes.instantiate()
-    if not scene.emitters():
-        raise SceneError(f"scene '{path}' has no emitter; give it light")
-    points, normals = _placed(scenario, *_view_of(scene, path))
+    scene, points, normals = placed_in(path, scenario, parameters)
     parts_of = _parts if is_vectorized() else scalar_parts
     parts = parts_of(scene, points, normals, scenario.photograph_shape)
     seeds = (
@@ -213,6 +207,22 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
     lit = pixel != 0
     relative = np.sqrt((variance[lit] / pixel[lit, None] ** 2).sum() / variance.size)
     return float(relative), float(brightness.std(ddof=1) / np.sqrt(K) / brightness.mean())
+
+
+def placed_in(
+    path: Path, scenario: Scenario, parameters: Mapping[str, str] | None = None
+) -> tuple[Any, Array, Array]:
+    """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
+
+    A SceneError says that it has no light, or its camera does not see its wall.
+    """
+    nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
+    check_media(nodes)
+    nodes.average_pixels()
+    scene = nodes.instantiate()
+    if not scene.emitters():
+        raise SceneError(f"scene '{path}' has no emitter; give it light")
+    return scene, *_placed(scenario, *_view_of(scene, path))
 
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:

@@ -81,10 +81,10 @@ def direct_irradiance(
     sampler.seed(seed, len(points) * count)
     index = dr.arange(mi.UInt32, len(points) * count) // count
     within = sampler.next_2d()
-    down, across = (_gathered(mi.Vector3f, edges[:, k], index) for k in range(2))
-    position = _gathered(mi.Point3f, points, index)
+    down, across = (gathered(mi.Vector3f, edges[:, k], index) for k in range(2))
+    position = gathered(mi.Point3f, points, index)
     position += (within.x - 0.5) * down + (within.y - 0.5) * across
-    normal = _gathered(mi.Normal3f, normals, index)
+    normal = gathered(mi.Normal3f, normals, index)
     si = dr.zeros(mi.SurfaceInteraction3f, len(points) * count)
     si.p, si.n, si.sh_frame, si.wi = position, normal, mi.Frame3f(normal), mi.Vector3f(0, 0, 1)
     toward, weight = emitter.sample_direction(si, sampler.next_2d())
@@ -101,7 +101,7 @@ def direct_irradiance(
         pdf = emitter.pdf_direction(si, mi.DirectionSample3f(scene, hit, si))
         met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
         arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
-    return _rows(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
+    return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
 
 
 def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, seed: int) -> Array:
@@ -145,9 +145,9 @@ def _trace(
     sampler.set_samples_per_wavefront(each)
     sampler.seed(seed, count)
     index = dr.arange(mi.UInt32, count) // each
-    frame = mi.Frame3f(_gathered(mi.Normal3f, normals, index))
+    frame = mi.Frame3f(gathered(mi.Normal3f, normals, index))
     direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-    ray = mi.RayDifferential3f(_gathered(mi.Point3f, points, index), direction)
+    ray = mi.RayDifferential3f(gathered(mi.Point3f, points, index), direction)
     arriving = mi.load_dict({"type": "path", "max_depth": -1}).sample(scene, sampler, ray)[0]
     emitted = mi.load_dict({"type": "path", "max_depth": 1}).sample(scene, sampler, ray)[0]
     si = scene.ray_intersect(mi.Ray3f(ray))
@@ -156,7 +156,7 @@ def _trace(
     hits = (mi.Point3f(si.p), mi.Normal3f(normal), si.is_valid(), diffuse)
     light = arriving - emitted
     dr.eval(light, hits)
-    return _rows(light), hits
+    return rows_of(light), hits
 
 
 def _form_factors(
@@ -174,11 +174,11 @@ def _form_factors(
         dr.gather(kind, hits[k], path) for k, kind in enumerate((mi.Point3f, mi.Normal3f))
     )
     valid, diffuse = (dr.gather(mi.Bool, hits[k], path) for k in (2, 3))
-    point = _gathered(mi.Point3f, points, index)
+    point = gathered(mi.Point3f, points, index)
     away = position - point
     distance = dr.norm(away)
     direction = away / distance
-    at_wall = dr.dot(_gathered(mi.Normal3f, normals, index), direction)
+    at_wall = dr.dot(gathered(mi.Normal3f, normals, index), direction)
     at_hit = -dr.dot(toward_wall, direction)
     # What does not scatter alike in all directions serves the path's own point alone.
     seen = valid & (own | diffuse) & (at_wall > 0) & (at_hit > 0)
@@ -192,12 +192,13 @@ def _square(samples: float) -> int:
     return math.ceil(math.sqrt(samples)) ** 2
 
 
-def _gathered(kind: Any, rows: Array, index: Any) -> Any:
+def gathered(kind: Any, rows: Array, index: Any) -> Any:
+    """Return rows, (n, components), at an index, as a Dr.Jit vector of a kind."""
     import drjit as dr
 
     return dr.gather(kind, kind(np.ascontiguousarray(rows.T, np.float32)), index)
 
 
-def _rows(values: Any) -> NDArray[np.float64]:
-    """(n, components) of a Dr.Jit vector."""
+def rows_of(values: Any) -> NDArray[np.float64]:
+    """Return (n, components) of a Dr.Jit vector."""
     return np.stack([np.array(component, dtype=np.float64) for component in values], axis=1)

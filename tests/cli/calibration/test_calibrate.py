@@ -124,7 +124,10 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
     ("options", "message"),
     [
         (("--free", "sofa"), "declares no parameter 'sofa'; it declares occluder_dx (default 0), "),
-        (("--free", "occluder_x"), "no parameter 'occluder_x'; how well the ruler knows 'occluder_dx'"),
+        (
+            ("--free", "occluder_x"),
+            "no parameter 'occluder_x'; did you mean 'occluder_dx'?",
+        ),
         (("--free", "occluder_dx_error"), "how well the ruler knows 'occluder_dx'"),
         (("--uncertain", "monitor_z=1"), "no parameter 'monitor_z'; did you mean 'monitor_dz'?"),
         (("--free", ","), "no parameter is free"),

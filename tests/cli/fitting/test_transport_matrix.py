@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.transport_matrix import check_memory
+from periscopy_sim.cli.fitting.transport_matrix import check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
 from periscopy_sim.photographs.film.size import FilmAdvice

@@ -1,0 +1,225 @@
+"""B rendered: prototype backgrounds of a scene file's own emitters, large ones cut into panes.
+
+Eq. 4's point lights are everywhere about the wall and cast no shadow. Where it is known which lamps
+and windows a room has, each of them is a prototype: its light straight on the wall, past all that
+stands between them. What bounces is smooth over the wall, which Eq. 4's lights follow.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from periscopy_sim.errors import SceneError, VariantError
+from periscopy_sim.rendering.ambient.background import placed_in, relative_errors
+from periscopy_sim.rendering.ambient.irradiance import (
+    NEARLY,
+    direct_irradiance,
+    gathered,
+    pixel_edges,
+    rows_of,
+)
+from periscopy_sim.rendering.ambient.replicas import REPLICAS
+from periscopy_sim.rendering.ambient.smoothing import best_estimate
+from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
+from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.shipped import find_scene
+
+PANE = 0.25
+"""Largest side of a pane, in metres."""
+
+MOST_PANES = 256
+"""Of an emitter: each is a column of B."""
+
+TARGET = 3e-4
+"""Error of a prototype relative to its brightness, after the factor that scales the whole."""
+
+SAMPLES = 16
+"""Samples of each prototype and pixel in a round of a replica, a square number."""
+
+
+def emitter_backgrounds(
+    path: str | Path,
+    scenario: Scenario,
+    parameters: Mapping[str, str] | None = None,
+    *,
+    pane: float = PANE,
+    target: float = TARGET,
+    max_rounds: int = 16,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Return B of a scene file's emitters: one column for each, or for each pane of a large one.
+
+    A rectangle is cut into panes of at most `pane` along its sides; every other emitter, such as a
+    lamp, a mesh, the sun or the sky, is one prototype. Those that do not reach the wall are left
+    out. The scene is moved so that its own wall, as its own camera sees it, coincides with what the
+    scenario's camera sees, as by `render_background`.
+
+    Parameters
+    ----------
+    path
+        A scene file, or the name of a shipped one such as ``ambient/window_left``, with shape
+        ``wall`` and sensor ``camera``, without a monitor.
+    scenario
+        The scene whose camera photographs; of its wall, the shape and a texture matter.
+    parameters
+        Values for the scene file's ``<default>``s.
+    pane
+        Largest side of a pane, in metres.
+    target
+        Relative error of a prototype at which to stop, see `Background.relative_error`.
+    max_rounds
+        Most rounds of samples for each emitter.
+    seed
+        Seed of every sampler. The same seed and variant give the same bytes.
+    progress
+        Called with the fraction done.
+
+    Returns
+    -------
+    ndarray
+        B, (M, L) float64, the channels' mean of each relative to its mean over the wall.
+
+    Raises
+    ------
+    SceneError
+        If the scene file lacks wall, camera or light, has a monitor, or Mitsuba refuses it, its
+        camera does not see its wall, no emitter reaches that, or one would be cut into too many
+        panes.
+    ValueError
+        If `pane` is not above 0.
+    VariantError
+        In scalar variants.
+
+    Warns
+    -----
+    RuntimeWarning
+        The target was not reached within `max_rounds`.
+    """
+    use_variant()
+    if not pane > 0:
+        raise ValueError(f"panes of {pane:g} m: give a side above 0")
+    if not is_vectorized():
+        raise VariantError(
+            "backgrounds of a scene's emitters are rendered in llvm_ad_rgb or cuda_ad_rgb only; in "
+            "scalar variants take Eq. 4's lights"
+        )
+    path = find_scene(path)
+    scene, points, normals = placed_in(path, scenario, parameters)
+    if any(shape.id() == "monitor" for shape in scene.shapes()):
+        raise SceneError(
+            f"scene '{path}': its monitor is none of the lamps of a room, and its light would be "
+            "taken for ambient; name a scene without one"
+        )
+    report = progress or (lambda _: None)
+    shape = scenario.photograph_shape
+    wall = points, normals, pixel_edges(points, normals, shape)
+    estimates = [
+        estimate
+        for emitter in scene.emitters()
+        for estimate in _prototypes(scene, emitter, wall, pane, path)
+    ]
+    seeds = np.random.SeedSequence(seed).generate_state(len(estimates) * max_rounds * REPLICAS)
+    columns, worst = [], 0.0
+    for number, (estimate, own) in enumerate(
+        zip(estimates, seeds.reshape(len(estimates), max_rounds, REPLICAS).tolist(), strict=True)
+    ):
+        total: Array = np.zeros(())
+        for done, replicas in enumerate(own, 1):
+            total = total + [estimate(each).mean(axis=1) for each in replicas]  # of the channels
+            if not total.any():
+                break
+            light = best_estimate(total[..., np.newaxis] / done, np.arange(len(points)), shape)
+            error = relative_errors(light.replicas, light.squared_bias)[0]
+            report((number + done / max_rounds) / len(estimates))
+            if error <= target:
+                break
+        if total.any():
+            columns.append(light.replicas.mean(axis=0)[:, 0])
+            worst = max(worst, error)
+        report((number + 1) / len(estimates))
+    if not columns:
+        raise SceneError(
+            f"scene '{path}': none of its emitters reaches its wall straight; move them or the wall"
+        )
+    if worst > target:
+        warnings.warn(
+            f"'{path.stem}': light of an emitter is known to {worst:.1e} of its brightness only, "
+            f"above {target:.1e}; raise max_rounds, or take larger panes",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    B = np.stack([column / column.mean() for column in columns], axis=1)
+    texture = scenario.wall_texture
+    return B if texture is None else B * texture[:, np.newaxis]
+
+
+def _prototypes(
+    scene: Any, emitter: Any, wall: tuple[Array, Array, Array], pane: float, path: Path
+) -> list[Callable[[int], Array]]:
+    """Return for each prototype of an emitter what estimates its irradiance, (M, 3), by a seed."""
+    shape = emitter.get_shape()
+    if shape is None or shape.class_name() != "Rectangle":
+        return [lambda seed: direct_irradiance(scene, emitter, *wall, SAMPLES, seed)]
+
+    def sides(uv: Any) -> tuple[Any, Any]:
+        si = surface_at(shape, uv)
+        return si.dp_dv, si.dp_du
+
+    lengths = (np.linalg.norm(side) for side in map_points(sides, np.array([[0.5, 0.5]])))
+    down, across = (max(1, int(np.ceil(length / pane - 1e-6))) for length in lengths)
+    if down * across > MOST_PANES:
+        raise SceneError(
+            f"scene '{path}': emitter '{shape.id()}' would be cut into {down}x{across} panes of "
+            f"{pane:g} m, above {MOST_PANES} in all; give larger panes"
+        )
+    estimate = partial(_pane_irradiance, scene, emitter, wall, (down, across))
+    corners = [(row / down, column / across) for row, column in np.ndindex(down, across)]
+    return [partial(estimate, corner) for corner in corners]
+
+
+def _pane_irradiance(
+    scene: Any,
+    emitter: Any,
+    wall: tuple[Array, Array, Array],
+    panes: tuple[int, int],
+    corner: tuple[float, float],
+    seed: int,
+) -> Array:
+    """Estimate the irradiance, (M, 3), by a part of an emitter's UV square, over small areas.
+
+    The wall's points and normals are (M, 3), its areas' edges (M, 2, 3), see `direct_irradiance`.
+    There are so many panes along v and u; the corner is where this one's begin.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    points, normals, edges = wall
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": SAMPLES})
+    sampler.set_samples_per_wavefront(SAMPLES)
+    sampler.seed(seed, len(points) * SAMPLES)
+    index = dr.arange(mi.UInt32, len(points) * SAMPLES) // SAMPLES
+    within, place = sampler.next_2d(), sampler.next_2d()
+    position = gathered(mi.Point3f, points, index)
+    for k, part in enumerate((within.x, within.y)):
+        position += (part - 0.5) * gathered(mi.Vector3f, edges[:, k], index)
+    across, down = corner[1] + place.x / panes[1], corner[0] + place.y / panes[0]
+    light = surface_at(emitter.get_shape(), mi.Point2f(across, down))
+    to_light = light.p - position
+    squared_distance = dr.squared_norm(to_light)
+    direction = to_light * dr.rsqrt(squared_distance)
+    light.initialize_sh_frame()
+    light.wi = light.to_local(-direction)
+    cosines = dr.dot(gathered(mi.Normal3f, normals, index), direction) * light.wi.z
+    lit = (light.wi.z > 0) & (cosines > 0)
+    lit &= ~scene.ray_test(mi.Ray3f(position, to_light, NEARLY, 0.0, []), lit)
+    area = dr.norm(dr.cross(light.dp_du, light.dp_dv)) / (panes[0] * panes[1])
+    arriving = dr.select(lit, emitter.eval(light) * cosines * area / squared_distance, 0)
+    return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, SAMPLES)) / SAMPLES

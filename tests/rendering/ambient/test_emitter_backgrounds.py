@@ -1,0 +1,166 @@
+"""Prototype backgrounds of a scene's emitters, against closed forms."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.ambient.background import render_background
+from periscopy_sim.rendering.ambient.emitter_backgrounds import MOST_PANES, emitter_backgrounds
+
+LAMP = (
+    '<emitter type="point"><point name="position" value="0.2, -0.5, 0.9"/>'
+    '<rgb name="intensity" value="1, 2, 3"/></emitter>'
+)
+
+
+@pytest.fixture
+def scenario(room):
+    return room.load(camera=room.camera((12, 12)))
+
+
+@pytest.fixture
+def written(room):
+    """Write a room without a monitor, and with what is said."""
+
+    def write(*parts, **others):
+        return room.write(*parts, monitor="", camera=room.camera((12, 12)), **others)
+
+    return write
+
+
+def panel(radiance='<rgb name="radiance" value="1, 1, 2"/>', *, y=0.4, size=(0.5, 0.25), turn=180):
+    """A black panel that shines towards the wall, its middle 0.6 m before that of the view."""
+    return (
+        f'<shape type="rectangle" id="panel"><transform name="to_world"><scale x="{size[0] / 2}" '
+        f'y="{size[1] / 2}"/><rotate x="1" angle="90"/><rotate z="1" angle="{turn}"/>'
+        f'<translate x="0.7" y="{y}" z="0.3"/></transform><bsdf type="diffuse">'
+        '<rgb name="reflectance" value="0"/></bsdf><emitter type="area">'
+        f"{radiance}</emitter></shape>"
+    )
+
+
+def by_quadrature(points, low, high, y, steps=60):
+    """Irradiance of a wall that faces -y by a panel of radiance 1 that faces it, by midpoints."""
+    x, z = (low[k] + (high[k] - low[k]) * (np.arange(steps) + 0.5) / steps for k in range(2))
+    x, z = (grid.ravel() for grid in np.meshgrid(x, z))
+    away = np.stack([x, np.full_like(x, y), z], axis=1)[:, None] - points
+    squared = np.sum(away**2, axis=-1)
+    area = (high[0] - low[0]) * (high[1] - low[1]) / steps**2
+    return (away[..., 1] ** 2 / squared**2).sum(axis=0) * area
+
+
+def relative(values):
+    return values / values.mean()
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_lamp_is_one_column(written, scenario):
+    (column,) = emitter_backgrounds(written(LAMP), scenario).T
+    away = np.array([0.2, -0.5, 0.9]) - scenario.wall_points
+    expected = -away[:, 1] / np.sum(away**2, axis=1) ** 1.5
+    np.testing.assert_allclose(column, relative(expected), rtol=1e-3)
+
+
+@pytest.mark.usefixtures("jit")
+def test_each_pane_of_a_panel_is_a_column_of_its_own(written, scenario):
+    """Four panes across and two down, from the panel's top as the wall sees it or the other way."""
+    B = emitter_backgrounds(written(panel()), scenario, pane=0.125)
+    assert B.shape == (144, 8)
+    expected = [
+        relative(by_quadrature(scenario.wall_points, (x, z), (x + 0.125, z + 0.125), 0.4))
+        for z in (0.175, 0.3)
+        for x in 0.45 + 0.125 * np.arange(4)
+    ]
+    for column in expected:
+        nearest = np.abs(B - column[:, None]).max(axis=0)
+        assert np.count_nonzero(nearest < 2e-3) == 1
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize(("pane", "columns"), [(1.0, 1), (0.25, 2), (0.2, 6)])
+def test_panes_are_as_large_as_asked_at_most(written, scenario, pane, columns):
+    B = emitter_backgrounds(written(panel()), scenario, pane=pane, target=1)
+    assert B.shape == (144, columns)
+    np.testing.assert_allclose(B.mean(axis=0), 1)
+
+
+@pytest.mark.usefixtures("jit")
+def test_light_of_a_glass_of_many_colours_is_spanned_by_its_panes(written, scenario):
+    """A panel whose right half is dark is none of one column, but of two."""
+    import mitsuba as mi
+
+    image = np.array([[[1, 1, 1], [0, 0, 0]]], np.float32)
+    mi.Bitmap(image).write(str(scenario.path.parent / "glass.exr"))
+    half = (
+        '<texture type="bitmap" name="radiance"><string name="filename" value="glass.exr"/>'
+        '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
+    )
+    seen = render_background(written(panel(half)), scenario, target=1e-3).photograph[..., 0].ravel()
+    left = {}
+    for pane in (0.5, 0.25):
+        B = emitter_backgrounds(written(panel()), scenario, pane=pane, target=1e-3)
+        fitted = B @ np.linalg.lstsq(B, seen, rcond=None)[0]
+        left[pane] = np.linalg.norm(seen - fitted) / np.linalg.norm(seen)
+    assert left[0.5] > 0.02 and left[0.25] < 3e-3
+
+
+@pytest.mark.usefixtures("jit")
+def test_what_does_not_reach_the_wall_is_left_out(written, scenario):
+    away = panel(turn=0).replace('"panel"', '"away"')
+    assert emitter_backgrounds(written(panel() + away), scenario, target=1).shape == (144, 2)
+    with pytest.raises(SceneError, match="none of its emitters reaches its wall straight"):
+        emitter_backgrounds(written(away), scenario)
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_wall_of_texture_has_it_in_every_column(room, written):
+    board = (
+        '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><rgb name="color0" '
+        'value="0.2"/><rgb name="color1" value="0.6"/><transform name="to_uv"><scale x="20" '
+        'y="20"/></transform></texture></bsdf>'
+    )
+    textured = room.load(camera=room.camera((12, 12)), wall=room.wall(board))
+    plain = room.load(camera=room.camera((12, 12)))
+    B, even = (emitter_backgrounds(written(LAMP), each, target=1) for each in (textured, plain))
+    np.testing.assert_allclose(B[:, 0], even[:, 0] * textured.wall_texture)
+
+
+@pytest.mark.usefixtures("jit")
+def test_the_same_seed_gives_the_same_bytes(written, scenario):
+    first, again, other = (
+        emitter_backgrounds(written(panel()), scenario, target=1, seed=seed) for seed in (1, 1, 2)
+    )
+    assert first.tobytes() == again.tobytes() != other.tobytes()
+
+
+@pytest.mark.usefixtures("jit")
+def test_panes_that_are_none_or_too_many_are_refused(written, scenario):
+    for pane in (0, -1, np.nan):
+        with pytest.raises(ValueError, match="give a side above 0"):
+            emitter_backgrounds(written(panel()), scenario, pane=pane)
+    with pytest.raises(SceneError, match=f"'panel' would be cut into .* above {MOST_PANES} in all"):
+        emitter_backgrounds(written(panel()), scenario, pane=0.01)
+
+
+@pytest.mark.usefixtures("jit")
+def test_what_stays_noisy_is_warned_of(written, scenario):
+    with pytest.warns(RuntimeWarning, match="known to .* of its brightness only"):
+        emitter_backgrounds(written(panel()), scenario, pane=0.05, target=1e-9, max_rounds=1)
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_scene_without_light_is_refused(written, scenario):
+    with pytest.raises(SceneError, match="has no emitter; give it light"):
+        emitter_backgrounds(written(), scenario)
+
+
+def test_scalar_variants_refuse_it(written, scenario, scalar):
+    said = scalar(
+        "import sys, periscopy_sim as ps\n"
+        "seen = ps.load_scenario(sys.argv[1], (2, 3))\n"
+        "try:\n    ps.emitter_backgrounds(sys.argv[2], seen)\n"
+        "except ps.PeriscopyError as error:\n    print(error)\n",
+        scenario.path,
+        written(LAMP),
+    )
+    assert "rendered in llvm_ad_rgb or cuda_ad_rgb only" in said
