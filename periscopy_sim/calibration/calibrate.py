@@ -130,9 +130,10 @@ def calibrate(
     given = {name: str(value) for name, value in (parameters or {}).items()}
     uncertain = dict(uncertain or {})
     errors = free_parameters(path, free, given, uncertain)
-    first = load_scenario(path, hidden, given)
     names = tuple(errors)
     start = ruled_values(path, names, given)
+    ruled = given | {name: f"{value:.17g}" for name, value in zip(names, start, strict=True)}
+    first = load_scenario(path, hidden, ruled)
     prior = Prior(start, np.array(list(errors.values())))
     held = uncertain_parameters(path, names, given, uncertain)
     if not is_vectorized():
@@ -150,7 +151,7 @@ def calibrate(
     with threadpool_limits(1):
         off = []
         if backgrounds is not None and len(backgrounds):
-            small = load_scenario(path, fitted(hidden, COARSE), given)
+            small = load_scenario(path, fitted(hidden, COARSE), ruled)
             off = _monitor_off(backgrounds, y, small, mask, seed)
 
         def level(resolution: Resolution, seen: Orientation = AS_IT_IS) -> ResolutionLevel:
@@ -175,7 +176,7 @@ def calibrate(
             levels = [each.by_rays() for each in levels]
             flipped = {name: each.by_rays() for name, each in flipped.items()}
         levels[0].background(start)  # too few pixels are told of before anything is rendered
-        shift = ImageShift.of(path, levels[-1].hidden_shape, given, names, prior)
+        shift = ImageShift.of(path, levels[-1].hidden_shape, ruled, names, prior)
         return calibrate_levels(levels, start, held, progress, shift=shift, flipped=flipped)
 
 
