@@ -103,9 +103,12 @@ class ImageShift:
         return np.asarray(self.patches.any(axis=0))
 
     def nearest(self, values: Values, start: Values) -> Values:
-        """Return values, (P,), shifted by whole patches to where they are nearest a start's."""
+        """Return values, (P,), shifted by whole patches to where they are nearest a start's.
+
+        Along an axis along which they cannot shift the image alone, they stay.
+        """
         whole = np.rint(self.patches @ (values - start))
-        return np.asarray(values - np.linalg.pinv(self.patches) @ whole)
+        return np.asarray(values - self.by_patch @ whole)
 
     def settled(
         self, level: ResolutionLevel, values: Values, seen: Explanation

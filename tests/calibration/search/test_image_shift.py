@@ -125,6 +125,12 @@ def test_values_move_by_whole_patches_to_where_the_ruler_has_them(askew):
     assert ImageShift.none(3).nearest(far, start).tolist() == far.tolist()
 
 
+def test_what_shifts_the_image_obliquely_stays():
+    """By a patch and a half of one across, no image on the grid would follow it."""
+    slanted = ImageShift(np.array([[1.0], [0.5]]))
+    np.testing.assert_array_equal(slanted.nearest(np.array([2.1]), np.zeros(1)), [2.1])
+
+
 @pytest.mark.parametrize("up", [0.0, 1e-9, 1e-4])
 def test_one_parameter_shifts_by_whole_patches_one_way_alone(up):
     by_patch = ImageShift(np.array([[100.0, 0.0], [up, 0.0]])).by_patch
