@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable, show
 from periscopy_sim.numerics.percentages import percentages
@@ -86,15 +87,14 @@ def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) ->
 def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     """Show a parameter at all points that were visited, level by level, and where it ended."""
     parameter = calibration.parameters[k]
-    looks = [
-        ("tried at a low resolution", {"color": "#a0a0a0", "linestyle": "none"}),
-        ("descent", {"color": "#08519c"}),
-    ]
-    for level, (visited, (label, look)) in enumerate(zip(calibration.path, looks, strict=True)):
+    looks = ("looked at, low resolution", "#a0a0a0"), ("looked at", "#6baed6")
+    for level, (visited, (label, color)) in enumerate(zip(calibration.path, looks, strict=True)):
         # A level's points take equal room, however many they are.
         place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)
         values = visited.values[:, k]
-        ax.plot(place, values, marker=".", markersize=3, linewidth=0.8, label=label, **look)
+        ax.plot(place, values, ".", color=color, markersize=3, label=label)
+    best = _best_so_far(visited.evidence)
+    ax.plot(place, values[best], color="#08519c", linewidth=0.9, label="best so far")
     ax.set_ylim(*_shown(calibration, k))
     ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":", label="start")
     ax.axhline(parameter.value, color="#d94801", linewidth=0.8, label="found")
@@ -108,6 +108,13 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
         ["{} x {}".format(*visited.photograph_shape) for visited in calibration.path], fontsize=7
     )
     ax.tick_params(labelsize=7)
+
+
+def _best_so_far(evidence: Array) -> NDArray[np.intp]:
+    """Return for each point visited, (n,), which one has the least evidence until then."""
+    least = np.minimum.accumulate(evidence)
+    is_best = np.arange(len(evidence)) * (evidence <= least)
+    return np.asarray(np.maximum.accumulate(is_best))
 
 
 BEST = 10

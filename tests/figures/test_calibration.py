@@ -12,6 +12,8 @@ from periscopy_sim.figures.calibration import calibration_figure, draw_calibrati
 SEARCH = np.array([[0.0, 2.0], [0.9, 2.4], [0.12, 1.9], [-0.8, 5.0]])
 EVIDENCE = np.array([7.0, np.inf, 3.0, 5.0])
 DESCENT = np.array([[0.11, 1.8], [0.1, 1.7], [0.1, 1.7], [0.102, 1.65], [0.1, 1.6]])
+OF_DESCENT = np.array([4.0, 3.0, np.inf, 5.0, 1.0])
+BEST = DESCENT[[0, 1, 1, 1, 4]]
 
 
 def calibration(before, after):
@@ -20,7 +22,7 @@ def calibration(before, after):
         SimpleNamespace(values=values, evidence=evidence, photograph_shape=shape)
         for values, evidence, shape in [
             (SEARCH, EVIDENCE, (4, 4)),
-            (DESCENT, np.arange(5.0)[::-1], before.shape),
+            (DESCENT, OF_DESCENT, before.shape),
         ]
     ]
     return SimpleNamespace(
@@ -61,13 +63,13 @@ def test_each_parameter_is_shown_on_its_path(axes, residuals):
     titles = "dx: 0.1 ± 0.01", "turn: 1.6 ± 0.3"
     for k, (title, parameter) in enumerate(zip(titles, parameters, strict=True)):
         ax = axes[title]
-        *paths, start, end = ax.get_lines()
+        *paths, best, start, end = ax.get_lines()
         for level, (line, values) in enumerate(zip(paths, (SEARCH, DESCENT), strict=True)):
             place, shown = line.get_data()
             np.testing.assert_array_equal(shown, values[:, k])
             assert level < place[0] and place[-1] < level + 1 and (np.diff(place) > 0).all()
-            # Points of the search have no order; those of a descent have.
-            assert (line.get_linestyle() == "None") == (level == 0)
+            assert line.get_linestyle() == "None"
+        np.testing.assert_array_equal(best.get_data(), (place, BEST[:, k]))
         assert start.get_ydata()[0] == parameter.start
         assert end.get_ydata()[0] == parameter.value
         (band,) = ax.patches
@@ -99,7 +101,7 @@ def test_paths_fill_their_rows_and_are_explained(residuals, count):
     assert len(beneath.axes) - count < rows <= -(-count // 4)
     (legend,) = beneath.legends
     told = [text.get_text() for text in legend.get_texts()]
-    assert told[-3:] == ["start", "found", "± standard error"] and len(told) == 5
+    assert told[-3:] == ["start", "found", "± standard error"] and len(told) == 6
     assert "the scene's units" in beneath.get_supylabel()
     assert "pixels of the photograph" in beneath.get_supxlabel()
 
