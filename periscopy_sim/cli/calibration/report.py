@@ -135,6 +135,8 @@ def say_found(found: Calibration, *, has_backgrounds: bool) -> None:
             f"{likely}"
             "periscopy reconstruct with this scene maps it (residual.png) and names likely causes"
         )
+    else:
+        say(f"nothing in that is more than {found.discrepancy:.1f} times as strong as noise")
     if not found.moved and all(p.value == p.start for p in found.parameters):
         say("no other values explain it better than those at the start, which stay")
     elif not found.moved:

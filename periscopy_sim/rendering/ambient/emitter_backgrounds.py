@@ -24,8 +24,7 @@ from periscopy_sim.rendering.ambient.irradiance import (
     pixel_edges,
     rows_of,
 )
-from periscopy_sim.rendering.ambient.replicas import REPLICAS
-from periscopy_sim.rendering.ambient.smoothing import best_estimate
+from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
@@ -121,30 +120,25 @@ def emitter_backgrounds(
     report = progress or (lambda _: None)
     shape = scenario.photograph_shape
     wall = points, normals, pixel_edges(points, normals, shape)
-    estimates = [
-        estimate
+    everywhere = np.arange(len(points))
+    parts = [
+        Part(estimate, everywhere, shape)
         for emitter in scene.emitters()
         for estimate in _prototypes(scene, emitter, wall, pane, path)
     ]
-    seeds = np.random.SeedSequence(seed).generate_state(len(estimates) * max_rounds * REPLICAS)
+    seeds = iter(np.random.SeedSequence(seed).generate_state(len(parts) * max_rounds * REPLICAS))
     columns, worst = [], 0.0
-    for number, (estimate, own) in enumerate(
-        zip(estimates, seeds.reshape(len(estimates), max_rounds, REPLICAS).tolist(), strict=True)
-    ):
-        total: Array = np.zeros(())
-        for done, replicas in enumerate(own, 1):
-            total = total + [estimate(each).mean(axis=1) for each in replicas]  # of the channels
-            if not total.any():
-                break
-            light = best_estimate(total[..., np.newaxis] / done, np.arange(len(points)), shape)
-            error = relative_errors(light.replicas, light.squared_bias)[0]
-            report((number + done / max_rounds) / len(estimates))
-            if error <= target:
-                break
-        if total.any():
-            columns.append(light.replicas.mean(axis=0)[:, 0])
+    for number, part in enumerate(parts):
+        error = np.inf
+        while error > target and part.rounds < max_rounds:
+            part.add_round(map(int, seeds))
+            error = relative_errors(part.field.replicas, part.field.squared_bias)[0]
+            report((number + part.rounds / max_rounds) / len(parts))
+        column = part.field.replicas.mean(axis=(0, 2))
+        if column.any():
+            columns.append(column)
             worst = max(worst, error)
-        report((number + 1) / len(estimates))
+        report((number + 1) / len(parts))
     if not columns:
         raise SceneError(
             f"scene '{path}': none of its emitters reaches its wall straight; move them or the wall"
