@@ -44,6 +44,14 @@ def board(bsdf, *, x=1.0, y=0.5, size=0.3, angle=-90):
     )
 
 
+def instanced(shape):
+    """The shape, not in the scene itself but as an instance."""
+    return (
+        f'<shape type="shapegroup" id="group">{shape}</shape>'
+        '<shape type="instance" id="copy"><ref id="group"/></shape>'
+    )
+
+
 def floor(bsdf):
     return (
         f'<shape type="rectangle" id="floor">{bsdf}<transform name="to_world">'
@@ -113,6 +121,14 @@ def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
     )
     image = hidden_image(seen.hidden_shape)
     same_mean(list(traced(seen, image, None, 256)), list(predicted(seen, image, None)))
+
+
+def test_instances_send_it_on_as_shapes_do(room, same_mean):
+    seen = room.load(instanced(board(painted("0.8, 0.4, 0.2"))))
+    image = hidden_image(seen.hidden_shape)
+    found = list(predicted(seen, image, None))
+    same_mean(list(traced(seen, image, None)), found)
+    assert np.mean(found) > 1.02 * np.mean(list(traced(seen, image, 1)))
 
 
 def test_light_through_a_lens_bounces_too(room, same_mean):
