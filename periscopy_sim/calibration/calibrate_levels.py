@@ -22,11 +22,10 @@ from periscopy_sim.calibration.progress import Progress
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search.fisher_information import block_scores
 from periscopy_sim.calibration.search.global_search import explore
-from periscopy_sim.calibration.search.image_shift import ImageShift, between_patches
+from periscopy_sim.calibration.search.image_shift import NEGLIGIBLE, ImageShift
 from periscopy_sim.calibration.search.patch_search import ITERATIONS, Best, search_patches
 from periscopy_sim.calibration.search.patch_walk import TELLING
 from periscopy_sim.calibration.search.ruled_starts import ends_from_ruler
-from periscopy_sim.calibration.search.telling import least_gain
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError
 from periscopy_sim.scenario import Array
@@ -217,18 +216,15 @@ class _Search:
         return [end for end in ends if all((np.abs(end - at) > near).any() for at in begun)]
 
     def better(self, fine: ResolutionLevel, found: _Found, other: _Found) -> _Found:
-        """Return the one of two that photograph and ruler favour, see `between_patches`.
+        """Return the one of two that explains more, each by its own errors.
 
-        Where chance may make that difference, it is the one that is believed, if one is.
+        The photograph counts against the ruler as what the better one leaves varies over the wall.
+        Where the difference is negligible, it is the one that is believed, if one is.
         """
-        gain = between_patches(fine, found.values, fine.judged(found.values)) - between_patches(
-            fine, other.values, fine.judged(other.values)
-        )
-        if bool(found.doubts) != bool(other.doubts):
-            level, about = found.best.level, found.best.end.curvature
-            here, there = ((each.values, level.explain(each.values)) for each in (found, other))
-            if abs(gain) <= least_gain(level, about, here, there):
-                return other if found.doubts else found
+        level = fine.overdispersed(min(each.best.level.overdispersion for each in (found, other)))
+        gain = level.judgement(found.values) - level.judgement(other.values)
+        if bool(found.doubts) != bool(other.doubts) and abs(gain) < NEGLIGIBLE:
+            return other if found.doubts else found
         return other if gain > 0 else found
 
     def followed(self, values: Values, visit: Visit, wider: int = 1) -> _Found:

@@ -1,6 +1,7 @@
 """The whole way in the world of the slat: what is told of each parameter, and by whom."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -294,9 +295,9 @@ def test_no_search_begins_twice_from_one_end(ends_of, monkeypatch):
 
 @pytest.mark.usefixtures("held")
 @pytest.mark.parametrize("first", ["believed", "doubted"])
-def test_what_chance_may_favour_is_not_taken_for_what_is_believed(ends_of, monkeypatch, first):
+def test_what_hardly_explains_more_is_not_taken_for_what_is_believed(ends_of, monkeypatch, first):
     """Both are within a told error of the truth, whichever explains more."""
-    places = TRUTH + 4e-4, TRUTH
+    places = TRUTH + 2.5e-4, TRUTH
     believed = places[0] if first == "believed" else places[1]
 
     def doubts(_, values, *__):
@@ -325,6 +326,20 @@ def test_what_explains_far_more_is_taken_though_it_is_in_doubt(ends_of, monkeypa
     found = calibrated(TRUTH + 0.07, [0.03, 0.03])
     np.testing.assert_array_equal(list(found.values.values()), TRUTH)
     assert not found.trusted
+
+
+@pytest.mark.parametrize(("overdispersion", "best"), [(1.0, "truth"), (20.0, "ruler")])
+def test_against_the_ruler_the_photograph_counts_as_what_is_left_varies(overdispersion, best):
+    ruler = TRUTH + 0.002
+    level = Slat(ruler, [4e-4, 4e-4])
+
+    def found(values, varies):
+        found_by = SimpleNamespace(level=SimpleNamespace(overdispersion=varies))
+        return search._Found(values, None, found_by, gained=True, set_back=False, doubts=())
+
+    places = {"truth": found(TRUTH, overdispersion), "ruler": found(ruler, 20 * overdispersion)}
+    for one, other in (("truth", "ruler"), ("ruler", "truth")):
+        assert search._Search.better(None, level, places[one], places[other]) is places[best]
 
 
 def test_shadows_are_seen_however_far_from_the_rulers_word():

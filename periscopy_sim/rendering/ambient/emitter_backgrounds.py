@@ -36,7 +36,7 @@ PANE = 0.25
 MOST_PANES = 256
 """Of an emitter: each is a column of B."""
 
-TARGET = 3e-4
+TARGET = 1e-3
 """Error of a prototype relative to its brightness, after the factor that scales the whole."""
 
 SAMPLES = 16

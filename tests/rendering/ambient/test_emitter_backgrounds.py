@@ -105,6 +105,19 @@ def test_light_of_a_glass_of_many_colours_is_spanned_by_its_panes(written, scena
 
 
 @pytest.mark.usefixtures("jit")
+def test_what_stands_before_a_lamp_casts_its_shadow(room, written, scenario):
+    """Lamp and panel, each alone, against the path tracer."""
+    ball = room.blocker("0.62, 0.8, 0.35", 0.05)
+    for light in (LAMP, panel()):
+        seen = render_background(written(light, ball), scenario, target=2e-2).photograph
+        (column,) = emitter_backgrounds(written(light, ball), scenario, pane=1, target=5e-2).T
+        grey = seen.mean(axis=2).ravel()
+        np.testing.assert_allclose(column, relative(grey), atol=0.08)
+        (bare,) = emitter_backgrounds(written(light), scenario, pane=1, target=5e-2).T
+        assert np.abs(column - bare).max() > 0.3
+
+
+@pytest.mark.usefixtures("jit")
 def test_what_does_not_reach_the_wall_is_left_out(written, scenario):
     away = panel(turn=0).replace('"panel"', '"away"')
     assert emitter_backgrounds(written(panel() + away), scenario, target=1).shape == (144, 2)
