@@ -86,6 +86,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
         (("--photograph", "other.npy"), "photograph "),
         (("--samples", "5"), "samples 4, here 5"),
         (("--bounces", "all"), 'bounces "direct", here "all"'),
+        (("--backgrounds", "B.npy"), 'ambient_prototypes ["grid"], here ["B.npy"]'),
         (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
         (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
     ]:
