@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -157,10 +158,29 @@ class _Search:
     log: Progress
 
     def of_box(self) -> _Found:
-        """Return what is found where no ruler knows some parameter."""
-        visit = self.log.at(self.coarse)
-        values = explore(self.coarse, self.start, self.spreads, self.coarse.seed, visit)
-        return self.followed(values, self.log.at(self.fine))
+        """Return what is found where no ruler knows some parameter; where it may be wrong, go on.
+
+        The next search is of the box about where the last one ended: it comes nearer to a place
+        that lies outside the first box. It is followed if the coarse level explains more there;
+        else the search ends. Of what was followed, the `better` is returned.
+        """
+        seed, visit = self.coarse.seed, self.log.at(self.coarse)
+        values = explore(self.coarse, self.start, self.spreads, seed, visit)
+        visit = self.log.at(self.fine)
+        found = self.followed(values, visit)
+        if not found.may_be_wrong:
+            return found
+        coarse, fine = self.comparable(self.coarse), self.comparable(self.fine)
+        for attempt in range(1, ATTEMPTS):
+            about = found.best.values
+            values = explore(self.coarse, about, self.spreads, seed + attempt, self.log.again())
+            if not coarse.judgement(values) < coarse.judgement(about) - TELLING:
+                return self.told(found.best, about)
+            with suppress(SceneError, PhotographError):
+                found = self.better(fine, found, self.followed(values, visit, about=about))
+            if not found.may_be_wrong:
+                break
+        return found
 
     def from_ruler(self) -> _Found:
         """Return what is found about the ruler's word; where that may be wrong, search on.
@@ -172,9 +192,9 @@ class _Search:
         What makes the search from one end fail makes it go on from the next; if all fail, what the
         first one failed by is raised.
         """
-        coarse = _evened(self.coarse, self.start).comparable(self.start)
+        coarse = self.comparable(self.coarse)
         ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
-        fine = _evened(self.fine, self.start).comparable(self.start)
+        fine = self.comparable(self.fine)
         visit = self.log.at(self.fine)
         begun: list[Values] = []
         failed: list[PeriscopyError] = []
@@ -210,6 +230,10 @@ class _Search:
             found = self.better(fine, found, other) if other else found
         return found
 
+    def comparable(self, level: ResolutionLevel) -> ResolutionLevel:
+        """Return a level by which ends of searches are compared."""
+        return _evened(level, self.start).comparable(self.start)
+
     def fresh(self, ends: Sequence[Values], begun: Sequence[Values]) -> list[Values]:
         """Return the ends, (P,) each, from which no search has begun."""
         near = SAME * self.steps
@@ -227,38 +251,47 @@ class _Search:
             return other if found.doubts else found
         return other if gain > 0 else found
 
-    def followed(self, values: Values, visit: Visit, wider: int = 1) -> _Found:
+    def followed(
+        self, values: Values, visit: Visit, wider: int = 1, about: Values | None = None
+    ) -> _Found:
         """Return what the fine level finds from some values, and whether to believe it.
 
-        Its walks look at `wider` times as many places as usual.
+        Its walks look at `wider` times as many places as usual. The values were found in the box
+        `about` others, (P,), if not about the start.
 
         A SceneError says that the search left the physical, a PhotographError that nothing is seen.
         """
-        names, start, prior = self.fine.names, self.start, self.fine.prior
         _require_shadows(self.coarse, values)
         level = _evened(self.fine, values)
         best = search_patches(level, values, self.steps, self.shift, visit, self.log.looked, wider)
-        values, seen, level, end = best.values, best.seen, best.level, best.end
+        end = best.end
         if end.unphysical is not None:
             place = ", ".join(
-                f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True)
+                f"{name} = {v:.4g}" for name, v in zip(self.fine.names, end.values, strict=True)
             )
             raise SceneError(
                 f"the search left the physical, past {place}: {end.unphysical}; free less, or fix "
                 "the one that went too far by -D"
             )
+        found = self.told(best, self.start if about is None else about)
+        visit(found.values, found.seen.evidence)
+        return found
+
+    def told(self, best: Best, about: Values) -> _Found:
+        """Return what was found best by a search of the box about some values, (P,)."""
+        values, seen, level, start = best.values, best.seen, best.level, self.start
         before = level.judged(start)
-        known = learned(end.curvature)
+        known = learned(best.end.curvature)
         gained = is_significant(before.evidence - seen.evidence, known)
         set_back = self.ruled and not gained
         if set_back:
             values, seen = start, before
-        visit(values, seen.evidence)
         left = level.as_it_comes().explain(values).left
         structured = level.discrepancy > STRUCTURED
         misfit, negative = (left, seen.darker_than_black) if structured else (0.0, 0.0)
+        names, spreads, prior = self.fine.names, self.spreads, self.fine.prior
         why = (
-            *doubts(names, values, self.spreads, prior, gained, known, misfit, negative),
+            *doubts(names, values, about, spreads, prior, gained, known, misfit, negative),
             *_doubted_orientation(self.coarse, values, self.flipped, start),
         )
         return _Found(values, seen, best, gained, set_back, why)

@@ -61,6 +61,7 @@ def bounded(covariance: Array, ruler: Array) -> Array:
 def doubts(
     names: Sequence[str],
     values: Array,
+    middles: Array,
     spreads: Array,
     prior: Prior,
     gained: bool,
@@ -70,22 +71,22 @@ def doubts(
 ) -> tuple[str, ...]:
     """Return why parameters, (P,), are not to be believed; empty where nothing says so.
 
-    `spreads` are the half widths of what was searched, `gained` whether they explain more than
-    the start does, `known` how many of them the photograph determines, `misfit` what part of it
-    no smooth light and no such scene makes, but for noise, `negative` what part of the hidden
-    image's light is, 0 where what is left is but noise.
+    The box that was searched has half widths `spreads` about its `middles`, (P,) each. `gained`
+    says whether they explain more than the start does, `known` how many of them the photograph
+    determines, `misfit` what part of it no smooth light and no such scene makes, but for noise,
+    `negative` what part of the hidden image's light is, 0 where what is left is but noise.
     """
     found = []
-    for name, value, center, spread, distance in zip(
-        names, values, prior.centers, spreads, prior.distance(values), strict=True
+    for name, value, middle, spread, distance in zip(
+        names, values, middles, spreads, prior.distance(values), strict=True
     ):
         if abs(distance) > FARTHEST:
             found.append(
                 f"{name} ended {abs(distance):.1f} of the ruler's errors from where the ruler has "
                 "it: the ruler, its error or the scene is wrong"
             )
-        elif np.isinf(prior.errors).any() and abs(value - center) > spread:
-            found.append(f"{name} ended outside of what was searched, {center:.4g} ± {spread:.2g}")
+        elif np.isinf(prior.errors).any() and abs(value - middle) > spread:
+            found.append(f"{name} ended outside of what was searched, {middle:.4g} ± {spread:.2g}")
     if not gained and known < LEARNED:
         found.append(
             "the photograph tells less of the parameters than the ruler does: what it leaves "

@@ -413,6 +413,66 @@ def test_what_shifts_the_image_is_known_by_the_ruler_alone_and_others_follow_it(
     assert distance.standard_error < np.hypot(1.05 * alone.standard_error, followed)
 
 
+@pytest.fixture
+def boxes(monkeypatch):
+    """Have the searches of boxes end where is said, by turns; give what they are about."""
+
+    def search_to(*ends):
+        begun = []
+
+        def explore(_, start, *__):
+            begun.append(start)
+            return ends[len(begun) - 1]
+
+        monkeypatch.setattr(search, "explore", explore)
+        return begun
+
+    return search_to
+
+
+@pytest.mark.usefixtures("doubted", "held")
+def test_without_a_ruler_a_search_in_doubt_goes_on_about_where_it_ended(boxes):
+    begun = boxes(TRUTH + 0.03, TRUTH)
+    assert calibrated(TRUTH + 0.07, [np.inf, np.inf]).trusted
+    np.testing.assert_array_equal(begun, [TRUTH + 0.07, TRUTH + 0.03])
+
+
+@pytest.mark.usefixtures("doubted", "held")
+def test_without_a_ruler_one_that_is_believed_ends(boxes):
+    begun = boxes(TRUTH)
+    assert calibrated(TRUTH + 0.07, [np.inf, np.inf]).trusted
+    assert len(begun) == 1
+
+
+@pytest.mark.usefixtures("doubted", "held")
+def test_without_a_ruler_the_search_ends_where_a_box_has_nothing_better(boxes):
+    begun = boxes(TRUTH + 0.03, TRUTH + 0.03)
+    found = calibrated(TRUTH + 0.07, [np.inf, np.inf])
+    assert len(begun) == 2 and not found.trusted
+    np.testing.assert_array_equal(list(found.values.values()), TRUTH + 0.03)
+
+
+@pytest.mark.usefixtures("held")
+@pytest.mark.parametrize("again", ["left", "kept"])
+def test_without_a_ruler_what_ended_outside_of_its_box_is_believed_within_the_next(boxes, again):
+    """The parameters differ by millimetres; boxes are about a tenth wide."""
+    far = TRUTH + np.array([0.6, 0.0])
+    begun = boxes(TRUTH, TRUTH + 0.001 if again == "left" else TRUTH)
+    found = calibrated(far, [np.inf, np.inf])
+    assert found.parameters[0].spread < 0.6
+    assert found.trusted
+    np.testing.assert_array_equal(begun, [far, TRUTH])
+
+
+@pytest.mark.usefixtures("doubted", "held")
+def test_without_a_ruler_a_later_search_that_fails_costs_nothing_of_what_was_found(boxes, failing):
+    begun = boxes(TRUTH + 0.06, TRUTH, TRUTH + 0.012, TRUTH + 0.012)
+    failing([(TRUTH, SceneError("it left the physical"))])
+    found = calibrated(TRUTH + 0.07, [np.inf, np.inf])
+    np.testing.assert_array_equal(list(found.values.values()), TRUTH + 0.012)
+    np.testing.assert_array_equal(begun[2], TRUTH + 0.06)
+
+
 def test_what_shifts_the_image_and_no_ruler_knows_is_not_determined(monkeypatch):
     monkeypatch.setattr(search, "explore", lambda _, start, *__, **___: start)
     start, shift = ERRING, ImageShift(np.array([[2.0, 0.0], [0.0, 0.0]]))
