@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.rendering.ambient.light_paths import collected
 from periscopy_sim.scenario import Array
 
-ALONE = 2
+ALONE = 3
 """Paths that serve the points' mean alone, for each that serves every point and so costs more."""
 
 PAIRS = 1 << 23
@@ -52,15 +53,6 @@ def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
     if rows == 1:
         down = np.cross(normal, across)
     return np.stack([down, across], axis=2).reshape(-1, 2, 3)
-
-
-def scatters_alike(flags: Any) -> Any:
-    """Return whether a BSDF with these flags scatters alike in all directions."""
-    import mitsuba as mi
-
-    # Delta includes what lets light pass straight.
-    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-    return (flags & other) == 0
 
 
 def direct_irradiance(
@@ -101,6 +93,7 @@ def direct_irradiance(
         pdf = emitter.pdf_direction(si, mi.DirectionSample3f(scene, hit, si))
         met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
         arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
+    dr.eval(arriving)  # else traced anew for each channel
     return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
 
 
@@ -133,9 +126,7 @@ def _trace(
 ) -> tuple[Array, tuple[Any, ...]]:
     """Trace paths in cosine-weighted directions.
 
-    Return the radiance that each brings, (paths, 3), without emission that the first ray meets; and
-    what that ray meets, in Dr.Jit arrays: positions, normals towards the wall, whether there is a
-    hit, and whether it scatters alike in all directions.
+    Return the radiance that each brings, (paths, 3), and what it first meets, as `collected` does.
     """
     import drjit as dr
     import mitsuba as mi
@@ -147,14 +138,8 @@ def _trace(
     index = dr.arange(mi.UInt32, count) // each
     frame = mi.Frame3f(gathered(mi.Normal3f, normals, index))
     direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-    ray = mi.RayDifferential3f(gathered(mi.Point3f, points, index), direction)
-    arriving = mi.load_dict({"type": "path", "max_depth": -1}).sample(scene, sampler, ray)[0]
-    emitted = mi.load_dict({"type": "path", "max_depth": 1}).sample(scene, sampler, ray)[0]
-    si = scene.ray_intersect(mi.Ray3f(ray))
-    diffuse = scatters_alike(si.bsdf(ray).flags())
-    normal = si.n * dr.sign(-dr.dot(si.n, direction))
-    hits = (mi.Point3f(si.p), mi.Normal3f(normal), si.is_valid(), diffuse)
-    light = arriving - emitted
+    ray = mi.Ray3f(gathered(mi.Point3f, points, index), direction)
+    light, hits = collected(scene, sampler, ray)
     dr.eval(light, hits)
     return rows_of(light), hits
 

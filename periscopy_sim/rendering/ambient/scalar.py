@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.irradiance import pixel_edges, scatters_alike
+from periscopy_sim.rendering.ambient.irradiance import pixel_edges
+from periscopy_sim.rendering.ambient.light_paths import scatters_alike
 from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
 from periscopy_sim.rendering.scene.load import shape_of
 from periscopy_sim.rendering.wall_polynomials import chosen_sites

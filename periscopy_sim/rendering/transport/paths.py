@@ -20,16 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.rendering.roulette import survivors
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.pointwise import surface_at
 from periscopy_sim.rendering.transport.kernel import monitor_profile
 from periscopy_sim.scenario import Array, Scenario
-
-ROULETTE = 5
-"""Surfaces after which paths of little weight may end."""
-
-SURVIVAL = 0.95
-"""Largest chance to go on from there."""
 
 LATTICE = 6
 """Dimensions of a path that are spread evenly: the pixel's area, the first direction, the first
@@ -131,7 +126,7 @@ def make_tracer(
             surface: Any, ray: Any, throughput: Any, pdf: Any, delta: Any, rng: Any, active: Any
         ) -> tuple[Any, ...]:
             """Go on to the next surface, by its number from the wall's point on."""
-            si = scene.ray_intersect(ray, +mi.RayFlags.All, True, active)
+            si = scene.ray_intersect(ray, +mi.RayFlags.All, False, active)  # not side by side
             active &= si.is_valid()
             # The monitor met by chance. From the wall's point itself it is direct light: its pdf is
             # given as 0, and so is its weight.
@@ -161,11 +156,8 @@ def make_tracer(
                 mi.Point2f(rng.next_float32(), rng.next_float32()), active,
             )  # fmt: skip
             throughput *= gain
-            strongest = dr.max(throughput)
-            active &= strongest > 0
-            survival = dr.select(surface >= ROULETTE, dr.minimum(strongest, SURVIVAL), 1)
-            active &= rng.next_float32() < survival
-            throughput *= dr.rcp(dr.select(active, survival, 1))
+            number = rng.next_float32()
+            throughput, active = survivors(surface, throughput, number, active)
             ray = si.spawn_ray(si.to_world(sample.wo))
             delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
             return surface + 1, ray, throughput, sample.pdf, delta, rng, active
