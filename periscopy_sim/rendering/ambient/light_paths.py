@@ -44,7 +44,7 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
     emitters = scene.emitters()
     asked = emitters if len(emitters) <= FEW else [scene]
 
-    def sampled(emitter: Any, si: Any, sample: Any, active: Any) -> tuple[Any, Any]:
+    def sampled(emitter: Any, si: Any, sample: Any, active: Any) -> Any:
         """Sample a direction to an emitter, or, by the scene, to one of its emitters."""
         if emitter is scene:
             return scene.sample_emitter_direction(si, sample, False, active)
