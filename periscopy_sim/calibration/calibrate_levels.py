@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -158,27 +157,26 @@ class _Search:
     log: Progress
 
     def of_box(self) -> _Found:
-        """Return what is found where no ruler knows some parameter; where it may be wrong, go on.
+        """Return what is found where no ruler knows some parameter; while it is in doubt, go on.
 
         The next search is of the box about where the last one ended: it comes nearer to a place
-        that lies outside the first box. It is followed if the coarse level explains more there;
-        else the search ends. Of what was followed, the `better` is returned.
+        that lies outside the first box. Of all that was found, the `better` is returned.
         """
         seed, visit = self.coarse.seed, self.log.at(self.coarse)
         values = explore(self.coarse, self.start, self.spreads, seed, visit)
         visit = self.log.at(self.fine)
         found = self.followed(values, visit)
-        if not found.may_be_wrong:
-            return found
-        coarse, fine = self.comparable(self.coarse), self.comparable(self.fine)
         for attempt in range(1, ATTEMPTS):
+            if not found.doubts:
+                break
             about = found.best.values
             values = explore(self.coarse, about, self.spreads, seed + attempt, self.log.again())
-            if not coarse.judgement(values) < coarse.judgement(about) - TELLING:
-                return self.told(found.best, about)
-            with suppress(SceneError, PhotographError):
-                found = self.better(fine, found, self.followed(values, visit, about=about))
-            if not found.may_be_wrong:
+            try:
+                other = self.followed(values, visit, about=about)
+            except (SceneError, PhotographError):
+                continue
+            found = self.better(_comparable(self.fine, about), found, other)
+            if not self.fresh([other.best.values], [about]):
                 break
         return found
 
@@ -192,9 +190,9 @@ class _Search:
         What makes the search from one end fail makes it go on from the next; if all fail, what the
         first one failed by is raised.
         """
-        coarse = self.comparable(self.coarse)
+        coarse = _comparable(self.coarse, self.start)
         ends = ends_from_ruler(coarse, self.start, self.steps, self.log.at(self.coarse))
-        fine = self.comparable(self.fine)
+        fine = _comparable(self.fine, self.start)
         visit = self.log.at(self.fine)
         begun: list[Values] = []
         failed: list[PeriscopyError] = []
@@ -230,10 +228,6 @@ class _Search:
             found = self.better(fine, found, other) if other else found
         return found
 
-    def comparable(self, level: ResolutionLevel) -> ResolutionLevel:
-        """Return a level by which ends of searches are compared."""
-        return _evened(level, self.start).comparable(self.start)
-
     def fresh(self, ends: Sequence[Values], begun: Sequence[Values]) -> list[Values]:
         """Return the ends, (P,) each, from which no search has begun."""
         near = SAME * self.steps
@@ -261,37 +255,32 @@ class _Search:
 
         A SceneError says that the search left the physical, a PhotographError that nothing is seen.
         """
+        names, start, prior = self.fine.names, self.start, self.fine.prior
         _require_shadows(self.coarse, values)
         level = _evened(self.fine, values)
         best = search_patches(level, values, self.steps, self.shift, visit, self.log.looked, wider)
-        end = best.end
+        values, seen, level, end = best.values, best.seen, best.level, best.end
         if end.unphysical is not None:
             place = ", ".join(
-                f"{name} = {v:.4g}" for name, v in zip(self.fine.names, end.values, strict=True)
+                f"{name} = {v:.4g}" for name, v in zip(names, end.values, strict=True)
             )
             raise SceneError(
                 f"the search left the physical, past {place}: {end.unphysical}; free less, or fix "
                 "the one that went too far by -D"
             )
-        found = self.told(best, self.start if about is None else about)
-        visit(found.values, found.seen.evidence)
-        return found
-
-    def told(self, best: Best, about: Values) -> _Found:
-        """Return what was found best by a search of the box about some values, (P,)."""
-        values, seen, level, start = best.values, best.seen, best.level, self.start
         before = level.judged(start)
-        known = learned(best.end.curvature)
+        known = learned(end.curvature)
         gained = is_significant(before.evidence - seen.evidence, known)
         set_back = self.ruled and not gained
         if set_back:
             values, seen = start, before
+        visit(values, seen.evidence)
         left = level.as_it_comes().explain(values).left
         structured = level.discrepancy > STRUCTURED
         misfit, negative = (left, seen.darker_than_black) if structured else (0.0, 0.0)
-        names, spreads, prior = self.fine.names, self.spreads, self.fine.prior
+        middles = start if about is None else about
         why = (
-            *doubts(names, values, about, spreads, prior, gained, known, misfit, negative),
+            *doubts(names, values, middles, self.spreads, prior, gained, known, misfit, negative),
             *_doubted_orientation(self.coarse, values, self.flipped, start),
         )
         return _Found(values, seen, best, gained, set_back, why)
@@ -310,6 +299,11 @@ def _evened(level: ResolutionLevel, values: Values) -> ResolutionLevel:
         level = level.gained(found)
         found = level.of_nonnegative_images().explain(values)
     return level.gained(found)
+
+
+def _comparable(level: ResolutionLevel, values: Values) -> ResolutionLevel:
+    """Return a level by which ends of searches near some values, (P,), are compared."""
+    return _evened(level, values).comparable(values)
 
 
 def _require_shadows(level: ResolutionLevel, values: Values) -> None:

@@ -453,15 +453,16 @@ def test_without_a_ruler_the_search_ends_where_a_box_has_nothing_better(boxes):
 
 
 @pytest.mark.usefixtures("held")
-@pytest.mark.parametrize("again", ["left", "kept"])
-def test_without_a_ruler_what_ended_outside_of_its_box_is_believed_within_the_next(boxes, again):
-    """The parameters differ by millimetres; boxes are about a tenth wide."""
+@pytest.mark.parametrize("first", [TRUTH, TRUTH + 0.06], ids=["it", "another"])
+def test_without_a_ruler_what_ended_outside_of_its_box_is_believed_within_the_next(boxes, first):
+    """Ends are compared as they look near the end: a gain fitted at the start favours the wrong."""
     far = TRUTH + np.array([0.6, 0.0])
-    begun = boxes(TRUTH, TRUTH + 0.001 if again == "left" else TRUTH)
+    begun = boxes(first, TRUTH)
     found = calibrated(far, [np.inf, np.inf])
-    assert found.parameters[0].spread < 0.6
+    assert found.parameters[0].spread < 0.5
     assert found.trusted
-    np.testing.assert_array_equal(begun, [far, TRUTH])
+    np.testing.assert_array_equal(list(found.values.values()), TRUTH)
+    np.testing.assert_array_equal(begun, [far, first])
 
 
 @pytest.mark.usefixtures("doubted", "held")
