@@ -21,7 +21,7 @@ from periscopy_sim.calibration.parameters import scales_and_spreads
 from periscopy_sim.calibration.progress import Progress
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search.fisher_information import block_scores
-from periscopy_sim.calibration.search.global_search import explore
+from periscopy_sim.calibration.search.global_search import LATER, explore
 from periscopy_sim.calibration.search.image_shift import NEGLIGIBLE, ImageShift
 from periscopy_sim.calibration.search.patch_search import ITERATIONS, Best, search_patches
 from periscopy_sim.calibration.search.patch_walk import TELLING
@@ -170,7 +170,9 @@ class _Search:
             if not found.doubts:
                 break
             about = found.best.values
-            values = explore(self.coarse, about, self.spreads, seed + attempt, self.log.again())
+            values = explore(
+                self.coarse, about, self.spreads, seed + attempt, self.log.again(LATER)
+            )
             try:
                 other = self.followed(values, visit, about=about)
             except (SceneError, PhotographError):

@@ -72,13 +72,17 @@ class Progress:
 
         return visit
 
-    def again(self) -> Visit:
-        """Return what keeps the points that the first level visits once more."""
+    def again(self, each: int = 1) -> Visit:
+        """Return what keeps the points that the first level visits once more.
+
+        So many of them count as a look of the walks.
+        """
         _, points = self._visited[0]
 
         def visit(values: Values, evidence: float) -> None:
             points.append((values, evidence))
-            self.looked()
+            if len(points) % each == 0:
+                self.looked()
 
         return visit
 

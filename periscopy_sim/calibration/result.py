@@ -34,7 +34,8 @@ class Parameter:
     scale
         How far it must move to change the light transport by a twentieth, to a factor of 2.
     spread
-        Half width of the box that was searched: where shadows have moved by about their own size,
+        Half width of the box that was searched, about the start or, where a search without a ruler
+        went on, about where it had ended: where shadows have moved by about their own size,
         or move no further, or where no ruler errs so far.
     ruler_error
         Standard deviation of the start, as the ruler has it; infinite where none is known.

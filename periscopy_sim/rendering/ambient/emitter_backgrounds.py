@@ -21,8 +21,8 @@ from periscopy_sim.rendering.ambient.irradiance import (
     NEARLY,
     direct_irradiance,
     gathered,
+    means_of_blocks,
     pixel_edges,
-    rows_of,
 )
 from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
@@ -216,4 +216,4 @@ def _pane_irradiance(
     lit &= ~scene.ray_test(mi.Ray3f(position, to_light, NEARLY, 0.0, []), lit)
     area = dr.norm(dr.cross(light.dp_du, light.dp_dv)) / (panes[0] * panes[1])
     arriving = dr.select(lit, emitter.eval(light) * cosines * area / squared_distance, 0)
-    return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, SAMPLES)) / SAMPLES
+    return means_of_blocks(arriving, SAMPLES)

@@ -23,7 +23,8 @@ from periscopy_sim.rendering.ambient.light_paths import collected
 from periscopy_sim.scenario import Array
 
 ALONE = 3
-"""Paths that serve the points' mean alone, for each that serves every point and so costs more."""
+"""Paths that serve the points' mean alone, for each that serves every point and so costs more: in a
+room with windows mean and shape were then known alike."""
 
 PAIRS = 1 << 23
 """Pairs of path and point treated at once; bounds the memory."""
@@ -93,8 +94,7 @@ def direct_irradiance(
         pdf = emitter.pdf_direction(si, mi.DirectionSample3f(scene, hit, si))
         met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
         arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
-    dr.eval(arriving)  # else traced anew for each channel
-    return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
+    return means_of_blocks(arriving, count)
 
 
 def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, seed: int) -> Array:
@@ -175,6 +175,14 @@ def _form_factors(
 def _square(samples: float) -> int:
     """Round up to a square number, as the multi-jittered sampler wants it."""
     return math.ceil(math.sqrt(samples)) ** 2
+
+
+def means_of_blocks(values: Any, count: int) -> NDArray[np.float64]:
+    """Return the means, (n, components), of so many values each in a row of a Dr.Jit vector."""
+    import drjit as dr
+
+    dr.eval(values)  # else computed anew for each component
+    return rows_of(dr.block_reduce(dr.ReduceOp.Add, values, count)) / count
 
 
 def gathered(kind: Any, rows: Array, index: Any) -> Any:

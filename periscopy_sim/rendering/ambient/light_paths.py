@@ -1,4 +1,4 @@
-"""Paths from a wall that collect the light of emitters, but for what comes straight from them.
+"""Paths from a wall that collect the light of emitters, but for those that their first rays meet.
 
 At every surface that a path meets, points of all emitters are sampled; the path goes on in a
 direction that the surface's BSDF samples, and may meet an emitter by chance. The balance heuristic
@@ -18,7 +18,7 @@ from typing import Any
 from periscopy_sim.rendering.roulette import survivors
 
 FEW = 8
-"""Emitters that are all asked at every surface; of more, one is drawn."""
+"""Emitters that are all asked at every surface; of more, one is drawn by their sampling weights."""
 
 
 def scatters_alike(flags: Any) -> Any:
@@ -56,6 +56,14 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
             return emitter.pdf_direction(origin, met, active)
         return scene.pdf_emitter_direction(origin, met, active)
 
+    def balance(alone: Any, pdf: Any, other: Any) -> Any:
+        """Return the weight of what was sampled with a density, and might have been with another.
+
+        It is 1 where the other could not.
+        """
+        weight = pdf / dr.maximum(pdf + other, dr.smallest(mi.Float))
+        return dr.select(alone, 1, dr.select(dr.isfinite(weight), weight, 0))
+
     def body(
         surface: Any, ray: Any, throughput: Any, pdf: Any, delta: Any, light: Any, first: Any,
         sampler: Any, active: Any,
@@ -68,8 +76,7 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
         origin = dr.zeros(mi.SurfaceInteraction3f)
         origin.p = ray.o
         there = mi.DirectionSample3f(scene, si, origin)
-        other = pdf_of_met(emitter, origin, there, met & ~delta)
-        weight = dr.select(delta, 1, pdf / dr.maximum(pdf + other, dr.smallest(mi.Float)))
+        weight = balance(delta, pdf, pdf_of_met(emitter, origin, there, met & ~delta))
         light += dr.select(met, throughput * emitter.eval(si, met) * weight, 0)
         active &= si.is_valid()
         # Points of emitters, sampled.
@@ -80,7 +87,7 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
             value, bsdf_pdf = bsdf.eval_pdf(context, si, local, active & (toward.pdf > 0))
             lit = active & (toward.pdf > 0) & (dr.max(value * radiance) > 0)
             lit &= ~scene.ray_test(si.spawn_ray_to(toward.p), lit)
-            weight = dr.select(toward.delta, 1, toward.pdf / (toward.pdf + bsdf_pdf))
+            weight = balance(toward.delta, toward.pdf, bsdf_pdf)
             light += dr.select(lit, throughput * value * radiance * weight, 0)
         facing = si.n * dr.sign(-dr.dot(si.n, ray.d))
         here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), scatters_alike(bsdf.flags()))
