@@ -72,16 +72,16 @@ class Progress:
 
         return visit
 
-    def again(self, each: int = 1) -> Visit:
+    def again(self, per_look: int = 1) -> Visit:
         """Return what keeps the points that the first level visits once more.
 
-        So many of them count as a look of the walks.
+        Every `per_look` of them count as one look of the walks.
         """
         _, points = self._visited[0]
 
         def visit(values: Values, evidence: float) -> None:
             points.append((values, evidence))
-            if len(points) % each == 0:
+            if len(points) % per_look == 0:
                 self.looked()
 
         return visit

@@ -64,3 +64,17 @@ def test_a_search_that_begins_anew_moves_on_and_keeps_what_it_visits():
         again(np.full(2, k), 1.0)
     assert all(before < after < 1 for before, after in itertools.pairwise(told))
     assert [len(visited.values) for visited in log.path()] == [31, 1]
+
+
+def test_of_another_box_many_points_count_as_one_look():
+    told = []
+    log = Progress(3, False, 10, told.append)
+    levels = [SimpleNamespace(photograph_shape=(k, k), hidden_shape=(k, k)) for k in (1, 2)]
+    for level in levels:
+        log.at(level)(np.zeros(3), 0.0)
+    again, before = log.again(per_look=64), len(told)
+    for k in range(383):  # with the first stage's one, 384
+        again(np.full(3, k), 1.0)
+    assert len(told) - before == 6
+    assert told[-1] < 0.95
+    assert len(log.path()[0].values) == 384

@@ -126,7 +126,7 @@ def make_tracer(
             surface: Any, ray: Any, throughput: Any, pdf: Any, delta: Any, rng: Any, active: Any
         ) -> tuple[Any, ...]:
             """Go on to the next surface, by its number from the wall's point on."""
-            si = scene.ray_intersect(ray, +mi.RayFlags.All, False, active)  # not side by side
+            si = scene.ray_intersect(ray, +mi.RayFlags.All, False, active)  # not coherent
             active &= si.is_valid()
             # The monitor met by chance. From the wall's point itself it is direct light: its pdf is
             # given as 0, and so is its weight.
