@@ -20,11 +20,11 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.irradiance import (
-    bounced_irradiance,
+    BouncedIrradiance,
     direct_irradiance,
     pixel_edges,
 )
-from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
+from periscopy_sim.rendering.ambient.replicas import PATH, PATHS, SITES, Part
 from periscopy_sim.rendering.ambient.scalar import scalar_parts
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -157,9 +157,13 @@ def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) ->
         partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
         for emitter in scene.emitters()
     ]
-    bounced = partial(bounced_irradiance, scene, points[sites], normals[sites], PATHS)
+    bounced = BouncedIrradiance(scene, points[sites], normals[sites], PATHS).estimate
     everywhere = np.arange(len(points))
-    return [*(Part(each, everywhere, shape) for each in direct), Part(bounced, sites, shape)]
+    work = len(points) * DIRECT_SAMPLES, len(sites) * PATHS * PATH
+    return [
+        *(Part(each, everywhere, shape, work[0]) for each in direct),
+        Part(bounced, sites, shape, work[1]),
+    ]
 
 
 def _refined(
@@ -169,7 +173,7 @@ def _refined(
     seeds: Iterator[int],
     progress: Callable[[float], None],
 ) -> tuple[Array, tuple[float, float]]:
-    """Add rounds to the part of largest error until the whole is as exact as the target."""
+    """Add rounds where they gain most for their time until the whole is as exact as the target."""
     for part in parts:
         part.add_round(seeds)
     while True:
@@ -183,12 +187,14 @@ def _refined(
             return mean, errors
         progress(min(1.0, (target / error) ** 2))
 
-        def share(part: Part, mean: Array = mean) -> float:
+        def gain(part: Part, mean: Array = mean) -> float:
+            """Return by how much a round lowers the squared error, over its work."""
             replicas = part.field.replicas
             alone = mean + replicas - replicas.mean(axis=0)
-            return float(np.hypot(*relative_errors(alone, part.field.squared_bias)))
+            error = np.hypot(*relative_errors(alone, part.field.squared_bias))
+            return float(error**2 / (part.rounds + 1) / part.work)
 
-        max(open_parts, key=share).add_round(seeds)
+        max(open_parts, key=gain).add_round(seeds)
 
 
 def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:

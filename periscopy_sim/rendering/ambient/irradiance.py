@@ -2,8 +2,8 @@
 
 Light that has bounced comes from the same surfaces for every point of a wall. So each path serves
 all points: where another point could have found the path's first hit itself, the balance heuristic
-[1] takes that into account, at the price of a shadow ray for each pair. Further paths, which cost
-none, sharpen the mean of the points, which is where most of the noise lies.
+[1] takes that into account, at the price of a shadow ray for each pair. So several paths go on from
+each hit.
 
 References
 ----------
@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.ambient.light_paths import collected
+from periscopy_sim.rendering.ambient.path_numbers import PathNumbers
 from periscopy_sim.scenario import Array
 
-ALONE = 3
-"""Paths that serve the points' mean alone, for each that serves every point and so costs more: in a
-room with windows mean and shape were then known alike."""
+SPLIT = 4
+"""Paths that go on from what a ray first meets: in a room with windows nine tenths of the variance
+come from further on, and to ask all points for that surface takes as long as two paths."""
 
 PAIRS = 1 << 23
 """Pairs of path and point treated at once; bounds the memory."""
@@ -97,79 +98,81 @@ def direct_irradiance(
     return means_of_blocks(arriving, count)
 
 
-def bounced_irradiance(scene: Any, points: Array, normals: Array, paths: int, seed: int) -> Array:
-    """Estimate the irradiance (m, 3) by light that has bounced, at (m, 3) points just off one wall.
+class BouncedIrradiance:
+    """Estimates of the irradiance by light that has bounced, at (m, 3) points just off one wall.
 
-    The paths from each point that serve all are rounded up to passes of a square number each;
-    `ALONE` times as many serve the mean alone.
+    So many rays are sent from each point; from what each meets, `SPLIT` paths go on.
     """
-    m = len(points)
-    passes = -(-paths * m**2 // PAIRS)
-    each = _square(paths / passes)
-    total = np.zeros((m, 3))
-    seeds = np.random.SeedSequence(seed).generate_state(2 * passes).reshape(-1, 2).tolist()
-    for one, another in seeds:
-        light, hits = _trace(scene, points, normals, each, one)
-        form = _form_factors(scene, points, normals, each, hits)
-        # Σ_j n_j p_j of a hit: the density with which the paths of all points find it.
-        found = each * form.sum(axis=1, keepdims=True)
-        weight = np.divide(form, found, where=found > 0, out=np.zeros_like(form))
-        # The points' mean is that of the paths, so that more paths sharpen it.
-        more, _ = _trace(scene, points, normals, _square(ALONE * each), another)
-        mean = np.concatenate([light, more]).mean(axis=0)
-        total += np.pi * (weight.T @ light + mean - light.mean(axis=0))
-    return total / passes
 
+    def __init__(self, scene: Any, points: Array, normals: Array, rays: int) -> None:
+        self._scene, self._points, self._normals, self._rays = scene, points, normals, rays
+        self._numbers = PathNumbers(len(points), (rays, (SPLIT - 1) * rays))
 
-def _trace(
-    scene: Any, points: Array, normals: Array, each: int, seed: int
-) -> tuple[Array, tuple[Any, ...]]:
-    """Trace paths in cosine-weighted directions.
+    def estimate(self, seed: int) -> Array:
+        """Return the irradiance, (m, 3), as estimated by a seed."""
+        m = len(self._points)
+        light, hits = self._trace(seed)
+        irradiance = np.zeros((m, 3))
+        at_once = max(1, PAIRS // m)
+        for first in range(0, len(light), at_once):
+            some = np.arange(first, min(first + at_once, len(light)), dtype=np.uint32)
+            form = self._form_factors(some, hits)
+            # Σ_j n_j p_j of a hit: the density with which the rays of all points find it.
+            found = self._rays * form.sum(axis=1, keepdims=True)
+            weight = np.divide(form, found, where=found > 0, out=np.zeros_like(form))
+            irradiance += np.pi * weight.T @ light[some]
+        return irradiance
 
-    Return the radiance that each brings, (paths, 3), and what it first meets, as `collected` does.
-    """
-    import drjit as dr
-    import mitsuba as mi
+    def _trace(self, seed: int) -> tuple[Array, tuple[Any, ...]]:
+        """Trace rays in cosine-weighted directions, and the paths that go on from them.
 
-    count = each * len(points)
-    sampler = mi.load_dict({"type": "multijitter", "sample_count": each})
-    sampler.set_samples_per_wavefront(each)
-    sampler.seed(seed, count)
-    index = dr.arange(mi.UInt32, count) // each
-    frame = mi.Frame3f(gathered(mi.Normal3f, normals, index))
-    direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-    ray = mi.Ray3f(gathered(mi.Point3f, points, index), direction)
-    light, hits = collected(scene, sampler, ray)
-    dr.eval(light, hits)
-    return rows_of(light), hits
+        Return the radiance that each ray brings, (rays, 3), and what all paths first meet, those
+        of the rays before others, as `collected` does.
+        """
+        import drjit as dr
+        import mitsuba as mi
 
+        m, n = len(self._points), self._rays
+        numbers = self._numbers.shifted(seed)
+        ray_of = np.arange(m * n).reshape(m, 1, n)
+        ray_of = mi.UInt32(
+            np.concatenate([ray_of.ravel(), np.repeat(ray_of, SPLIT - 1, axis=1).ravel()])
+        )
+        frame = mi.Frame3f(gathered(mi.Normal3f, self._normals, ray_of // n))
+        sample = (dr.gather(mi.Float, numbers.at(mi.UInt32(k)), ray_of) for k in range(2))
+        direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(*sample)))
+        ray = mi.Ray3f(gathered(mi.Point3f, self._points, ray_of // n), direction)
+        light, hits = collected(self._scene, numbers, 2, ray)
+        dr.eval(light, hits)
+        first, others = np.split(rows_of(light), [m * n])
+        others = others.reshape(m, SPLIT - 1, n, 3).sum(axis=1).reshape(m * n, 3)
+        return (first + others) / SPLIT, hits
 
-def _form_factors(
-    scene: Any, points: Array, normals: Array, each: int, hits: tuple[Any, ...]
-) -> Array:
-    """Return the density of each hit from each point: cosines over π r², 0 where unseen."""
-    import drjit as dr
-    import mitsuba as mi
+    def _form_factors(self, paths: NDArray[np.uint32], hits: tuple[Any, ...]) -> Array:
+        """Return the density of each hit from each point: cosines over π r², 0 where unseen."""
+        import drjit as dr
+        import mitsuba as mi
 
-    m = len(points)
-    pair = dr.arange(mi.UInt32, each * m * m)
-    path, index = pair // m, pair % m
-    own = path // each == index
-    position, toward_wall = (
-        dr.gather(kind, hits[k], path) for k, kind in enumerate((mi.Point3f, mi.Normal3f))
-    )
-    valid, diffuse = (dr.gather(mi.Bool, hits[k], path) for k in (2, 3))
-    point = gathered(mi.Point3f, points, index)
-    away = position - point
-    distance = dr.norm(away)
-    direction = away / distance
-    at_wall = dr.dot(gathered(mi.Normal3f, normals, index), direction)
-    at_hit = -dr.dot(toward_wall, direction)
-    # What does not scatter alike in all directions serves the path's own point alone.
-    seen = valid & (own | diffuse) & (at_wall > 0) & (at_hit > 0)
-    blocked = scene.ray_test(mi.Ray3f(point, direction, distance * NEARLY, 0.0, []), seen & ~own)
-    form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
-    return np.array(form, dtype=np.float64).reshape(each * m, m)
+        m = len(self._points)
+        pair = dr.arange(mi.UInt32, len(paths) * m)
+        path, index = int(paths[0]) + pair // m, pair % m
+        own = path // self._rays == index
+        position, toward_wall = (
+            dr.gather(kind, hits[k], path) for k, kind in enumerate((mi.Point3f, mi.Normal3f))
+        )
+        valid, diffuse = (dr.gather(mi.Bool, hits[k], path) for k in (2, 3))
+        point = gathered(mi.Point3f, self._points, index)
+        away = position - point
+        distance = dr.norm(away)
+        direction = away / distance
+        at_wall = dr.dot(gathered(mi.Normal3f, self._normals, index), direction)
+        at_hit = -dr.dot(toward_wall, direction)
+        # What does not scatter alike in all directions serves the path's own point alone.
+        seen = valid & (own | diffuse) & (at_wall > 0) & (at_hit > 0)
+        ray = mi.Ray3f(point, direction, distance * NEARLY, 0.0, [])
+        blocked = self._scene.ray_test(ray, seen & ~own)
+        form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
+        return np.array(form, dtype=np.float64).reshape(len(paths), m)
 
 
 def _square(samples: float) -> int:

@@ -31,12 +31,13 @@ def scatters_alike(flags: Any) -> Any:
     return (flags & other) == 0
 
 
-def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]:
+def collected(scene: Any, numbers: Any, first_number: int, ray: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return the radiance that paths bring which begin with the rays, and what these meet.
 
-    All are Dr.Jit arrays. Emission that the rays themselves meet is left out. What they meet is
-    told by positions, normals towards the rays' origins, whether there is a surface at all, and
-    whether it scatters alike in all directions.
+    All are Dr.Jit arrays. `numbers.at` tells each path's number in [0, 1) of a dimension, of which
+    those from `first_number` on are used. Emission that the rays themselves meet is left out. What
+    they meet is told by positions, normals towards the rays' origins, whether there is a surface at
+    all, and whether it scatters alike in all directions.
     """
     import drjit as dr
     import mitsuba as mi
@@ -44,6 +45,7 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
     context = mi.BSDFContext()
     emitters = scene.emitters()
     asked = emitters if len(emitters) <= FEW else [scene]
+    each_surface = 2 * len(asked) + 4
 
     def sampled(emitter: Any, si: Any, sample: Any, active: Any) -> Any:
         """Sample a direction to an emitter, or, by the scene, to one of its emitters."""
@@ -67,10 +69,16 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
 
     def body(
         surface: Any, ray: Any, throughput: Any, pdf: Any, delta: Any, light: Any, first: Any,
-        sampler: Any, active: Any,
+        active: Any,
     ) -> tuple[Any, ...]:  # fmt: skip
         """Go on to the next surface, by its number from 1."""
         si = scene.ray_intersect(ray, +mi.RayFlags.All, False, active)
+        dimension = first_number + (surface - 1) * each_surface
+
+        def pair(k: int) -> Any:
+            """Return the surface's k-th pair of numbers."""
+            return mi.Point2f(numbers.at(dimension + 2 * k), numbers.at(dimension + 2 * k + 1))
+
         # An emitter met by chance.
         emitter = si.emitter(scene, active)
         met = active & (surface > 1) & (emitter != None)  # noqa: E711
@@ -82,8 +90,8 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
         active &= si.is_valid()
         # Points of emitters, sampled.
         bsdf = si.bsdf()
-        for each in asked:
-            toward, radiance = sampled(each, si, sampler.next_2d(), active)
+        for k, each in enumerate(asked):
+            toward, radiance = sampled(each, si, pair(k), active)
             local = si.to_local(toward.d)
             value, bsdf_pdf = bsdf.eval_pdf(context, si, local, active & (toward.pdf > 0))
             lit = active & (toward.pdf > 0) & (dr.max(value * radiance) > 0)
@@ -94,17 +102,17 @@ def collected(scene: Any, sampler: Any, ray: Any) -> tuple[Any, tuple[Any, ...]]
         here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), scatters_alike(bsdf.flags()))
         first = tuple(dr.select(surface == 1, a, b) for a, b in zip(here, first, strict=True))
         # The next direction.
-        sample, gain = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), active)
-        number = sampler.next_1d()
-        throughput, active = survivors(surface, throughput * gain, number, active)
+        lobe, ends = pair(len(asked) + 1)
+        sample, gain = bsdf.sample(context, si, lobe, pair(len(asked)), active)
+        throughput, active = survivors(surface, throughput * gain, ends, active)
         ray = si.spawn_ray(si.to_world(sample.wo))
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        return surface + 1, ray, throughput, sample.pdf, delta, light, first, sampler, active
+        return surface + 1, ray, throughput, sample.pdf, delta, light, first, active
 
     nothing = mi.Point3f(0), mi.Normal3f(0), mi.Bool(False), mi.Bool(False)
     state = (
         mi.UInt32(1), ray, mi.Color3f(1), mi.Float(0), mi.Bool(False), mi.Color3f(0), nothing,
-        sampler, mi.Bool(True),
+        mi.Bool(True),
     )  # fmt: skip
     _, _, _, _, _, light, first, *_ = dr.while_loop(state, lambda *state: state[-1], body)
     return light, first

@@ -15,12 +15,15 @@ from periscopy_sim.scenario import Array
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
 
-SITES = 16
-"""Points along each side of the photograph at which bounced light is estimated: more than the
-polynomials' degree needs, so that a misfit shows."""
+SITES = 256
+"""Pixels at which bounced light is estimated."""
 
 PATHS = 256
 """Paths from each of them in a round."""
+
+PATH = 80
+"""Time of such a path, and of those beside it that serve the mean alone, in samples of direct
+light: measured in a room with windows."""
 
 
 @dataclass(eq=False)
@@ -30,6 +33,7 @@ class Part:
     estimate: Callable[[int], Array]  # maps a seed to the (S, 3) irradiance at the sites
     sites: NDArray[np.intp]  # (S,) row-major indices of pixels
     shape: tuple[int, int]  # of the photograph
+    work: float = 1.0  # of a round: time, in a unit of all parts
     rounds: int = 0  # how often samples were added
     field: Field = dataclasses.field(init=False)  # at every pixel, after the first round
     _sum: Array = dataclasses.field(default_factory=lambda: np.zeros(()))

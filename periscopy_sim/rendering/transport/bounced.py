@@ -1,9 +1,8 @@
 """Light of the monitor that other surfaces send on to the wall: smooth over it, of low rank.
 
 Paths from a few pixels estimate it in independent replicas. Over the wall it is a polynomial of row
-and column, of the degree that errs least at other pixels, drawn at random; over the patches it is
-as estimated. So to the transport matrix of channel c it adds W X_c: W, (M, K), the same for all,
-X_c of K rows.
+and column, of the powers that err least; over the patches it is as estimated. So to the transport
+matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.transport.paths import make_tracer
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
-from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomials
+from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
 from periscopy_sim.scenario import Array, Scenario
 
 TARGET = 2e-4
@@ -31,9 +30,9 @@ photograph's noise."""
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
 
-SITES, OTHERS = 16, 64
-"""Pixels along each side of the photograph to which the polynomials are fitted, and others, drawn
-at random, by which they are judged."""
+SITES, DRAWN = 256, 256
+"""Pixels to which the polynomials are fitted, and others, drawn at random, that tell the
+photograph's brightness."""
 
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
@@ -139,20 +138,25 @@ def render_bounced_light(
             "another bsdf"
         )
     report = progress or (lambda _: None)
-    fit = _WallFit.of(scenario, seed)
-    trace = make_tracer(scenario, fit.pixels, bounces)
-    direct = _direct(scenario, fit.pixels, seed)
+    shape = scenario.photograph_shape
+    sites = chosen_sites(shape, SITES)
+    texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
+    trace = make_tracer(scenario, sites, bounces)
+    pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
+    direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
-    total = np.zeros((REPLICAS, len(fit.pixels), scenario.transport_shape[1], 3))
+    total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(PATHS, one)
         with threadpool_limits(1):  # the last bits follow the number of threads
             lights = _of_blocks(total, scenario.hidden_shape) / done
-            terms, squared, white = fit.judged(lights)
-        whole = np.mean((direct[:, np.newaxis] + white) ** 2)
-        error = float(np.sqrt(squared / whole)) if whole else 0.0
+            functions, squared = _functions(lights, sites, shape)
+            white = functions[pixels] @ _fitted(functions[sites], lights[..., :3].mean(axis=0))
+        whole = np.mean((direct[:, np.newaxis] + texture[pixels, np.newaxis] * white) ** 2)
+        wrong = np.mean(texture**2) * squared[:3].mean()
+        error = float(np.sqrt(wrong / whole)) if whole else 0.0
         near = min(1.0, (target / error) ** 2) if error else 1.0
         fraction = max(fraction, near, done / ROUNDS)
         report(fraction)
@@ -166,10 +170,10 @@ def render_bounced_light(
             stacklevel=2,
         )
     with threadpool_limits(1):
-        seen = total[:, : fit.sites].mean(axis=0).reshape(fit.sites, -1) / done
-        of_patches = fit.fitted(terms, seen).reshape(terms, -1, 3)
+        seen = total.mean(axis=0).reshape(len(sites), -1) / done
+        of_patches = _fitted(functions[sites], seen).reshape(functions.shape[1], -1, 3)
     return BouncedLight(
-        (fit.basis[:, :terms] * fit.texture[:, np.newaxis]).astype(np.float32),
+        (functions * texture[:, np.newaxis]).astype(np.float32),
         of_patches.transpose(2, 0, 1).astype(np.float32),
         error,
     )
@@ -185,65 +189,26 @@ def require_paths() -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _WallFit:
-    """Polynomials over the wall, fitted at some of its pixels and judged at others.
+def _functions(
+    lights: Array, sites: NDArray[np.intp], shape: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Return functions of the pixel, (M, n), that err least, and the squared error of each light.
 
-    Where the sites are all pixels, each stands for itself.
+    `lights` are (replicas, S, L) at the sites. Where the sites are all pixels, each stands for
+    itself.
     """
+    pixels = np.arange(shape[0] * shape[1])
+    if len(sites) == len(pixels):
+        return np.eye(len(pixels)), lights.var(axis=0, ddof=1).mean(axis=0) / len(lights)
+    best = min(
+        polynomial_fits(lights, sites, shape), key=lambda fit: float(fit.squared_error.sum())
+    )
+    return polynomials(shape, best.largest, pixels), best.squared_error
 
-    pixels: NDArray[np.intp]  # (S,) the sites, then the others
-    sites: int
-    basis: Array  # (M, K) functions of the pixel, by degree
-    degrees: NDArray[np.intp]  # (K,)
-    texture: Array  # (M,)
 
-    @classmethod
-    def of(cls, scenario: Scenario, seed: int) -> _WallFit:
-        """Return that of a scene's photograph."""
-        shape = scenario.photograph_shape
-        texture = scenario.wall_texture
-        texture = np.ones(np.prod(shape)) if texture is None else texture
-        sites = chosen_sites(shape, SITES)
-        left = np.setdiff1d(np.arange(len(texture)), sites)
-        if not len(left):
-            return cls(sites, len(sites), np.eye(len(sites)), np.zeros(len(sites), int), texture)
-        rng = np.random.default_rng(seed)
-        others = rng.choice(left, min(OTHERS, len(left)), replace=False)
-        return cls(np.concatenate([sites, others]), len(sites), *polynomials(shape), texture)
-
-    def fitted(self, terms: int, seen: Array) -> Array:
-        """Return the coefficients, (terms, K), of what is seen at the sites, (sites, K)."""
-        at_sites = self.basis[self.pixels[: self.sites], :terms]
-        return np.asarray(np.linalg.lstsq(at_sites, seen, rcond=None)[0])
-
-    def judged(self, lights: Array) -> tuple[int, float, Array]:
-        """Return how many terms are best, white light's mean squared error, and that light.
-
-        Lights, (replicas, S, 3 L), are estimates of several, white first; that which is returned is
-        (S, 3) and has the texture. At the other pixels, residuals of independent replicas share the
-        fit's bias alone, so that the mean of their products is its square; beside it stands the
-        variance of the replicas' mean.
-        """
-        K, at = len(lights), self.basis[self.pixels]
-        seen = lights[:, : self.sites].transpose(1, 0, 2).reshape(self.sites, -1)
-        texture = self.texture[self.pixels, np.newaxis]
-        best = np.inf
-        for degree in np.unique(self.degrees):
-            terms = int(np.count_nonzero(self.degrees <= degree))
-            if terms > self.sites:
-                break
-            fit = (at[:, :terms] @ self.fitted(terms, seen)).reshape(len(at), K, -1)
-            light = fit.transpose(1, 0, 2) * texture
-            variance = light.var(axis=0, ddof=1).mean(axis=0) / K
-            residual = (light - lights * texture)[:, self.sites :]
-            products = residual.sum(axis=0) ** 2 - (residual**2).sum(axis=0)
-            bias = np.maximum(products.sum(axis=0), 0) / max(len(products), 1) / (K * (K - 1))
-            squared = variance + bias
-            if squared.mean() < best:
-                best = squared.mean()
-                found = terms, float(squared[:3].mean()), light[..., :3].mean(axis=0)
-        return found
+def _fitted(functions: Array, seen: Array) -> Array:
+    """Return the coefficients, (n, L), of what is seen at the sites, (S, L)."""
+    return np.asarray(np.linalg.lstsq(functions, seen, rcond=None)[0])
 
 
 def _of_blocks(light: Array, hidden: tuple[int, int]) -> Array:

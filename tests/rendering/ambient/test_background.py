@@ -191,27 +191,55 @@ def test_rounds_go_on_until_the_target_is_reached(office, scenario):
     assert all(0 < fraction <= 1 for fraction in fractions)
 
 
-@pytest.mark.usefixtures("jit")
-def test_samples_go_to_the_noisier_part(office, scenario, monkeypatch):
-    rng, calls = np.random.default_rng(0), Counter()
+@pytest.fixture
+def noisy_parts(monkeypatch):
+    """Replace both parts of the light by 1 and noise of given deviations; return their calls."""
 
-    def estimate(name, sigma):
-        def light(*arguments):
+    def replace(direct, bounced):
+        rng, calls = np.random.default_rng(0), Counter()
+
+        def light(name, sigma, points):
             calls[name] += 1
-            points = next(a for a in arguments if isinstance(a, np.ndarray))
             return 1 + sigma * rng.normal(size=points.shape)
 
-        return light
+        class Bounced:
+            def __init__(self, *arguments):
+                self.points = arguments[1]
 
-    ambient = "periscopy_sim.rendering.ambient.background"
-    monkeypatch.setattr(f"{ambient}.direct_irradiance", estimate("direct", 0.001))
-    monkeypatch.setattr(f"{ambient}.bounced_irradiance", estimate("bounced", 0.2))
+            def estimate(self, _seed):
+                return light("bounced", bounced, self.points)
+
+        ambient = "periscopy_sim.rendering.ambient.background"
+        monkeypatch.setattr(
+            f"{ambient}.direct_irradiance",
+            lambda *arguments: light("direct", direct, arguments[2]),
+        )
+        monkeypatch.setattr(f"{ambient}.BouncedIrradiance", Bounced)
+        return calls
+
+    return replace
+
+
+@pytest.mark.usefixtures("jit")
+def test_samples_go_to_the_noisier_part(office, scenario, noisy_parts):
+    calls = noisy_parts(direct=0.001, bounced=0.2)
     found = render_background(office, scenario, target=0.002)
     assert found.relative_error <= 0.002
     # Eight replicas in a round.
     assert calls["direct"] == 8
     assert calls["bounced"] >= 16
     np.testing.assert_allclose(found.photograph, 2 * 0.5 / np.pi, rtol=0.05)
+
+
+@pytest.mark.usefixtures("jit")
+def test_samples_go_to_the_cheaper_of_parts_alike(office, scenario, noisy_parts):
+    calls = noisy_parts(direct=0.2, bounced=0.2)
+    with pytest.warns(RuntimeWarning, match="stopped at"):
+        render_background(office, scenario, target=1e-4, max_rounds=4)
+    assert calls == {"direct": 32, "bounced": 32}
+    calls = noisy_parts(direct=0.2, bounced=0.2)
+    render_background(office, scenario, target=0.0052)
+    assert calls["direct"] >= 4 * calls["bounced"]
 
 
 @pytest.mark.usefixtures("jit")

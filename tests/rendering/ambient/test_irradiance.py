@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.rendering.ambient.irradiance import (
-    bounced_irradiance,
+    BouncedIrradiance,
     direct_irradiance,
     pixel_edges,
 )
@@ -194,6 +194,12 @@ SLAB = (
 )
 
 
+def bounced(scene, points, normals, paths):
+    """(seeds, points, 3)."""
+    estimates = BouncedIrradiance(scene, points, normals, paths)
+    return np.stack([estimates.estimate(seed) for seed in SEEDS])
+
+
 def bounced_as_path_traced(path, samples):
     """(seeds, 25, 3) irradiance at 5 x 5 pixels of 25 x 25 by all paths less the direct ones."""
     scene = scene_of(path)
@@ -220,9 +226,7 @@ def test_bounced_light_is_that_of_brute_force(side, room, same_at_each_point):
     # The middle column would lie under the slab.
     seen = np.arange(25) % 5 != 2 if side == "slab" else np.full(25, True)
     scene = scene_of(path)
-    found = np.stack(
-        [bounced_irradiance(scene, points[seen], normals[seen], 400, s) for s in SEEDS]
-    )
+    found = bounced(scene, points[seen], normals[seen], 400)
     brute = bounced_as_path_traced(path, 144)[:, seen]
     same_at_each_point(found, brute)
     errors = found.mean(axis=0) / brute.mean(axis=0) - 1
@@ -235,20 +239,17 @@ def test_sharing_paths_lowers_the_noise(room):
     """All points find the same surfaces: 25 points tell each other nearly as much as they know."""
     path = room.write(FLOOR, panel(room), side_wall(SIDES["diffuse"]), monitor="")
     scene, (points, normals, _) = scene_of(path), on_wall(5, 0.08)
-    shared = np.stack([bounced_irradiance(scene, points, normals, 64, s) for s in SEEDS])
-    alone = np.stack(
-        [bounced_irradiance(scene, points[12:13], normals[12:13], 64, s) for s in SEEDS]
-    )
+    shared = bounced(scene, points, normals, 64)
+    alone = bounced(scene, points[12:13], normals[12:13], 64)
     assert shared[:, 12].var(axis=0).mean() < alone[:, 0].var(axis=0).mean() / 4
 
 
-def test_passes_of_bounded_memory_add_up(room, monkeypatch, same_at_each_point):
+def test_paths_taken_a_few_at_a_time_give_the_same(room, monkeypatch):
     path = room.write(FLOOR, panel(room), side_wall(SIDES["diffuse"]), monitor="")
     scene, (points, normals, _) = scene_of(path), on_wall(3, 0.1)
-    whole = np.stack([bounced_irradiance(scene, points, normals, 400, s) for s in SEEDS])
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.irradiance.PAIRS", 100 * 81)
-    split = np.stack([bounced_irradiance(scene, points, normals, 400, 50 + s) for s in SEEDS])
-    same_at_each_point(whole, split)
+    whole = bounced(scene, points, normals, 64)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.irradiance.PAIRS", 100 * 9)
+    np.testing.assert_allclose(bounced(scene, points, normals, 64), whole, rtol=1e-12)
 
 
 def test_same_seed_gives_the_same_irradiance(room):
@@ -256,7 +257,7 @@ def test_same_seed_gives_the_same_irradiance(room):
     placed = on_wall(4, 0.1)
     for estimate in (
         lambda seed: direct_irradiance(scene, scene.emitters()[0], *placed, 16, seed),
-        lambda seed: bounced_irradiance(scene, *placed[:2], 16, seed),
+        BouncedIrradiance(scene, *placed[:2], 16).estimate,
     ):
         first, again, other = (estimate(seed) for seed in (3, 3, 4))
         assert first.tobytes() == again.tobytes()

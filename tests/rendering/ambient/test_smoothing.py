@@ -3,11 +3,11 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.rendering import wall_polynomials
-from periscopy_sim.rendering.ambient.background import SITES
+from periscopy_sim.rendering.ambient.replicas import SITES
 from periscopy_sim.rendering.ambient.smoothing import best_estimate
-from periscopy_sim.rendering.wall_polynomials import chosen_sites
+from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomials
 
-SHAPE = (24, 20)
+SHAPE = (32, 28)
 
 
 def axes(shape):
@@ -47,7 +47,7 @@ def test_polynomials_seen_at_a_few_sites_are_exact_at_every_pixel(degree):
     sites = chosen_sites(SHAPE, SITES)
     assert len(sites) < len(field) / 2
     found = best_estimate(np.stack([field[sites]] * 2), sites, SHAPE)
-    assert found.replicas.shape == (2, 480, 3)
+    assert found.replicas.shape == (2, 896, 3)
     np.testing.assert_allclose(found.replicas, np.stack([field] * 2), atol=1e-9)
     assert found.squared_bias.max() < 1e-18
 
@@ -57,7 +57,7 @@ def test_noise_on_a_polynomial_leaves_the_least_squares_fit_of_its_degree(degree
     field = 5 * polynomial(SHAPE, degree)
     replicas = noisy(field, 0.3, degree)
     found = best_estimate(replicas, every_pixel(SHAPE), SHAPE)
-    assert found.degree == degree
+    assert found.largest == (degree, degree)
     basis = monomials(SHAPE, degree)
     expected = [basis @ np.linalg.lstsq(basis, samples, rcond=None)[0] for samples in replicas]
     np.testing.assert_allclose(found.replicas, expected, atol=1e-9)
@@ -84,14 +84,28 @@ def test_estimate_is_hardly_ever_worse_than_the_samples_and_knows_its_error(sigm
         assert 0.8 < np.mean(told) / np.mean(errors) < 4
 
 
-def test_bias_is_estimated_without_bias(monkeypatch):
-    monkeypatch.setattr(wall_polynomials, "MAX_DEGREE", 1)
+def stripes(shape):
+    """Light that a window's bars cut: steep down, smooth across."""
+    y, x = axes(shape)
+    return np.outer(1 + 0.1 * np.sin(40 * y) * (1 + x), [1.0, 2.0, 0.5])
+
+
+def test_bias_is_that_of_fits_which_leave_a_site_out_estimated_without_bias(monkeypatch):
+    monkeypatch.setattr(wall_polynomials, "LARGEST", (1,))
     field, sites = step(SHAPE), chosen_sites(SHAPE, SITES)
-    basis = monomials(SHAPE, 1)[sites]
-    fit = basis @ np.linalg.lstsq(basis, field[sites], rcond=None)[0]
-    truth = np.mean((fit - field[sites]) ** 2, axis=0)
+    basis = polynomials(SHAPE, (1, 1), sites)
+    # A site stands for as many pixels as the arcsine distribution leaves it.
+    rows, columns = (
+        np.diff(stats.arcsine.cdf([i / n, (i + 1) / n]), axis=0)[0]
+        for i, n in zip(np.divmod(sites, SHAPE[1]), SHAPE, strict=True)
+    )
+    squares = []
+    for one in range(len(sites)):
+        others = np.arange(len(sites)) != one
+        fit = np.linalg.lstsq(basis[others], field[sites[others]], rcond=None)[0]
+        squares.append((basis[one] @ fit - field[sites[one]]) ** 2)
+    truth = np.average(squares, axis=0, weights=1 / (rows * columns))
     draws = [best_estimate(noisy(field, 0.5, seed)[:, sites], sites, SHAPE) for seed in range(400)]
-    assert {draw.degree for draw in draws} == {1}
     biases = np.stack([draw.squared_bias for draw in draws])
     deviates = (biases.mean(axis=0) - truth) / (biases.std(axis=0, ddof=1) / np.sqrt(len(draws)))
     # As exact as the truth needs to be: the estimate's error is a few percent of it.
@@ -99,19 +113,49 @@ def test_bias_is_estimated_without_bias(monkeypatch):
     assert np.abs(deviates).max() < stats.norm.isf(1e-5 / 6)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_light_in_stripes_is_followed_along_the_side_where_it_is_steep(turned):
+    shape = (126, 126)
+    field = stripes(shape)
+    if turned:
+        field = field.reshape(*shape, 3).transpose(1, 0, 2).reshape(-1, 3)
+    sites = chosen_sites(shape, SITES)
+    found = best_estimate(noisy(field, 1e-3, 0)[:, sites], sites, shape)
+    steep, smooth = found.largest[::-1] if turned else found.largest
+    assert steep >= 21 and smooth <= 8
+    error = np.sqrt(np.mean((found.replicas.mean(axis=0) - field) ** 2))
+    assert error < 4e-4
+    assert 0.7 < np.sqrt(found.squared_error) / error < 2
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-2])
+@pytest.mark.parametrize("kind", ["stripes", "edges", "peaks"])
+def test_what_no_polynomial_follows_is_told_at_a_few_sites_too(kind, sigma):
+    """The best of 71 fits could seem better than it is. A peak may fall between sites."""
+    shape = (126, 126)
+    y, x = axes(shape)
+    sites, ratios = chosen_sites(shape, SITES), []
+    for seed in range(12):
+        a, b = np.random.default_rng(seed).uniform(0.1, 0.9, 2)
+        shade = {
+            "stripes": np.sin(30 * y + 20 * a) * (1 + b * x),
+            "edges": np.tanh((x + a * y - b) / 0.05),
+            "peaks": np.hypot(x - a, y - b),
+        }[kind]
+        field = np.outer(1 + 0.1 * shade, [1, 0.5, 0.8])
+        found = best_estimate(noisy(field[sites], sigma, seed), sites, shape)
+        error = np.mean((found.replicas.mean(axis=0) - field) ** 2)
+        ratios.append(np.sqrt(found.squared_error / error))
+    assert 0.8 < np.median(ratios) < 2
+    assert min(ratios) > 0.3
+
+
 def test_field_with_an_edge_keeps_the_samples_themselves():
     replicas = noisy(step(SHAPE), 0.05, 0)
     found = best_estimate(replicas, every_pixel(SHAPE), SHAPE)
-    assert found.degree is None
+    assert found.largest is None
     assert found.replicas.tobytes() == replicas.tobytes()
     assert not found.squared_bias.any()
-
-
-def test_edge_seen_at_a_few_sites_is_told_as_bias():
-    sites = chosen_sites(SHAPE, SITES)
-    found = best_estimate(noisy(step(SHAPE)[sites], 0.01, 0), sites, SHAPE)
-    errors = np.mean((found.replicas.mean(axis=0) - step(SHAPE)) ** 2, axis=0)
-    assert np.all(found.squared_bias > 0.1 * errors)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (2, 3), (3, 2)])
@@ -123,20 +167,9 @@ def test_small_pictures_are_estimated(shape):
     np.testing.assert_allclose(flat.replicas.mean(axis=0), 1, atol=1e-3)
 
 
-@pytest.mark.parametrize("shape", [(1, 40), (40, 1), (2, 40), (40, 3)])
+@pytest.mark.parametrize("shape", [(1, 400), (400, 1), (2, 300), (200, 3)])
 def test_thin_pictures_are_interpolated_along_their_length(shape):
     field, sites = polynomial(shape, 3), chosen_sites(shape, SITES)
     assert len(sites) < len(field)
     found = best_estimate(np.stack([field[sites]] * 2), sites, shape)
     np.testing.assert_allclose(found.replicas[0], field, atol=1e-9)
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (6, 4), (9, 9), (12, 200), (126, 126)])
-def test_sites_are_pixels_no_more_than_asked_for_and_reach_the_edges(shape):
-    sites = chosen_sites(shape, SITES)
-    assert len(set(sites.tolist())) == len(sites) <= SITES**2
-    rows, columns = np.divmod(sites, shape[1])
-    for found, pixels in ((rows, shape[0]), (columns, shape[1])):
-        assert found.min() < 0.02 * pixels and found.max() >= 0.98 * pixels - 1
-        from_left, from_right = np.unique(found), np.unique(pixels - 1 - found)
-        assert np.abs(from_left - from_right).max() <= 1

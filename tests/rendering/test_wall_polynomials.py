@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.rendering.wall_polynomials import (
+    LARGEST,
+    MOST,
+    chosen_sites,
+    polynomial_fits,
+    polynomials,
+)
+
+SITES = 256
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (6, 4), (12, 200), (17, 16), (126, 126)])
+def test_sites_are_pixels_no_more_than_asked_for_and_reach_the_edges(shape):
+    sites = chosen_sites(shape, SITES)
+    assert np.all(np.diff(sites) > 0)
+    assert len(sites) == min(SITES, shape[0] * shape[1])
+    rows, columns = np.divmod(sites, shape[1])
+    for found, pixels in ((rows, shape[0]), (columns, shape[1])):
+        assert found.min() < 0.02 * pixels and found.max() >= 0.98 * pixels - 1
+
+
+def test_sites_are_in_every_row_and_column_and_denser_near_the_edges():
+    rows, columns = np.divmod(chosen_sites((126, 126), SITES), 126)
+    for found in (rows, columns):
+        counts = np.bincount(found, minlength=126)
+        assert counts.min() >= 1
+        # The arcsine distribution has 5.7 % in the first pixel, 0.5 % in one in the middle.
+        assert 8 < counts[[0, 125]].mean() / counts[50:76].mean() < 15
+
+
+@pytest.mark.parametrize("shape", [(126, 126), (40, 7), (1, 30)])
+@pytest.mark.parametrize("largest", [(0, 0), (5, 5), (3, 0), (0, 13), (8, 2)])
+def test_polynomials_are_orthonormal_and_reach_their_powers_together(shape, largest):
+    found = polynomials(shape, largest, np.arange(shape[0] * shape[1]))
+    np.testing.assert_allclose(found.T @ found / len(found), np.eye(found.shape[1]), atol=1e-10)
+    y, x = (2 * grid.ravel() / max(shape) - 1 for grid in np.indices(shape))
+    a, b = (max(power, 1e-9) for power in largest)
+    terms = [
+        y**i * x**j
+        for i in range(largest[0] + 1)
+        for j in range(largest[1] + 1)
+        if i / a + j / b < 1 + 1e-9 and i < shape[0] and j < shape[1]
+    ]
+    assert len(terms) == found.shape[1]
+    # The same space.
+    inside = found @ (found.T @ np.stack(terms, axis=1)) / len(found)
+    np.testing.assert_allclose(inside, np.stack(terms, axis=1), atol=1e-9)
+
+
+def test_fits_are_by_least_squares_and_tell_their_own_error():
+    shape, rng = (40, 50), np.random.default_rng(0)
+    sites = chosen_sites(shape, SITES)
+    replicas = 1 + 0.1 * rng.normal(size=(5, SITES, 2))
+    fits = list(polynomial_fits(replicas, sites, shape))
+    assert {fit.largest for fit in fits} >= {(0, 0), (34, 0), (3, 21), (13, 13)}
+    assert all(set(fit.largest) <= set(LARGEST) for fit in fits)
+    assert max(len(fit.coefficients) for fit in fits) <= MOST
+    fit = next(fit for fit in fits if fit.largest == (3, 2))
+    basis = polynomials(shape, (3, 2), sites)
+    expected = np.linalg.lstsq(basis, replicas[2, :, 1], rcond=None)[0]
+    np.testing.assert_allclose(fit.coefficients[:, 2, 1], expected, atol=1e-12)
+    variance = fit.fields.var(axis=1, ddof=1).mean(axis=0) / 5
+    np.testing.assert_allclose(fit.squared_error - fit.squared_bias, variance, rtol=1e-9)
+
+
+def test_all_pixels_are_fitted_as_a_few_are():
+    """There, polynomials are orthonormal already; the same by least squares."""
+    shape, rng = (9, 12), np.random.default_rng(1)
+    replicas = rng.normal(size=(3, 108, 2))
+    for fit in polynomial_fits(replicas, np.arange(108), shape):
+        basis = polynomials(shape, fit.largest, np.arange(108))
+        expected = np.linalg.lstsq(basis, replicas[1], rcond=None)[0]
+        np.testing.assert_allclose(fit.coefficients[:, 1], expected, atol=1e-10)
