@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from scipy import optimize
 from scipy.stats import qmc
 
 from periscopy_sim.scenario import Array
@@ -55,9 +56,10 @@ def _share_before(place: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PolynomialFit:
-    """Fields fitted by polynomials of row i and column j of which i / a + j / b is 1 at most.
+    """Fields fitted by polynomials of powers i of row and j of column, i / a + j / b at most 1.
 
-    The polynomials are orthonormal over the photograph's pixels, in their mean.
+    A power is 0 where its largest is. The polynomials are orthonormal over the photograph's pixels,
+    in their mean.
     """
 
     shape: tuple[int, int]
@@ -82,18 +84,19 @@ class PolynomialFit:
 def polynomial_fits(
     replicas: Array, sites: NDArray[np.intp], shape: tuple[int, int]
 ) -> Iterator[PolynomialFit]:
-    """Fit K ≥ 2 independent replicas, (K, S, C), at (S,) pixels by ever other polynomials.
+    """Fit K ≥ 2 independent replicas, (K, S, C), at (S,) pixels, by each pair of largest powers.
 
     The residuals of two independent replicas share only what the fit cannot follow, so that the
     mean of their products estimates its square without bias. Were that noise of variance s² over
-    the pixels, the residual at a site of leverage h would be s² (1 - h), and the fit's error at
-    other pixels s² (1 + h): so large it is told. Where sites are dense, each stands for fewer
-    pixels.
+    the pixels, the squared residual at a site of leverage h would be s² (1 - h), and the squared
+    error at pixels of mean leverage g, s² (1 + g): so large it is told. Where sites are dense, each
+    stands for fewer pixels; where they are all pixels, the residuals are the errors.
     """
     K, S, C = replicas.shape
     side_by_side = replicas.transpose(1, 0, 2).reshape(S, K * C)
     everywhere = shape[0] * shape[1] == S
     weight = np.ones(S) if everywhere else _pixels_stood_for(sites, shape)
+    weight /= weight.sum()
     down, across = (LARGEST if side > 1 else (0,) for side in shape)
     # So many sites take time: powers alike along both sides are tried alone.
     alike = itertools.zip_longest(down, across, fillvalue=0)
@@ -105,19 +108,29 @@ def polynomial_fits(
         # Over all pixels they are orthonormal.
         Q, R = (basis / np.sqrt(S), np.sqrt(S) * np.eye(n)) if everywhere else np.linalg.qr(basis)
         seen = Q.T @ side_by_side
-        leverage = (Q**2).sum(axis=1, keepdims=True)
-        at_others = (1 + leverage) / np.maximum(1 - leverage, np.finfo(float).eps)
-        residual = (np.sqrt(at_others) * (Q @ seen - side_by_side)).reshape(S, K, C)
+        residual = (Q @ seen - side_by_side).reshape(S, K, C)
         products = residual.sum(axis=1) ** 2 - (residual**2).sum(axis=1)
-        bias = np.maximum(weight @ products / weight.sum() / (K * (K - 1)), 0)
+        squared = weight @ products
+        if not everywhere:
+            left = np.maximum(1 - (Q**2).sum(axis=1), np.finfo(float).eps)
+            # The mean of φᵀ (Φᵀ Φ)⁻¹ φ over all pixels is the trace, as the mean of φ φᵀ is I.
+            elsewhere = float((np.linalg.inv(R) ** 2).sum())
+            squared = (weight / left) @ products * (1 + elsewhere)
+        bias = np.maximum(squared / (K * (K - 1)), 0)
         yield PolynomialFit(shape, largest, np.linalg.solve(R, seen).reshape(n, K, C), bias)
 
 
 def _pixels_stood_for(sites: NDArray[np.intp], shape: tuple[int, int]) -> Array:
-    """Return how many pixels each of the sites stands for, (S,), but for a factor."""
-    row, column = np.divmod(sites, shape[1])
-    down, across = (1 / np.diff(_share_before(np.linspace(0, 1, side + 1))) for side in shape)
-    return np.asarray(down[row] * across[column])
+    """Return how many pixels each of the sites stands for, (S,): 1 over its chance to be one."""
+    down, across = (np.diff(_share_before(np.linspace(0, 1, side + 1))) for side in shape)
+    share = np.outer(down, across).ravel()
+
+    def found(draws: float) -> Array:
+        """Return the chance of each pixel to be among so many points."""
+        return np.asarray(-np.expm1(draws * np.log1p(-share)))
+
+    draws = optimize.brentq(lambda n: found(n).sum() - len(sites), 1, 100 / share.min())
+    return 1 / found(draws)[sites]
 
 
 def polynomials(
@@ -127,7 +140,9 @@ def polynomials(
     i, j = _powers(largest, shape)
     row, column = np.divmod(pixels, shape[1])
     down, across = (_along(side, each) for side, each in zip(shape, largest, strict=True))
-    return np.asarray(down[row][:, i] * across[column][:, j])
+    values = down[row][:, i]
+    values *= across[column][:, j]
+    return np.asarray(values)
 
 
 def _powers(largest: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.intp]:

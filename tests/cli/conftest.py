@@ -156,7 +156,7 @@ def few_lights(monkeypatch):
 @pytest.fixture
 def few_paths(monkeypatch):
     """Trace few paths in a round of ambient light, one of which is as exact as tests need."""
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.PATHS", 16)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.RAYS", 16)
     monkeypatch.setattr("periscopy_sim.rendering.ambient.background.DIRECT_SAMPLES", 16)
 
 

@@ -24,7 +24,7 @@ from periscopy_sim.rendering.ambient.irradiance import (
     direct_irradiance,
     pixel_edges,
 )
-from periscopy_sim.rendering.ambient.replicas import PATH, PATHS, SITES, Part
+from periscopy_sim.rendering.ambient.replicas import RAY, RAYS, SITES, Part
 from periscopy_sim.rendering.ambient.scalar import scalar_parts
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -157,9 +157,9 @@ def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) ->
         partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
         for emitter in scene.emitters()
     ]
-    bounced = BouncedIrradiance(scene, points[sites], normals[sites], PATHS).estimate
+    bounced = BouncedIrradiance(scene, points[sites], normals[sites], RAYS).estimate
     everywhere = np.arange(len(points))
-    work = len(points) * DIRECT_SAMPLES, len(sites) * PATHS * PATH
+    work = len(points) * DIRECT_SAMPLES, len(sites) * RAYS * RAY
     return [
         *(Part(each, everywhere, shape, work[0]) for each in direct),
         Part(bounced, sites, shape, work[1]),
@@ -188,7 +188,11 @@ def _refined(
         progress(min(1.0, (target / error) ** 2))
 
         def gain(part: Part, mean: Array = mean) -> float:
-            """Return by how much a round lowers the squared error, over its work."""
+            """Return by how much a round lowers the squared error, over its work.
+
+            With the noise falls what is told of the bias: more is known of it, and fits of higher
+            powers do better.
+            """
             replicas = part.field.replicas
             alone = mean + replicas - replicas.mean(axis=0)
             error = np.hypot(*relative_errors(alone, part.field.squared_bias))

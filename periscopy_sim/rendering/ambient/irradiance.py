@@ -155,7 +155,7 @@ class BouncedIrradiance:
 
         m = len(self._points)
         pair = dr.arange(mi.UInt32, len(paths) * m)
-        path, index = int(paths[0]) + pair // m, pair % m
+        path, index = dr.opaque(mi.UInt32, int(paths[0])) + pair // m, pair % m
         own = path // self._rays == index
         position, toward_wall = (
             dr.gather(kind, hits[k], path) for k, kind in enumerate((mi.Point3f, mi.Normal3f))
@@ -175,7 +175,7 @@ class BouncedIrradiance:
         return np.array(form, dtype=np.float64).reshape(len(paths), m)
 
 
-def _square(samples: float) -> int:
+def _square(samples: int) -> int:
     """Round up to a square number, as the multi-jittered sampler wants it."""
     return math.ceil(math.sqrt(samples)) ** 2
 

@@ -6,7 +6,7 @@ its points in a random order [3].
 
 References
 ----------
-[1] Owen, "Scrambling Sobol' and Niederreiter-Xing points", Journal of Complexity, 1998.
+[1] Matousek, "On the L2-discrepancy for anchored boxes", Journal of Complexity, 1998.
 
 [2] L'Ecuyer, Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", in "Modeling
 uncertainty", 2002.
@@ -20,7 +20,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 DIMENSIONS = 32
@@ -49,7 +48,9 @@ class PathNumbers:
     """
 
     def __init__(self, origins: int, parts: tuple[int, ...]) -> None:
-        count = origins * sum(parts)
+        import mitsuba as mi
+
+        self._paths = count = origins * sum(parts)
         sequence = qmc.Sobol(1 + DIMENSIONS, rng=np.random.default_rng(SCRAMBLE))
         points = sequence.random_base2(int(np.ceil(np.log2(count))))[:count]
         ends = np.cumsum([origins * each for each in parts])[:-1]
@@ -59,22 +60,22 @@ class PathNumbers:
                 for part in np.split(np.arange(count), ends)
             ]
         )
-        self._digits = (points[order, 1:].T * 2.0**32).astype(np.uint32)
+        self._digits = mi.UInt32((points[order, 1:].T * 2.0**32).astype(np.uint32).ravel())
 
     def shifted(self, seed: int) -> ShiftedNumbers:
         """Return the numbers of a seed of 32 bits."""
-        return ShiftedNumbers(self._digits, seed)
+        return ShiftedNumbers(self._digits, self._paths, seed)
 
 
 class ShiftedNumbers:
     """Numbers of paths, by dimension: Dr.Jit arrays of as many as there are paths."""
 
-    def __init__(self, digits: NDArray[np.uint32], seed: int) -> None:
+    def __init__(self, digits: Any, paths: int, seed: int) -> None:
         import drjit as dr
         import mitsuba as mi
 
-        self._digits = mi.UInt32(digits.ravel())
-        self._dimensions, self._paths = digits.shape
+        self._digits, self._paths = digits, paths
+        self._dimensions = len(digits) // paths
         self._seed = dr.opaque(mi.UInt32, seed)
 
     def at(self, dimension: Any) -> Any:

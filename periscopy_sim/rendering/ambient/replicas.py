@@ -18,12 +18,12 @@ REPLICAS = 8
 SITES = 256
 """Pixels at which bounced light is estimated."""
 
-PATHS = 256
-"""Paths from each of them in a round."""
+RAYS = 256
+"""Rays from each of them in a round."""
 
-PATH = 80
-"""Time of such a path, and of those beside it that serve the mean alone, in samples of direct
-light: measured in a room with windows."""
+RAY = 100
+"""Time of such a ray, with the paths that go on from what it meets and its shadow rays, in samples
+of direct light: measured in a room with windows."""
 
 
 @dataclass(eq=False)
@@ -33,13 +33,16 @@ class Part:
     estimate: Callable[[int], Array]  # maps a seed to the (S, 3) irradiance at the sites
     sites: NDArray[np.intp]  # (S,) row-major indices of pixels
     shape: tuple[int, int]  # of the photograph
-    work: float = 1.0  # of a round: time, in a unit of all parts
+    work: float = 1.0  # time of a round, in any unit
     rounds: int = 0  # how often samples were added
     field: Field = dataclasses.field(init=False)  # at every pixel, after the first round
     _sum: Array = dataclasses.field(default_factory=lambda: np.zeros(()))
 
     def add_round(self, seeds: Iterator[int]) -> None:
         """Add samples to every replica, and estimate the field anew."""
-        self._sum = self._sum + [self.estimate(next(seeds)) for _ in range(REPLICAS)]
-        self.rounds += 1
-        self.field = best_estimate(self._sum / self.rounds, self.sites, self.shape)
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1):  # the last bits follow the number of threads
+            self._sum = self._sum + [self.estimate(next(seeds)) for _ in range(REPLICAS)]
+            self.rounds += 1
+            self.field = best_estimate(self._sum / self.rounds, self.sites, self.shape)

@@ -9,7 +9,7 @@ import numpy as np
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.irradiance import pixel_edges
 from periscopy_sim.rendering.ambient.light_paths import scatters_alike
-from periscopy_sim.rendering.ambient.replicas import PATHS, SITES, Part
+from periscopy_sim.rendering.ambient.replicas import RAYS, SITES, Part
 from periscopy_sim.rendering.scene.load import shape_of
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.scenario import Array
@@ -43,11 +43,11 @@ def scalar_parts(scene: Any, points: Array, normals: Array, shape: tuple[int, in
     def bounced(seed: int) -> Array:
         # The same seed: what both paths share cancels in part.
         all_light, direct_light = (
-            _seen(scene, few, {"type": "path", "max_depth": depth}, PATHS, seed)
-            for depth in (-1, 2)
+            _seen(scene, few, {"type": "path", "max_depth": depth}, RAYS, seed) for depth in (-1, 2)
         )
         return (all_light - direct_light) * np.pi / reflectance[sites]
 
+    # Rounds of both take about as long.
     return [Part(direct, np.arange(len(points)), shape), Part(bounced, sites, shape)]
 
 

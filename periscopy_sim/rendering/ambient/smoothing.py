@@ -16,7 +16,7 @@ class Field:
     """Independent estimates of a field."""
 
     replicas: Array  # (K, M, 3) at the pixels
-    squared_bias: Array  # (3,) of all replicas alike, averaged over the sites
+    squared_bias: Array  # (3,) of all replicas alike, averaged over pixels
     largest: tuple[int, int] | None  # powers of row and column; None of the samples themselves
 
     @property

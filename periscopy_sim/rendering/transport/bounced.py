@@ -57,8 +57,8 @@ class BouncedLight:
     relative_error
         Error of a white image's photograph by this light, chance and what polynomials cannot follow
         together: root mean square over pixels and channels, relative to the whole photograph's root
-        mean square. Of an image of which only a part s is lit, chance errs by about 1 / sqrt(s)
-        times as much.
+        mean square. A texture of the wall is taken as having nothing to do with where they err. Of
+        an image of which only a part s is lit, chance errs by about 1 / sqrt(s) times as much.
     """
 
     over_wall: NDArray[np.float32]
@@ -152,8 +152,10 @@ def render_bounced_light(
             total[replica] += trace(PATHS, one)
         with threadpool_limits(1):  # the last bits follow the number of threads
             lights = _of_blocks(total, scenario.hidden_shape) / done
-            functions, squared = _functions(lights, sites, shape)
-            white = functions[pixels] @ _fitted(functions[sites], lights[..., :3].mean(axis=0))
+            largest, squared = _best_powers(lights, sites, shape)
+            at_sites = _functions(largest, shape, sites)
+            white = _fitted(at_sites, lights[..., :3].mean(axis=0))
+            white = _functions(largest, shape, pixels) @ white
         whole = np.mean((direct[:, np.newaxis] + texture[pixels, np.newaxis] * white) ** 2)
         wrong = np.mean(texture**2) * squared[:3].mean()
         error = float(np.sqrt(wrong / whole)) if whole else 0.0
@@ -171,7 +173,8 @@ def render_bounced_light(
         )
     with threadpool_limits(1):
         seen = total.mean(axis=0).reshape(len(sites), -1) / done
-        of_patches = _fitted(functions[sites], seen).reshape(functions.shape[1], -1, 3)
+        of_patches = _fitted(at_sites, seen).reshape(at_sites.shape[1], -1, 3)
+        functions = _functions(largest, shape, np.arange(len(texture)))
     return BouncedLight(
         (functions * texture[:, np.newaxis]).astype(np.float32),
         of_patches.transpose(2, 0, 1).astype(np.float32),
@@ -189,21 +192,29 @@ def require_paths() -> None:
         )
 
 
-def _functions(
+def _best_powers(
     lights: Array, sites: NDArray[np.intp], shape: tuple[int, int]
-) -> tuple[Array, Array]:
-    """Return functions of the pixel, (M, n), that err least, and the squared error of each light.
+) -> tuple[tuple[int, int] | None, Array]:
+    """Return the largest powers of the fit that errs least, and the squared error of each light.
 
     `lights` are (replicas, S, L) at the sites. Where the sites are all pixels, each stands for
-    itself.
+    itself: None.
     """
-    pixels = np.arange(shape[0] * shape[1])
-    if len(sites) == len(pixels):
-        return np.eye(len(pixels)), lights.var(axis=0, ddof=1).mean(axis=0) / len(lights)
+    if len(sites) == shape[0] * shape[1]:
+        return None, lights.var(axis=0, ddof=1).mean(axis=0) / len(lights)
     best = min(
         polynomial_fits(lights, sites, shape), key=lambda fit: float(fit.squared_error.sum())
     )
-    return polynomials(shape, best.largest, pixels), best.squared_error
+    return best.largest, best.squared_error
+
+
+def _functions(
+    largest: tuple[int, int] | None, shape: tuple[int, int], pixels: NDArray[np.intp]
+) -> Array:
+    """Return the functions of the pixel that are fitted, (P, n), at some pixels."""
+    if largest is None:
+        return np.eye(shape[0] * shape[1])[pixels]
+    return polynomials(shape, largest, pixels)
 
 
 def _fitted(functions: Array, seen: Array) -> Array:

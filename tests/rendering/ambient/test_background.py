@@ -4,6 +4,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from scipy import stats
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import relative_errors, render_background
@@ -29,7 +30,7 @@ def point_light(points):
 @pytest.fixture
 def few_paths(monkeypatch):
     """Paths of each of 144 sites serve all others: of few, the noise is small enough."""
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.PATHS", 16)
+    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.RAYS", 16)
 
 
 @pytest.fixture
@@ -257,6 +258,16 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(office, scenario
     assert first.shape == (12, 12, 3)
     assert first.tobytes() == again.tobytes()
     assert np.all(first != other)
+
+
+@pytest.mark.usefixtures("jit")
+def test_last_bits_do_not_follow_the_number_of_threads_of_products(office, scenario):
+    bytes_of = set()
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            found = render_background(office, scenario, **COARSE)
+        bytes_of.add(found.photograph.tobytes())
+    assert len(bytes_of) == 1
 
 
 @pytest.mark.thorough
