@@ -1,13 +1,18 @@
 """A world of one dimension in closed form: a slat before a row of lights, and noisy rendering."""
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from periscopy_sim.calibration import calibrate_levels as search
+from periscopy_sim.calibration.calibrate_levels import calibrate_levels
+from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.image_fit import fit_image
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -21,6 +26,8 @@ WALL = np.linspace(-1, 1, PIXELS)
 LIGHTS = np.linspace(-0.8, 0.8, PATCHES)
 LIGHT = np.linalg.qr(np.stack([np.ones(PIXELS), WALL], axis=1))[0]
 TRUTH = np.array([0.05, 0.4])
+ERRING = TRUTH + np.array([0.02, -0.015])
+NOTHING = UncertainParameters((), np.empty(0), np.empty(0))
 NEAREST, WIDTH, PENUMBRA = 0.15, 0.3, 0.05
 
 
@@ -153,3 +160,73 @@ def chair_before_a_small_image(jit):  # noqa: ARG001
         None, hidden, Resolution(32, 22, 2, Rays(4, 9), Rays(4, 9)), 0, lambda _: None,
     )  # fmt: skip
     return level, scenario
+
+
+class Slat(SlatLevel, ResolutionLevel):
+    """The slat as a calibration asks for it, with a ruler."""
+
+    explain = ResolutionLevel.explain
+    explained_by = ResolutionLevel.explained_by
+    judged = ResolutionLevel.judged
+    levered = ResolutionLevel.levered
+    compared = ResolutionLevel.compared
+    gained = ResolutionLevel.gained
+    as_it_comes = ResolutionLevel.as_it_comes
+    whitened = ResolutionLevel.whitened
+    hidden_shape, _off = HIDDEN, ()
+    _whitening = _white_noise = _leverage = None
+
+    def __init__(self, start, errors, seed=0):
+        super().__init__(noise=0.002, seed=seed, rows=4)
+        self.prior, self._y = Prior(np.asarray(start), np.array(errors)), self.y
+        self._gain = SmoothGain.none(self.used)
+
+    def background(self, values):
+        del values
+        return np.tile(LIGHT, (self.rows, 1)) / np.sqrt(self.rows)
+
+
+def calibrated(start, errors, shift=None, seed=0):
+    level = Slat(start, errors, seed)
+    return calibrate_levels([level] * 2, np.asarray(start), NOTHING, shift=shift)
+
+
+@pytest.fixture
+def doubted(monkeypatch):
+    """Doubt all values but those near the truth."""
+
+    def doubts(_, values, *__):
+        return () if np.abs(values - TRUTH).max() < 0.01 else ("it is elsewhere",)
+
+    monkeypatch.setattr(search, "doubts", doubts)
+
+
+@pytest.fixture
+def held(monkeypatch):
+    """Have the fine level's search stay where it begins."""
+    found = search.search_patches
+
+    def search_patches(level, start, *others):
+        best = found(level, start, *others)
+        return replace(best, values=start, seen=best.level.judged(start))
+
+    monkeypatch.setattr(search, "search_patches", search_patches)
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Have the search fail from where is said, by the error that is said; give what was begun."""
+    found, begun = search.search_patches, []
+
+    def fail_from(errors):
+        def search_patches(level, start, *others):
+            begun.append(start)
+            for at, error in errors:
+                if np.array_equal(start, at):
+                    raise error
+            return found(level, start, *others)
+
+        monkeypatch.setattr(search, "search_patches", search_patches)
+        return begun
+
+    return fail_from

@@ -8,47 +8,18 @@ import pytest
 
 from periscopy_sim.calibration import calibrate_levels as search
 from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, UNEVEN, WIDER, calibrate_levels
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.errors import PhotographError, SceneError
-from tests.calibration.conftest import HIDDEN, LIGHT, TRUTH, SlatLevel
-
-ERRING = TRUTH + np.array([0.02, -0.015])
-NOTHING = UncertainParameters((), np.empty(0), np.empty(0))
-
-
-class Slat(SlatLevel, ResolutionLevel):
-    """The slat as a calibration asks for it, with a ruler."""
-
-    explain = ResolutionLevel.explain
-    explained_by = ResolutionLevel.explained_by
-    judged = ResolutionLevel.judged
-    levered = ResolutionLevel.levered
-    compared = ResolutionLevel.compared
-    gained = ResolutionLevel.gained
-    as_it_comes = ResolutionLevel.as_it_comes
-    whitened = ResolutionLevel.whitened
-    hidden_shape, _off = HIDDEN, ()
-    _whitening = _white_noise = _leverage = None
-
-    def __init__(self, start, errors, seed=0):
-        super().__init__(noise=0.002, seed=seed, rows=4)
-        self.prior, self._y = Prior(np.asarray(start), np.array(errors)), self.y
-        self._gain = SmoothGain.none(self.used)
-
-    def background(self, values):
-        del values
-        return np.tile(LIGHT, (self.rows, 1)) / np.sqrt(self.rows)
-
-
-def calibrated(start, errors, shift=None, seed=0):
-    level = Slat(start, errors, seed)
-    return calibrate_levels([level] * 2, np.asarray(start), NOTHING, shift=shift)
+from tests.calibration.conftest import (
+    ERRING,
+    NOTHING,
+    TRUTH,
+    Slat,
+    calibrated,
+)
 
 
 def test_a_ruler_that_errs_is_corrected_by_the_photograph():
@@ -91,28 +62,6 @@ def ends_of(monkeypatch):
         return attempts
 
     return set_ends
-
-
-@pytest.fixture
-def doubted(monkeypatch):
-    """Doubt all values but those near the truth."""
-
-    def doubts(_, values, *__):
-        return () if np.abs(values - TRUTH).max() < 0.01 else ("it is elsewhere",)
-
-    monkeypatch.setattr(search, "doubts", doubts)
-
-
-@pytest.fixture
-def held(monkeypatch):
-    """Have the fine level's search stay where it begins."""
-    found = search.search_patches
-
-    def search_patches(level, start, *others):
-        best = found(level, start, *others)
-        return replace(best, values=start, seen=best.level.judged(start))
-
-    monkeypatch.setattr(search, "search_patches", search_patches)
 
 
 ALL = [0, *range(2, ATTEMPTS)]
@@ -230,25 +179,6 @@ def test_of_what_was_followed_the_best_is_kept_where_a_later_one_fails(ends_of, 
     values = list(calibrated(TRUTH + 0.07, [0.03, 0.03]).values.values())
     assert attempts == ALL
     np.testing.assert_array_equal(values, TRUTH + 0.012)
-
-
-@pytest.fixture
-def failing(monkeypatch):
-    """Have the search fail from where is said, by the error that is said; give what was begun."""
-    found, begun = search.search_patches, []
-
-    def fail_from(errors):
-        def search_patches(level, start, *others):
-            begun.append(start)
-            for at, error in errors:
-                if np.array_equal(start, at):
-                    raise error
-            return found(level, start, *others)
-
-        monkeypatch.setattr(search, "search_patches", search_patches)
-        return begun
-
-    return fail_from
 
 
 def test_where_the_best_end_leads_out_of_the_physical_the_next_one_is_followed(ends_of, failing):
@@ -411,73 +341,3 @@ def test_what_shifts_the_image_is_known_by_the_ruler_alone_and_others_follow_it(
     followed = found.correlation[0, 1] * distance.standard_error
     assert abs(followed) > 0.2 * alone.standard_error
     assert distance.standard_error < np.hypot(1.05 * alone.standard_error, followed)
-
-
-@pytest.fixture
-def boxes(monkeypatch):
-    """Have the searches of boxes end where is said, by turns; give what they are about."""
-
-    def search_to(*ends):
-        begun = []
-
-        def explore(_, start, *__):
-            begun.append(start)
-            return ends[len(begun) - 1]
-
-        monkeypatch.setattr(search, "explore", explore)
-        return begun
-
-    return search_to
-
-
-@pytest.mark.usefixtures("doubted", "held")
-def test_without_a_ruler_a_search_in_doubt_goes_on_about_where_it_ended(boxes):
-    begun = boxes(TRUTH + 0.03, TRUTH)
-    assert calibrated(TRUTH + 0.07, [np.inf, np.inf]).trusted
-    np.testing.assert_array_equal(begun, [TRUTH + 0.07, TRUTH + 0.03])
-
-
-@pytest.mark.usefixtures("doubted", "held")
-def test_without_a_ruler_one_that_is_believed_ends(boxes):
-    begun = boxes(TRUTH)
-    assert calibrated(TRUTH + 0.07, [np.inf, np.inf]).trusted
-    assert len(begun) == 1
-
-
-@pytest.mark.usefixtures("doubted", "held")
-def test_without_a_ruler_the_search_ends_where_a_box_has_nothing_better(boxes):
-    begun = boxes(TRUTH + 0.03, TRUTH + 0.03)
-    found = calibrated(TRUTH + 0.07, [np.inf, np.inf])
-    assert len(begun) == 2 and not found.trusted
-    np.testing.assert_array_equal(list(found.values.values()), TRUTH + 0.03)
-
-
-@pytest.mark.usefixtures("held")
-@pytest.mark.parametrize("first", [TRUTH, TRUTH + 0.06], ids=["it", "another"])
-def test_without_a_ruler_what_ended_outside_of_its_box_is_believed_within_the_next(boxes, first):
-    """Ends are compared as they look near the end: a gain fitted at the start favours the wrong."""
-    far = TRUTH + np.array([0.6, 0.0])
-    begun = boxes(first, TRUTH)
-    found = calibrated(far, [np.inf, np.inf])
-    assert found.parameters[0].spread < 0.5
-    assert found.trusted
-    np.testing.assert_array_equal(list(found.values.values()), TRUTH)
-    np.testing.assert_array_equal(begun, [far, first])
-
-
-@pytest.mark.usefixtures("doubted", "held")
-def test_without_a_ruler_a_later_search_that_fails_costs_nothing_of_what_was_found(boxes, failing):
-    begun = boxes(TRUTH + 0.06, TRUTH, TRUTH + 0.012, TRUTH + 0.012)
-    failing([(TRUTH, SceneError("it left the physical"))])
-    found = calibrated(TRUTH + 0.07, [np.inf, np.inf])
-    np.testing.assert_array_equal(list(found.values.values()), TRUTH + 0.012)
-    np.testing.assert_array_equal(begun[2], TRUTH + 0.06)
-
-
-def test_what_shifts_the_image_and_no_ruler_knows_is_not_determined(monkeypatch):
-    monkeypatch.setattr(search, "explore", lambda _, start, *__, **___: start)
-    start, shift = ERRING, ImageShift(np.array([[2.0, 0.0], [0.0, 0.0]]))
-    middle, _ = (found := calibrated(start, [np.inf, 0.02], shift)).parameters
-    assert not middle.determined
-    assert middle.scale <= middle.spread <= middle.standard_error < np.inf
-    assert np.isfinite(found.correlation).all()
