@@ -1,9 +1,8 @@
 """Irradiance at points of a wall: direct light from each emitter, and light that has bounced.
 
-Light that has bounced comes from the same surfaces for every point of a wall. So each path serves
-all points: where another point could have found the path's first hit itself, the balance heuristic
-[1] takes that into account, at the price of a shadow ray for each pair. So several paths go on from
-each hit.
+Light that has bounced comes from the same surfaces for every point of a wall. So what a ray from
+one point meets serves all: that another could have found it, too, the balance heuristic [1] takes
+into account, at the price of a shadow ray for each pair. Hence several paths go on from there.
 
 References
 ----------
@@ -24,11 +23,11 @@ from periscopy_sim.rendering.ambient.path_numbers import PathNumbers
 from periscopy_sim.scenario import Array
 
 SPLIT = 4
-"""Paths that go on from what a ray first meets: in a room with windows nine tenths of the variance
-come from further on, and to ask all points for that surface takes as long as two paths."""
+"""Paths that go on from what a ray first meets: in a room with windows nine tenths of what a path
+varies by come from further on, and to ask all points for that surface takes as long as two."""
 
 PAIRS = 1 << 23
-"""Pairs of path and point treated at once; bounds the memory."""
+"""Pairs of ray and point treated at once; bounds the memory."""
 
 POINT = 1e-6
 """Side of a pixel that counts as a point, in metres."""
