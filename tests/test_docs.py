@@ -95,7 +95,6 @@ def test_readme_runs(tmp_path, monkeypatch):
         pytest.skip("path tracing takes too long without LLVM or CUDA")
     monkeypatch.setitem(ps.render_photograph.__kwdefaults__, "samples", 1024)
     monkeypatch.setitem(ps.render_background.__kwdefaults__, "target", 1e-3)
-    monkeypatch.setattr(background, "PATHS", background.PATHS // 4)
     monkeypatch.setattr(background, "DIRECT_SAMPLES", background.DIRECT_SAMPLES // 4)
     run_page(ROOT / "README.md", tmp_path, monkeypatch)
 
