@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+POINT = 1e-6
+"""Side of a pixel that counts as a point, in metres."""
+
+LIFT = 1e-4
+"""Height of points just off the wall, over the diagonal of what the camera sees of it."""
+
 
 @dataclass(frozen=True)
 class EmissionProfile:
@@ -141,6 +147,26 @@ class Scenario:
         """(N,) areas of the patches in square metres."""
         areas: Array = np.linalg.norm(np.cross(self.patch_across, self.patch_up), axis=1)
         return areas
+
+
+def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
+    """Return the edges, (M, 2, 3) down and across, of pixels whose centres are the (M, 3) points.
+
+    Pixels of a lone row or column count as square, a lone pixel as a point.
+    """
+    rows, columns = shape
+    grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
+    if rows > 1:
+        down = np.asarray(np.gradient(grid, axis=0))
+    if columns > 1:
+        across = np.asarray(np.gradient(grid, axis=1))
+    elif rows > 1:
+        across = np.cross(normal, down)
+    else:
+        across = POINT * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
+    if rows == 1:
+        down = np.cross(normal, across)
+    return np.stack([down, across], axis=2).reshape(-1, 2, 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,8 +71,8 @@ def render_photograph(
 class Monitor:
     """A scene, loaded once, whose monitor shows one image after another.
 
-    Images are of `hidden_shape`, (R, C). The other parameters are those of `render_photograph`. A
-    monitor that cannot show images is a `SceneError`.
+    Images are of `hidden_shape`, (R, C); `scene` is Mitsuba's. The other parameters are those of
+    `render_photograph`. A monitor that cannot show images is a `SceneError`.
     """
 
     def __init__(
@@ -91,12 +91,12 @@ class Monitor:
             raise ValueError("samples and bounces must be at least 1")
         self.hidden_shape = hidden_shape
         self._samples = samples
-        self._depth = -1 if bounces is None else bounces + 1
+        self._depth = depth_of(bounces)
         self._mirrored = scenario.mirrored
         white = np.ones((*hidden_shape, 3))
-        self._scene = build_scene(scenario, white, only_monitor=only_monitor)
-        self._parameters = mi.traverse(self._scene)
-        emitter = shape_of(self._scene, "monitor").emitter()
+        self.scene = build_scene(scenario, white, only_monitor=only_monitor)
+        self._parameters = mi.traverse(self.scene)
+        emitter = shape_of(self.scene, "monitor").emitter()
         names = [f"monitor.{name}.radiance.data" for name in ("emitter", emitter.id())]
         found = [name for name in names if name in self._parameters]
         if not found:
@@ -117,6 +117,13 @@ class Monitor:
 
         The image is (R, C, 3) linear radiance along the monitor's normal, finite and not negative.
         """
+        self.show(image)
+        return path_trace(
+            self.scene, self._depth, samples=self._samples, seed=seed, progress=progress
+        )
+
+    def show(self, image: NDArray[np.floating[Any]]) -> None:
+        """Show another image, (R, C, 3) as in `photograph`, at first a white one."""
         import mitsuba as mi
 
         image = _checked_image(image)
@@ -124,9 +131,11 @@ class Monitor:
             raise ValueError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
         self._parameters[self._texture] = mi.TensorXf(monitor_texture(image, self._mirrored))
         self._parameters.update()
-        return path_trace(
-            self._scene, self._depth, samples=self._samples, seed=seed, progress=progress
-        )
+
+
+def depth_of(bounces: int | None) -> int:
+    """Return Mitsuba's `max_depth` for so many reflections, or None for any number."""
+    return -1 if bounces is None else bounces + 1
 
 
 @contextmanager

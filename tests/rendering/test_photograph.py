@@ -191,7 +191,7 @@ def test_a_wavefront_is_what_mitsuba_renders(room):
     rendered = photograph.Monitor(seen, (2, 3), samples=64)
     ours = rendered.photograph(image, seed=3)
     integrator = mi.load_dict({"type": "path", "max_depth": -1})
-    theirs = np.array(mi.render(rendered._scene, integrator=integrator, spp=64, seed=3))
+    theirs = np.array(mi.render(rendered.scene, integrator=integrator, spp=64, seed=3))
     np.testing.assert_allclose(ours, theirs, rtol=1e-5)
 
 

@@ -22,7 +22,6 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.irradiance import (
     BouncedIrradiance,
     direct_irradiance,
-    pixel_edges,
 )
 from periscopy_sim.rendering.ambient.replicas import RAY, RAYS, SITES, Part
 from periscopy_sim.rendering.ambient.scalar import scalar_parts
@@ -31,14 +30,11 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
-from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, wall_frame
 from periscopy_sim.shipped import find_scene
 
 DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""
-
-LIFT = 1e-4
-"""Height of the points off the wall, over the diagonal of the ambient camera's field of view."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,12 +22,11 @@ from periscopy_sim.rendering.ambient.irradiance import (
     direct_irradiance,
     gathered,
     means_of_blocks,
-    pixel_edges,
 )
 from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array, Scenario, pixel_edges
 from periscopy_sim.shipped import find_scene
 
 PANE = 0.25

@@ -29,31 +29,8 @@ varies by come from further on, and to ask all points for that surface takes as 
 PAIRS = 1 << 23
 """Pairs of ray and point treated at once; bounds the memory."""
 
-POINT = 1e-6
-"""Side of a pixel that counts as a point, in metres."""
-
 NEARLY = 1 - 1e-3
 """How far shadow rays go to a surface, short of touching it."""
-
-
-def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
-    """Return the edges, (M, 2, 3) down and across, of pixels whose centres are the (M, 3) points.
-
-    Pixels of a lone row or column count as square, a lone pixel as a point.
-    """
-    rows, columns = shape
-    grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
-    if rows > 1:
-        down = np.asarray(np.gradient(grid, axis=0))
-    if columns > 1:
-        across = np.asarray(np.gradient(grid, axis=1))
-    elif rows > 1:
-        across = np.cross(normal, down)
-    else:
-        across = POINT * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
-    if rows == 1:
-        down = np.cross(normal, across)
-    return np.stack([down, across], axis=2).reshape(-1, 2, 3)
 
 
 def direct_irradiance(

@@ -15,17 +15,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError, VariantError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.transport.paths import make_tracer
+from periscopy_sim.rendering.transport.scalar_paths import make_scalar_tracer, white_direct_light
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
 from periscopy_sim.scenario import Array, Scenario
 
-TARGET = 2e-4
+TARGET, SCALAR_TARGET = 2e-4, 1e-3
 """Error of a white image's photograph by what has bounced, over the photograph: a fifth of a 60 dB
-photograph's noise."""
+photograph's noise, and in scalar variants, where that would take hours, as much as it."""
 
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
@@ -88,7 +89,7 @@ def render_bounced_light(
     scenario: Scenario,
     *,
     bounces: int | None = None,
-    target: float = TARGET,
+    target: float | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedLight:
@@ -101,7 +102,7 @@ def render_bounced_light(
     bounces
         Most reflections of a path, 2 or more; None of any number.
     target
-        `BouncedLight.relative_error` at which to stop.
+        `BouncedLight.relative_error` at which to stop; None takes `TARGET` or `SCALAR_TARGET`.
     seed
         Seed of the paths. The same seed and variant give the same bytes.
     progress
@@ -114,11 +115,10 @@ def render_bounced_light(
     Raises
     ------
     SceneError
-        If the wall has a texture and is not diffuse.
+        If the wall is not diffuse and has a texture, or the variant is a scalar one; there also if
+        it is black somewhere.
     ValueError
         If `bounces` is not a whole number from 2 on.
-    VariantError
-        In scalar variants.
 
     Warns
     -----
@@ -130,26 +130,25 @@ def render_bounced_light(
 
     if check_bounces(bounces) == DIRECT:
         raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
-    require_paths()
-    if scenario.wall_texture is not None and scenario.wall_reflectance is None:
-        raise SceneError(
-            f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
-            "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
-            "another bsdf"
-        )
+    check_wall(scenario)
+    vectorized = is_vectorized()
+    if target is None:
+        target = TARGET if vectorized else SCALAR_TARGET
     report = progress or (lambda _: None)
     shape = scenario.photograph_shape
     sites = chosen_sites(shape, SITES)
     texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
-    trace = make_tracer(scenario, sites, bounces)
+    trace = (make_tracer if vectorized else make_scalar_tracer)(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
-    direct = _direct(scenario, pixels, seed)
+    direct = (_direct if vectorized else white_direct_light)(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(PATHS, one)
+            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / ROUNDS)
+            report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
             lights = _of_blocks(total, scenario.hidden_shape) / done
             largest, squared = _best_powers(lights, sites, shape)
@@ -160,7 +159,7 @@ def render_bounced_light(
         wrong = np.mean(texture**2) * squared[:3].mean()
         error = float(np.sqrt(wrong / whole)) if whole else 0.0
         near = min(1.0, (target / error) ** 2) if error else 1.0
-        fraction = max(fraction, near, done / ROUNDS)
+        fraction = max(fraction, near)
         report(fraction)
         if error <= target:
             break
@@ -182,13 +181,21 @@ def render_bounced_light(
     )
 
 
-def require_paths() -> None:
-    """Set the variant, and refuse a scalar one by a VariantError."""
+def check_wall(scenario: Scenario) -> None:
+    """Set the variant, and refuse walls of which it does not tell what bounces by a SceneError."""
     use_variant()
+    if scenario.wall_reflectance is not None:
+        return
+    if scenario.wall_texture is not None:
+        raise SceneError(
+            f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
+            "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
+            "another bsdf"
+        )
     if not is_vectorized():
-        raise VariantError(
-            "light that bounces is rendered in llvm_ad_rgb or cuda_ad_rgb only; in scalar variants "
-            "take direct light, bounces=1"
+        raise SceneError(
+            f"scene '{scenario.path}': in scalar variants light that bounces is known of diffuse "
+            "walls; take direct light, bounces=1, another bsdf, or llvm_ad_rgb or cuda_ad_rgb"
         )
 
 

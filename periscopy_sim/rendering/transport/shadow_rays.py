@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import require_paths
+from periscopy_sim.rendering.transport.bounced import check_wall
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import Strata
@@ -111,12 +111,11 @@ def render_transport(
     Raises
     ------
     SceneError
-        If no light of the monitor reaches the wall.
+        If no light of the monitor reaches the wall, or what bounces is not known of such a wall
+        (see `render_bounced_light`).
     ValueError
         If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
         another shape.
-    VariantError
-        If more bounces than one are asked for in a scalar variant.
 
     Warns
     -----
@@ -126,7 +125,7 @@ def render_transport(
     use_variant()
     alone = check_bounces(bounces) == DIRECT
     if not alone:
-        require_paths()
+        check_wall(scenario)
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed, LANES)
     A = np.empty(rendered.shape, np.float32) if out is None else out
     if A.shape != rendered.shape:

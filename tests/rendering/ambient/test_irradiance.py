@@ -4,10 +4,10 @@ import pytest
 from periscopy_sim.rendering.ambient.irradiance import (
     BouncedIrradiance,
     direct_irradiance,
-    pixel_edges,
 )
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.scenario import pixel_edges
 from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit")

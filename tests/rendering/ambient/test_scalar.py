@@ -100,13 +100,15 @@ def test_background_is_what_path_tracing_the_ambient_scene_gives(room, scalar):
     assert found["same"]
 
 
-def test_place_whose_own_wall_is_not_diffuse_is_refused(room, scalar):
+def test_place_whose_own_wall_is_not_diffuse_or_black_is_refused(room, scalar):
     scene = room.write(camera=room.camera((4, 4)))
-    for bsdf in ('<bsdf type="roughconductor"/>', room.black):
+    refused = {
+        '<bsdf type="roughconductor"/>': "the ambient scene's own wall must be diffuse",
+        room.black: "the wall must be black nowhere",
+    }
+    for bsdf, words in refused.items():
         place = room.write(LIGHT, monitor="", wall=room.wall(bsdf), camera=room.camera((4, 4)))
-        assert "the ambient scene's own wall must be diffuse" in scalar(
-            ROOM + REFUSED, scene, place
-        )
+        assert words in scalar(ROOM + REFUSED, scene, place)
 
 
 def test_own_wall_that_is_too_small_is_refused(room, scalar):

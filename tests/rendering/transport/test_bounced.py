@@ -357,22 +357,3 @@ def test_methods_take_it_as_the_channels_mean(room, method):
 def test_absurd_bounces_are_refused(room, bounces):
     with pytest.raises(ValueError, match="bounces"):
         render_transport(room.load(), bounces=bounces)
-
-
-def test_scalar_variants_refuse_bounces(room, scalar):
-    path = room.write(board(painted(0.8)))
-    said = scalar(
-        """
-import sys, warnings
-warnings.simplefilter("ignore")
-from periscopy_sim.errors import VariantError
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
-try:
-    render_transport(load_scenario(sys.argv[1], (1, 2)), bounces=None)
-except VariantError as error:
-    print(error)
-""",
-        path,
-    )
-    assert "llvm_ad_rgb or cuda_ad_rgb only" in said
