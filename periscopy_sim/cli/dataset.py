@@ -135,7 +135,7 @@ def info(
         print(json.dumps(description, indent=2))
         return
     for name, value in description.items():
-        say(f"{name.replace('_', ' '):12} {_in_words(name, value)}")
+        say(f"{name.replace('_', ' '):13} {_in_words(name, value)}")
 
 
 @app.command("verify")

@@ -82,8 +82,8 @@ def test_splits_without_a_geometry_are_told(periscopy, configuration):
 @pytest.mark.usefixtures("made")
 def test_information_is_told_in_words_and_as_json(succeeds):
     told = succeeds("dataset", "info", "d.zarr")
-    assert "samples      12\n" in told and "photograph   16x16\n" in told
-    assert "hidden kind  shapes 12\n" in told
+    assert "samples       12\n" in told and "photograph    16x16\n" in told
+    assert "hidden kind   shapes 12\n" in told
     found = json.loads(succeeds("dataset", "info", "d.zarr", "--json"))
     assert (found["samples"], found["finished"], found["geometries"]) == (12, 12, 2)
 

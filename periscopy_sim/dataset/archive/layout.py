@@ -24,12 +24,15 @@ PICTURES: dict[str, tuple[str, str | None]] = {  # long name and units
     "hidden": ("hidden image, linear light", "white of the monitor"),
     "background": ("ambient light of the photograph, without noise", _EXPOSED),
 }
+BOUNCED_ERROR = "bounced_error"
+_WHITE = "error of a white image's photograph by light that bounces, relative to it; 0 if none does"
 _SCALE = "photograph's unit over that of A f: photograph = scale A f + background"
 LABELS: dict[str, tuple[Any, str, str | None]] = {
     "signal_scale": ("float64", _SCALE, "1"),
     "sbr": ("float64", "signal-to-background ratio", "1"),
     "snr": ("float64", "signal-to-noise ratio", "dB"),
     "exposure": ("float64", "mean of the photograph without noise", "1"),
+    BOUNCED_ERROR: ("float64", _WHITE, "1"),
     "clip_number": ("int64", "number of the video that the photograph is of", None),
     "frame": ("int32", "number of the frame within its video", None),
     "geometry": ("int32", "number of the scene and its parameters", None),
@@ -37,7 +40,10 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
     "hidden_kind": (str, "source of the hidden image", None),
     "ambient": (str, "source of the ambient light", None),
 }
-"""Variables of one value for each sample: type, long name and units."""
+"""Variables of one value for each sample: type, long name and units.
+
+`BOUNCED_ERROR` is there only if A has light that bounces.
+"""
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,7 @@ class Layout:
     hidden_shape: tuple[int, int]  # (R, C)
     photograph_type: str
     keep_background: bool
+    bounced_error: bool = False  # whether there is that label; archives once had none
 
     @property
     def blocks(self) -> int:
@@ -62,7 +69,7 @@ class Layout:
         """Return a block: a file of each variable."""
         first = number * self.block_size
         samples = slice(first, min(first + self.block_size, self.count))
-        files = {name: f"{name}/c/{number}" for name in LABELS}
+        files = {name: f"{name}/c/{number}" for name in self._labels()}
         files |= {name: f"{name}/c/{number}/0/0/0" for name in self._stacks()}
         return Block(number, {"sample": samples}, files)
 
@@ -84,7 +91,7 @@ class Layout:
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
                 "attributes": {"long_name": long_name, "units": units},
             }  # fmt: skip
-        for name, (dtype, long_name, units) in LABELS.items():
+        for name, (dtype, long_name, units) in self._labels().items():
             fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
             laid_out[name] = {
                 "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
@@ -98,6 +105,10 @@ class Layout:
     def recognizes(attributes: Mapping[str, Any]) -> bool:
         """Return whether attributes are those of a data set."""
         return attributes.get("kind") == KIND and isinstance(attributes.get("count"), int)
+
+    def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
+        """Return those of `LABELS` that there are."""
+        return {n: each for n, each in LABELS.items() if n != BOUNCED_ERROR or self.bounced_error}
 
     def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
         """Return shape, dimensions and type of a sample's pictures."""
@@ -124,5 +135,6 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
     layout = Layout(
         attributes["count"], sizes["block"], tuple(sizes["photograph_shape"]),
         tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
+        sizes.get(BOUNCED_ERROR, False),
     )  # fmt: skip
     return attributes, layout, digest_of(attributes)

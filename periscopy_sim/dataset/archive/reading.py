@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive.layout import Layout, read_head
+from periscopy_sim.dataset.archive.layout import BOUNCED_ERROR, Layout, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.storage.outputs.completion import (
     Block,
@@ -177,7 +177,8 @@ def describe(path: str | Path) -> dict[str, Any]:
         raise DatasetError(f"{path}: its variable '{missing[0]}' is lost; make it again")
     for name in ("split", "hidden_kind", "ambient"):
         description[name] = dict(Counter(str(text) for text in data[name].values).most_common())
-    for name in ("sbr", "snr", "exposure"):
+    bounced = (BOUNCED_ERROR,) if layout.bounced_error else ()
+    for name in ("sbr", "snr", "exposure", *bounced):
         values = data[name].values
         if len(values):
             description[name] = [float(values.min()), float(values.max())]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -40,6 +41,7 @@ class Geometry:
     scenario: Scenario
     transport: NDArray[np.float32] | BouncedTransport | None  # (M, N)
     photographer: Photographer | None
+    doubts: tuple[str, ...] = ()  # what its rendering warned of
 
 
 def scenario_of(configuration: Configuration, number: int) -> Scenario:
@@ -94,8 +96,11 @@ def _rendered(configuration: str, number: int) -> Geometry:
 
     # The seed is the data set's own: samples of A are no random draw of a sample.
     bounces = light.bounces if isinstance(light, Bounced) else 1
-    A = render_transport(scenario, samples=light.samples, bounces=bounces, seed=settings.seed)
-    return Geometry(draw, scenario, A, None)
+    with warnings.catch_warnings(record=True) as caught:  # told by who started the making
+        warnings.simplefilter("always", RuntimeWarning)
+        A = render_transport(scenario, samples=light.samples, bounces=bounces, seed=settings.seed)
+    doubts = tuple(f"geometry {number}: {each.message}" for each in caught)
+    return Geometry(draw, scenario, A, None, doubts)
 
 
 def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:

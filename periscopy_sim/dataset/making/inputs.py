@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.dataset.archive.layout import KIND, Layout
+from periscopy_sim.dataset.archive.layout import BOUNCED_ERROR, KIND, Layout
 from periscopy_sim.dataset.configuration.distributions import Source
 from periscopy_sim.dataset.configuration.document import Configuration, SceneSource
 from periscopy_sim.dataset.configuration.hidden_sources import Folder, pictures_in
@@ -72,6 +72,8 @@ def attributes_of(settings: Configuration, layout: Layout) -> dict[str, Any]:
             "hidden_shape": list(layout.hidden_shape),
             "photograph_type": layout.photograph_type,
             "keep_background": layout.keep_background,
+            # Not said where it is not: data sets that are older go on.
+            **({BOUNCED_ERROR: True} if layout.bounced_error else {}),
         },
         "versions": versions,
     }

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from periscopy_sim.dataset.archive.layout import Layout
-from periscopy_sim.dataset.configuration.document import Configuration
+from periscopy_sim.dataset.configuration.document import Bounced, Configuration
 from periscopy_sim.dataset.configuration.light_sources import Pictures
 from periscopy_sim.dataset.making.backgrounds import backgrounds_of, given_picture
 from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
@@ -29,6 +29,9 @@ from periscopy_sim.storage.outputs.store import BlockStore, check_place
 
 SHARES_PER_THREAD = 4
 """Tasks for each thread of a Dask cluster, so that none waits long for the last."""
+
+Doubted = tuple[Block, tuple[str, ...]]
+"""Samples, and what the rendering of their geometry warned of."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ def make_dataset(
     Warns
     -----
     RuntimeWarning
-        The photographs have fewer than two pixels for each patch of the hidden images.
+        The photographs have fewer than two pixels for each patch of the hidden images; or, told of
+        each geometry, light that bounces is not known well enough, see `render_bounced_light`.
     """
     from periscopy_sim.storage.outputs.resume import alone_in
 
@@ -100,6 +104,7 @@ def make_dataset(
     layout = Layout(
         settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
         settings.photograph_type, settings.keep_background,
+        isinstance(settings.light, Bounced),
     )  # fmt: skip
     attributes = attributes_of(settings, layout)
     with alone_in(out / MAKING):
@@ -116,11 +121,15 @@ def make_dataset(
             folder = out / MAKING / f"ambient-{lit_by}"
             backgrounds = backgrounds_of(settings, shares, first, folder, rendering)
             making = _made(settings, shares, layout.photograph_shape, backgrounds, scheduler)
-            for block, values in making:
+            told: set[str] = set()
+            for block, (values, doubts) in making:
                 # Before it is kept: who interrupts may have stopped Mitsuba in the midst of it.
                 report(done, layout.count)
                 store.write(block, values)
                 done += layout.block(block).size
+                for doubt in sorted(set(doubts) - told):  # several blocks are of a geometry
+                    warnings.warn(doubt, RuntimeWarning, stacklevel=2)
+                told.update(doubts)
             report(done, layout.count)
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
@@ -133,7 +142,7 @@ def _made(
     photograph_shape: tuple[int, int],
     backgrounds: Backgrounds,
     scheduler: str | None,
-) -> Iterator[tuple[int, Block]]:
+) -> Iterator[tuple[int, Doubted]]:
     """Make blocks, geometry by geometry or wherever a worker is free."""
     shared = (as_json(settings), photograph_shape, backgrounds)
     if scheduler is None:
@@ -159,7 +168,7 @@ def make_block(
     backgrounds: Backgrounds,
     geometry: int,
     block: int,
-) -> Block:
+) -> Doubted:
     """Make the samples of a block of a geometry, here and now.
 
     The configuration is JSON, from `as_json`. The geometry's camera must see photographs of
@@ -169,12 +178,13 @@ def make_block(
     start = block * settings.samples_per_shard
     ready = geometry_of(configuration, geometry)
     _check_shape(geometry, ready.scenario, photograph_shape)
-    return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
+    stop = start + settings.samples_per_shard
+    return make_samples(settings, ready, backgrounds, start, stop), ready.doubts
 
 
 def _make_share(
     shared: tuple[str, tuple[int, int], Backgrounds], task: tuple[int, tuple[int, ...]]
-) -> list[tuple[int, Block]]:
+) -> list[tuple[int, Doubted]]:
     geometry, blocks = task
     return [(block, make_block(*shared, geometry, block)) for block in blocks]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.dataset.archive.layout import LABELS
+from periscopy_sim.dataset.archive.layout import BOUNCED_ERROR, LABELS
 from periscopy_sim.dataset.configuration.document import Configuration
 from periscopy_sim.dataset.making.draws import (
     NOISE,
@@ -158,6 +158,8 @@ def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
         "geometry": [geometry.draw.number] * len(of_frames),
         "split": [geometry.draw.split] * len(of_frames),
     }
+    if isinstance(geometry.transport, BouncedTransport):
+        values[BOUNCED_ERROR] = [geometry.transport.bounced.relative_error] * len(of_frames)
     text = np.dtypes.StringDType()
     types = {name: text if kind is str else kind for name, (kind, *_) in LABELS.items()}
     return {name: np.array(each, types[name]) for name, each in values.items()}

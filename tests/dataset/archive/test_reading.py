@@ -1,12 +1,14 @@
+import json
 import shutil
 
 import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.dataset.archive.layout import read_head
 from periscopy_sim.dataset.archive.reading import Damage, describe, verify_dataset
 from periscopy_sim.dataset.making.make import make_dataset
-from periscopy_sim.errors import DatasetError
+from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.storage.outputs.completion import record_file
 
 
@@ -42,6 +44,48 @@ def test_labels_select_samples(whole):
     dark = data.sel(sample=data.ambient == "none")
     assert 0 < dark.sizes["sample"] < 46
     assert np.isinf(dark.sbr.values).all() and (dark.background.values == 0).all()
+
+
+@pytest.fixture
+def bounced(doubtful, tmp_path):
+    path = tmp_path / "bounced.zarr"
+    with pytest.warns(RuntimeWarning):
+        make_dataset(doubtful, path)
+    return path
+
+
+def test_samples_of_light_that_bounces_alone_tell_its_error(bounced, whole):
+    data = ps.open_dataset(bounced)
+    assert data.bounced_error.dims == ("sample",) and "bounced_error" in data.coords
+    assert data.bounced_error.dtype == np.float64 and data.bounced_error.attrs["units"] == "1"
+    assert (data.bounced_error > 2e-4).all() and data.bounced_error.size == 30
+    assert describe(bounced)["bounced_error"][0] == data.bounced_error.min()
+    assert verify_dataset(bounced) == (30, [])
+    direct = ps.open_dataset(whole)  # with the head that it had before there was that error
+    assert "bounced_error" not in {*direct.variables, *direct.attrs["layout"]}
+
+
+@pytest.fixture
+def older(bounced):
+    """Return a data set as it was made before it told that error."""
+    shutil.rmtree(bounced / "bounced_error")
+    head = json.loads((bounced / "zarr.json").read_text())
+    del head["attributes"]["layout"]["bounced_error"]
+    (bounced / "zarr.json").write_text(json.dumps(head))
+    for number in range(3):
+        record = json.loads(record_file(bounced, number).read_text())
+        del record["crc32c"]["bounced_error"]
+        record["of"] = read_head(bounced)[2]
+        record_file(bounced, number).write_text(json.dumps(record))
+    return bounced
+
+
+def test_data_set_from_before_the_error_was_told_is_read_but_not_added_to(older, doubtful):
+    assert ps.open_dataset(older).photograph.shape[0] == 30
+    assert verify_dataset(older) == (30, [])
+    assert "bounced_error" not in describe(older)
+    with pytest.raises(OutputError, match=r"\(layout.bounced_error unset, here true\)"):
+        make_dataset(doubtful, older)
 
 
 def test_unfinished_data_set_is_refused_unless_asked_for(data, configured):

@@ -16,6 +16,7 @@ from periscopy_sim.dataset.making import make as making
 from periscopy_sim.dataset.making.make import make_dataset
 from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
+from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.resume import alone_in
 
@@ -302,6 +303,35 @@ def test_walls_of_many_colours_are_lit_alike_in_a_run_that_goes_on(configured, t
 def test_as_many_patches_as_pixels_are_warned_of(configured, tmp_path):
     with pytest.warns(RuntimeWarning, match="12x12 patches of 16x16 pixels: with fewer than two"):
         make_dataset(configured(hidden="12x12", count=2), tmp_path / "d.zarr")
+
+
+def first_words(told):
+    assert all(
+        "'bright_room': light that bounces is known to" in str(each.message) for each in told
+    )
+    return sorted(str(each.message).partition(":")[0] for each in told)
+
+
+def test_each_geometry_of_which_light_that_bounces_is_known_badly_is_told_once(doubtful, tmp_path):
+    for path in (tmp_path / "d.zarr", tmp_path / "e.zarr"):  # the second is of what is remembered
+        with pytest.warns(RuntimeWarning) as told:
+            make_dataset(doubtful, path)
+        assert first_words(told) == ["geometry 0", "geometry 1"]
+
+
+@pytest.mark.thorough
+def test_worker_processes_tell_of_light_that_bounces_and_make_the_same_bytes(doubtful, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with pytest.warns(RuntimeWarning):
+        make_dataset(doubtful, tmp_path / "d.zarr")
+    local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with distributed.LocalCluster(silence_logs=50, **local) as cluster:
+        with distributed.Client(cluster) as client:
+            client.run(setattr, bounced, "ROUNDS", 1)
+        with pytest.warns(RuntimeWarning) as told:
+            make_dataset(doubtful, tmp_path / "e.zarr", scheduler=cluster.scheduler_address)
+    assert first_words(told) == ["geometry 0", "geometry 1"]
+    assert contents(tmp_path / "e.zarr") == contents(tmp_path / "d.zarr")
 
 
 def test_splits_that_stay_empty_are_told(configured, tmp_path):

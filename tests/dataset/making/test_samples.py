@@ -161,6 +161,7 @@ def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monk
     configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
     geometry = geometry_of(as_json(configuration), 0)
     block = make_samples(configuration, geometry, {}, 0, 4)
+    assert (block["bounced_error"] == geometry.transport.bounced.relative_error).all()
     for photograph, hidden in zip(block["photograph"], block["hidden"], strict=True):
         f = hidden.reshape(-1, 3)
         expected = np.stack([geometry.transport.channel(c) @ f[:, c] for c in range(3)], axis=1)
