@@ -27,7 +27,7 @@ from periscopy_sim.rendering.ambient.replicas import RAY, RAYS, SITES, Part
 from periscopy_sim.rendering.ambient.scalar import scalar_parts
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.refusals import check_media
+from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, wall_frame
@@ -108,7 +108,8 @@ def render_background(
     ------
     SceneError
         If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
-        see its wall, no light reaches that, or the scenario's wall is not diffuse.
+        see its wall, no light reaches that, a lamp without a size shines where a shape is clear or
+        a mirror, or the scenario's wall is not diffuse.
 
     Warns
     -----
@@ -122,7 +123,7 @@ def render_background(
             "type diffuse"
         )
     path = find_scene(path)
-    scene, points, normals = placed_in(path, scenario, parameters)
+    scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
     parts_of = _parts if is_vectorized() else scalar_parts
     parts = parts_of(scene, points, normals, scenario.photograph_shape)
     seeds = (
@@ -216,14 +217,18 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
 
 
 def placed_in(
-    path: Path, scenario: Scenario, parameters: Mapping[str, str] | None = None
+    path: Path,
+    scenario: Scenario,
+    parameters: Mapping[str, str] | None,
+    check: Callable[[SceneNodes], None],
 ) -> tuple[Any, Array, Array]:
     """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
 
-    A SceneError says that it has no light, or its camera does not see its wall.
+    A SceneError says that it has no light, its camera does not see its wall, or what `check` finds.
     """
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
     check_media(nodes)
+    check(nodes)
     nodes.average_pixels()
     scene = nodes.instantiate()
     if not scene.emitters():

@@ -24,7 +24,9 @@ from periscopy_sim.rendering.ambient.irradiance import (
     means_of_blocks,
 )
 from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
+from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
+from periscopy_sim.rendering.scene.refusals import check_opaque
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
 from periscopy_sim.shipped import find_scene
@@ -89,8 +91,8 @@ def emitter_backgrounds(
     ------
     SceneError
         If the scene file lacks wall, camera or light, has a monitor, or Mitsuba refuses it, its
-        camera does not see its wall, no emitter reaches that, or one would be cut into too many
-        panes.
+        camera does not see its wall, no emitter reaches that, a shape lets light through, or an
+        emitter would be cut into too many panes.
     ValueError
         If `pane` is not above 0.
     VariantError
@@ -110,7 +112,7 @@ def emitter_backgrounds(
             "scalar variants take Eq. 4's lights"
         )
     path = find_scene(path)
-    scene, points, normals = placed_in(path, scenario, parameters)
+    scene, points, normals = placed_in(path, scenario, parameters, _check_shadows)
     if any(shape.id() == "monitor" for shape in scene.shapes()):
         raise SceneError(
             f"scene '{path}': its monitor is none of the lamps of a room, and its light would be "
@@ -152,6 +154,11 @@ def emitter_backgrounds(
     B = np.stack([column / column.mean() for column in columns], axis=1)
     texture = scenario.wall_texture
     return B if texture is None else B * texture[:, np.newaxis]
+
+
+def _check_shadows(nodes: SceneNodes) -> None:
+    """Refuse shapes that let light through: prototypes have full shadows of all shapes."""
+    check_opaque(nodes, "the light of emitters straight on the wall would not pass it")
 
 
 def _prototypes(

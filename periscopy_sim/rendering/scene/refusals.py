@@ -25,6 +25,12 @@ OPAQUE = {
 """BSDF plugins that let no light through unless they are told to; of a ``twosided`` one Mitsuba
 makes sure."""
 
+SCATTERING = OPAQUE - {"conductor", "plastic"} | {"roughdielectric", "principledthin"}
+"""BSDF plugins without a mirror's or a clear pane's part, unless they hold another that has one."""
+
+SIZELESS = {"point", "spot", "projector", "directional", "directionalarea"}
+"""Emitter plugins whose light comes from a point or in one direction: chance never finds them."""
+
 GRID = 64
 """Points of the monitor's UV square that are looked at, along each side."""
 
@@ -38,7 +44,7 @@ UV_ERROR = 1e-3
 def check_nodes(nodes: SceneNodes) -> None:
     """Refuse what light passes or is changed by on its way, and what is turned inside out."""
     check_media(nodes)
-    _check_opaque(nodes)
+    check_opaque(nodes, "the light transport matrix would count it as opaque")
     _check_outside(nodes)
     _check_sizes(nodes)
 
@@ -55,15 +61,32 @@ def check_media(nodes: SceneNodes) -> None:
                 )
 
 
-def _check_opaque(nodes: SceneNodes) -> None:
-    """Refuse shapes that let light through, wherever they stand: A counts them as opaque."""
+def check_opaque(nodes: SceneNodes, else_wrong: str) -> None:
+    """Refuse shapes that let light through, wherever they stand, and say what would be wrong."""
     for props in nodes.of_type("Shape"):
         for name in _see_through(nodes, props):
             raise SceneError(
                 f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
-                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
-                "own goes into a twosided one)"
+                f"'{name}'), and {else_wrong}; remove the shape, or give it an opaque bsdf (a "
+                "mask's opacity is a number, 1; a bsdf of your own goes into a twosided one)"
+            )
+
+
+def check_lamps(nodes: SceneNodes) -> None:
+    """Refuse lamps without a size where a shape is clear or a mirror: paths miss what it sends on.
+
+    From a clear pane or a mirror a path goes on in one direction, which such a lamp never lies in,
+    and a ray aimed at the lamp is blocked by panes. So it is in Mitsuba's own path tracer.
+    """
+    lamps = [props for props in nodes.of_type("Emitter") if props.plugin_name() in SIZELESS]
+    for props in nodes.of_type("Shape") if lamps else ():
+        for name in _not_scattering(nodes, props):
+            raise SceneError(
+                f"scene '{nodes.path}': emitter '{lamps[0].id()}' ({lamps[0].plugin_name()}) has "
+                f"no size, and its light through or by way of shape '{props.id()}' (bsdf '{name}') "
+                "would be missing; give the lamp a size (a small sphere with an area emitter, for "
+                "the sun a sunsky or its disc in an envmap), or the shape a rough, opaque bsdf, or "
+                "remove it"
             )
 
 
@@ -139,16 +162,29 @@ def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
     """Name the BSDFs within a node that may let light through."""
     for _, inner in nodes.children(props, "BSDF"):
         name = inner.plugin_name()
-        if name == "mask":
-            opaque = "opacity" in inner and _numbers(inner["opacity"]).min() >= 1
-        elif name == "principled":
+        if name == "principled":
             opaque = "spec_trans" not in inner or _numbers(inner["spec_trans"]).max() <= 0
         else:
-            opaque = name in OPAQUE
+            opaque = name in OPAQUE or _is_full_mask(inner)
         if not opaque:
             yield str(name)
         elif name != "twosided":
             yield from _see_through(nodes, inner)
+
+
+def _not_scattering(nodes: SceneNodes, props: Any) -> Iterator[str]:
+    """Name the BSDFs within a node that may reflect as a mirror does or let light pass straight."""
+    for _, inner in nodes.children(props, "BSDF"):
+        if inner.plugin_name() in SCATTERING or _is_full_mask(inner):
+            yield from _not_scattering(nodes, inner)
+        else:
+            yield str(inner.plugin_name())
+
+
+def _is_full_mask(props: Any) -> bool:
+    """Return whether a BSDF is a mask that lets nothing through."""
+    is_mask = props.plugin_name() == "mask" and "opacity" in props
+    return bool(is_mask and _numbers(props["opacity"]).min() >= 1)
 
 
 def _numbers(value: Any) -> Any:
