@@ -2,6 +2,11 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+BY_BSDF = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
+
+SEEDS = 8
 
 
 @pytest.fixture(scope="session")
@@ -17,3 +22,19 @@ def refusal():
         return message
 
     return refuse
+
+
+@pytest.fixture
+def is_right(room, same_mean, mitsubas):
+    """Assert that A of a white monitor is the file's photograph, sampled by the BSDF alone."""
+
+    def check(*extra, samples=16, pixel_samples=16, truth=BY_BSDF, **parts):
+        parts = {"monitor": room.monitor(room.area)} | parts
+        seen = room.load(*extra, **parts)
+        options = {"samples": samples, "pixel_samples": pixel_samples}
+        found = [render_transport(seen, seed=s, **options).sum(axis=1) for s in range(SEEDS)]
+        gain = seen.channel_gain.mean()
+        pictures = mitsubas(room.write(*extra, **parts), seeds=SEEDS, **truth)
+        same_mean([picture.ravel() / gain for picture in pictures], found)
+
+    return check

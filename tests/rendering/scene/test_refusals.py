@@ -15,7 +15,6 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
-SEEDS = 8
 GLASS = '<bsdf type="dielectric"/>'
 FOG = (
     '<medium type="homogeneous" name="{}"><float name="sigma_t" value="2"/>'
@@ -49,24 +48,7 @@ def with_light(room, kind, inside="", to_world=FRONT):
     )
 
 
-BY_BSDF = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
 ALL_BOUNCES = {"type": "path"}
-
-
-@pytest.fixture
-def is_right(room, same_mean, mitsubas):
-    """Assert that A of a white monitor is the file's photograph, sampled by the BSDF alone."""
-
-    def check(*extra, samples=16, pixel_samples=16, **parts):
-        parts = {"monitor": room.monitor(room.area)} | parts
-        seen = room.load(*extra, **parts)
-        options = {"samples": samples, "pixel_samples": pixel_samples}
-        found = [render_transport(seen, seed=s, **options).sum(axis=1) for s in range(SEEDS)]
-        gain = seen.channel_gain.mean()
-        pictures = mitsubas(room.write(*extra, **parts), seeds=SEEDS, **BY_BSDF)
-        same_mean([picture.ravel() / gain for picture in pictures], found)
-
-    return check
 
 
 def refusal(room, *extra, **parts):
@@ -219,58 +201,6 @@ def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(roo
 )
 def test_wall_with_a_mirrors_part_is_refused(room, bsdf):
     assert "reflects as a mirror does, in part or entirely" in refusal(room, wall=room.wall(bsdf))
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("kind", ["roughplastic", "principled", "normalmap", "mask"])
-def test_wall_that_is_rough_is_right(room, is_right, kind):
-    write_slope(room)
-    bsdf = {"normalmap": SLOPE, "mask": masked(number("opacity", 1))}.get(
-        kind, f'<bsdf type="{kind}"/>'
-    )
-    is_right(wall=room.wall(bsdf))
-
-
-SLOPE = (
-    '<bsdf type="normalmap"><boolean name="use_shadowing_function" value="false"/>'
-    '<texture type="bitmap" name="normalmap"><string name="filename" value="slope.exr"/>'
-    '<boolean name="raw" value="true"/></texture><bsdf type="diffuse"/></bsdf>'
-)
-
-
-def write_slope(room, normal=(0, 0.3, 0.954)):
-    import mitsuba as mi
-
-    slope = np.tile(np.float32(normal) / 2 + 0.5, (2, 2, 1)).astype(np.float32)
-    mi.Bitmap(slope).write(str(room.folder / "slope.exr"))
-
-
-@pytest.mark.parametrize("normal", [(0.3, 0, 0.954), (0, 0.3, 0.954)])
-def test_diffuse_wall_beneath_a_normal_map_has_no_closed_form(room, normal):
-    write_slope(room, normal)
-    seen = room.load(wall=room.wall(SLOPE))
-    assert seen.wall_reflectance is None
-
-
-def test_normals_that_a_mesh_brings_are_the_walls(room, variant, is_right):
-    corners = [(-0.3, -0.7), (1.7, -0.7), (1.7, 1.3), (-0.3, 1.3)]
-    rows = "\n".join(f"{x} 1 {z} 0.6 -0.8 0" for x, z in corners)
-    (room.folder / "wall.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 4\n"
-        + "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
-        + "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
-        + rows
-        + "\n3 0 1 2\n3 0 2 3\n"
-    )
-    wall = (
-        '<shape type="ply" id="wall"><string name="filename" value="wall.ply"/>'
-        f"{room.diffuse}</shape>"
-    )
-    seen = room.load(wall=wall)
-    np.testing.assert_allclose(seen.wall_normals, np.tile([0.6, -0.8, 0], (30, 1)), atol=1e-6)
-    if not variant.startswith("scalar"):
-        is_right(wall=wall)
 
 
 # -- the monitor's UV square ---------------------------------------------------------------------

@@ -15,6 +15,7 @@ from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport
 from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from tests.rendering.conftest import Room
+from tests.rendering.materials import BLEND, BUMPS, MEASURED, SLOPE, write_files
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -99,6 +100,17 @@ def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, boun
     assert np.mean(found) > 1.02 * direct.mean()
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "bsdf", [BLEND, BUMPS, SLOPE, MEASURED], ids=["blend", "bumps", "normals", "measured"]
+)
+def test_blends_bumps_and_measured_paints_send_it_on(room, same_mean, bsdf):
+    write_files(room.folder)
+    seen = room.load(board(bsdf), floor(painted(0.5)), monitor=room.monitor(room.lcd(2, 1)))
+    image = hidden_image(seen.hidden_shape)
+    same_mean(list(traced(seen, image, None)), list(predicted(seen, image, None)))
+
+
 @pytest.mark.parametrize(
     "wall",
     [
@@ -109,10 +121,13 @@ def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, boun
             '<bsdf type="roughplastic"><float name="alpha" value="0.4"/></bsdf>',
             marks=pytest.mark.thorough,
         ),
+        pytest.param(SLOPE, marks=pytest.mark.thorough),
+        pytest.param(MEASURED, marks=pytest.mark.thorough),
     ],
-    ids=["coloured", "textured", "half black", "glossy"],
+    ids=["coloured", "textured", "half black", "glossy", "sloping", "measured"],
 )
 def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
+    write_files(room.folder)
     seen = room.load(
         board(painted("0.8, 0.6, 0.4")),
         wall=room.wall(wall),
