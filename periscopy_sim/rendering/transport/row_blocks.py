@@ -29,9 +29,9 @@ RAYS = 1 << 28
 class RenderedTransport:
     """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
 
-    `reconstruction.transport_operator.TransportOperator` makes a SciPy linear operator of it, and
-    `IterativePeriscope` takes it in the place of A. Every pass traces all the rays again, and draws
-    the same samples.
+    `reconstruction.large_scale.transport_operator.TransportOperator` makes a SciPy linear operator
+    of it, and `IterativePeriscope` takes it in the place of A. Every pass traces all the rays
+    again, and draws the same samples.
 
     Parameters
     ----------
