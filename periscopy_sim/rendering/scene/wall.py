@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import qmc
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.parsing import one_line
@@ -21,8 +23,14 @@ SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
 UNIFORM = 1e-4
 """Of the largest reflectance: what changes less from place to place is no texture."""
 
-STRATA = 4
-"""Points of a pixel, down and across, over which a texture is averaged."""
+TEXTURE_ERROR = 1e-3
+"""Of the root mean square albedo: how well the texture's mean over a pixel is sought."""
+
+TEXTURE_POINTS = 16, 1024
+"""Fewest and most points of a pixel over which it is averaged."""
+
+SCALAR_POINTS = 1 << 20
+"""Most points of all pixels in scalar variants, where they take a minute; 64 of each at least."""
 
 BLACK = 1e-3
 """Of the mean reflectance: a pixel of less has no colour."""
@@ -83,11 +91,15 @@ def seen_wall(
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
     normals = np.where(own, shading, normals)
     normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
-    if np.ptp(colors[1], axis=0).max() <= UNIFORM * colors[1].max():
+    aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
+    met = map_points(meet, film + aside)
+    # At the pixels' centres alone a wallpaper could look plain.
+    colors_met = np.concatenate([colors[1], met[7][met[4][:, 0] != 0]])
+    if np.ptp(colors_met, axis=0).max() <= UNIFORM * colors_met.max():
         albedo = colors[1].mean(axis=0)
         texture, gain = None, albedo / albedo.mean()
     else:
-        albedo = _averaged(meet, film, (rows, columns))
+        albedo = _averaged(meet, film, (rows, columns), where)
         texture, gain = _textured(albedo, where, material)
     reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
     return SeenWall(points, normals, reflectance, gain, texture, float(blur.max()))
@@ -107,12 +119,36 @@ def _instead(scene: Any, camera: Any, position: Array) -> str:
     return ", past its edge"
 
 
-def _averaged(meet: Callable[[Any], tuple[Any, ...]], film: Array, size: tuple[int, int]) -> Array:
-    """Return the reflection along the normal averaged over each pixel, (M, 3)."""
-    rows, columns = size
-    steps = (np.arange(STRATA) + 0.5) / STRATA - 0.5
-    offsets = [np.array([x / columns, y / rows]) for y in steps for x in steps]
-    return np.asarray(np.mean([map_points(meet, film + offset)[7] for offset in offsets], axis=0))
+def _averaged(
+    meet: Callable[[Any], tuple[Any, ...]], film: Array, size: tuple[int, int], where: str
+) -> Array:
+    """Return the reflection along the normal averaged over each pixel, (M, 3).
+
+    Over twice as many points again and again, until they change it little.
+    """
+    sequence = qmc.Sobol(2, rng=np.random.default_rng(0))
+
+    def total_of(points: int) -> Array:
+        offsets = (sequence.random(points) - 0.5) / size[::-1]
+        met = [map_points(meet, film + offset)[7] for offset in offsets]
+        return np.asarray(np.sum(met, axis=0))
+
+    points, most = TEXTURE_POINTS
+    if not is_vectorized():
+        most = min(most, max(64, SCALAR_POINTS // len(film)))
+    total, change = total_of(points), np.inf
+    while change > TEXTURE_ERROR and points < most:
+        more = total_of(points)
+        change = np.sqrt(np.sum((more - total) ** 2) / np.sum((more + total) ** 2))
+        total, points = total + more, 2 * points
+    if change > 5 * TEXTURE_ERROR:
+        warnings.warn(
+            f"{where}: the wall's texture has such fine detail that its mean over a pixel is known "
+            f"to {100 * change:.1g} % only; blur it to the size of a pixel",
+            RuntimeWarning,
+            2,
+        )
+    return np.asarray(total / points)
 
 
 def _textured(albedo: Array, where: str, material: str) -> tuple[Array, Array]:

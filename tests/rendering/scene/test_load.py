@@ -1,12 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
-from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, load_scenario, shape_of
 from periscopy_sim.scenario import EmissionProfile
@@ -218,59 +214,6 @@ def test_cropped_film_sees_its_part_of_the_wall(room):
     assert seen.photograph_shape == (2, 3)
     full = on_grid(room.load().wall_points, (5, 6))
     np.testing.assert_allclose(on_grid(seen.wall_points, (2, 3)), full[1:3, 2:5], rtol=0, atol=1e-6)
-
-
-def test_color_of_the_wall_is_split_into_albedo_and_gain(room):
-    paint = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.3, 0.15"/></bsdf>'
-    seen = room.load(wall=room.wall(paint))
-    np.testing.assert_allclose(seen.wall_reflectance, [0.6, 0.3, 0.15], rtol=1e-5)
-    np.testing.assert_allclose(seen.channel_gain, np.array([0.6, 0.3, 0.15]) / 0.35, rtol=1e-5)
-
-
-def checkered(first, second, squares=40):
-    return TEXTURED.replace('"40"', f'"{squares}"').replace(
-        "<transform",
-        f'<rgb name="color0" value="{first}"/><rgb name="color1" value="{second}"/><transform',
-    )
-
-
-def test_grey_texture_is_in_the_rows_and_the_colour_in_the_gain(room):
-    seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.3", "0.2, 0.1, 0.1", 5)))
-    grey = seen.wall_texture
-    assert grey.shape == (30,) and grey.mean() == pytest.approx(1) and np.ptp(grey) > 0.2
-    np.testing.assert_allclose(seen.channel_gain, [1.5, 0.75, 0.75], rtol=1e-4)
-    scale = seen.wall_reflectance[0, 0] / grey[0]
-    np.testing.assert_allclose(
-        seen.wall_reflectance, scale * np.outer(grey, [1, 0.5, 0.5]), rtol=1e-4
-    )
-    without = point_light_backgrounds(replace(seen, wall_texture=None))
-    np.testing.assert_allclose(point_light_backgrounds(seen), without * grey[:, None])
-
-
-def test_texture_of_several_colours_is_a_gain_of_each_pixel(room):
-    seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.15", "0.2, 0.2, 0.5", 5)))
-    assert seen.channel_gain.shape == (30, 3)
-    np.testing.assert_allclose(seen.channel_gain.mean(axis=1), 1, rtol=1e-6)
-    albedo = seen.wall_texture[:, None] * seen.channel_gain
-    np.testing.assert_allclose(
-        albedo / albedo.mean(), seen.wall_reflectance / seen.wall_reflectance.mean(), rtol=1e-6
-    )
-
-
-def test_pixels_that_lack_a_colour_are_left_out(room):
-    seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.3", "0.5, 0.3, 0.01", 3)))
-    dark = (seen.channel_gain == 0).all(axis=1)
-    assert 0 < dark.sum() < 30
-    observation = observation_of(np.ones((30, 6)), (2, 3), seen.channel_gain)
-    np.testing.assert_array_equal(observation.mask, ~dark)
-    with pytest.raises(SceneError, match="hardly reflects one of the three colours"):
-        room.load(wall=room.wall(checkered("0.6, 0.3, 0", "0.1, 0.3, 0")))
-
-
-def test_wall_that_is_not_diffuse_has_no_albedo(room):
-    seen = room.load(wall=room.wall(GLOSSY))
-    assert seen.wall_reflectance is None
-    np.testing.assert_allclose(seen.channel_gain.mean(), 1, rtol=1e-6)
 
 
 # -- the hidden patches ----------------------------------------------------------------------------
