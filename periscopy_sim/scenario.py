@@ -169,6 +169,21 @@ def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
     return np.stack([down, across], axis=2).reshape(-1, 2, 3)
 
 
+def rises(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
+    """Return how far the pixels next to each rise above its tangent plane, (M,), at least 0.
+
+    Rays that start lower may start behind a wall that bends towards the room.
+    """
+    grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
+    height = np.zeros(shape)
+    for axis in (0, 1):
+        p, n, h = (np.swapaxes(each, 0, axis) for each in (grid, normal, height))
+        step = np.diff(p, axis=0)
+        np.maximum(h[:-1], np.sum(step * n[:-1], axis=-1), out=h[:-1])
+        np.maximum(h[1:], -np.sum(step * n[1:], axis=-1), out=h[1:])
+    return height.ravel()
+
+
 @dataclass(frozen=True, eq=False)
 class WallFrame:
     """Axes of the camera's field of view on the wall, about the wall points' centroid (metres).

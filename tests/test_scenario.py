@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.scenario import EmissionProfile, Scenario, wall_frame
+from periscopy_sim.scenario import EmissionProfile, Scenario, rises, wall_frame
 
 
 def hemisphere(count, seed=0):
@@ -176,3 +176,19 @@ def test_without_columns_a_floor_takes_the_x_axis():
 def test_scenario_is_told_on_a_line():
     line = repr(make_scenario(parameters={"turn": "3"}))
     assert line == "Scenario('room.xml', 2x3 patches, 4x5 pixels, 0 occluders, turn=3)"
+
+
+def test_neighbours_rise_above_a_wall_that_bends_towards_the_room_and_not_else():
+    angle = np.linspace(-0.2, 0.2, 5)
+    up = np.arange(3.0)
+    grid = np.stack(
+        np.broadcast_arrays(2 * np.sin(angle), 2 - 2 * np.cos(angle), up[:, None]), axis=-1
+    )
+    normals = np.stack(np.broadcast_arrays(-np.sin(angle), np.cos(angle), 0 * up[:, None]), axis=-1)
+    points, normals = grid.reshape(-1, 3), normals.reshape(-1, 3)
+    # A neighbour is 0.1 rad away on a circle of radius 2.
+    np.testing.assert_allclose(rises(points, normals, (3, 5)), 2 * (1 - np.cos(0.1)), rtol=1e-12)
+    np.testing.assert_allclose(rises(points, -normals, (3, 5)), 0, atol=1e-12)
+    flat = np.stack(np.meshgrid(angle, [1.0], up), axis=-1).reshape(-1, 3)
+    np.testing.assert_array_equal(rises(flat, np.tile([0, -1.0, 0], (15, 1)), (3, 5)), 0)
+    assert rises(points[:1], normals[:1], (1, 1)) == [0]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import monitor_texture
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import FIXED_BLOCKS, is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
 
 WAVEFRONT = 1 << 24
@@ -177,7 +177,7 @@ def path_trace(
     import mitsuba as mi
 
     camera = camera_of(scene) if sensor is None else sensor
-    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, **FIXED_BLOCKS})
     side = math.ceil(math.sqrt(samples))  # the multi-jittered sampler wants a square number
     seed, report = seed % 2**32, progress or (lambda _: None)
     if is_vectorized():

@@ -15,6 +15,10 @@ from pathlib import Path
 
 from periscopy_sim.errors import VariantError
 
+FIXED_BLOCKS = {"block_size": 32}
+"""Of Mitsuba's integrators: in scalar variants each block of pixels has a seed of its own, and
+their size follows the number of threads where none is given."""
+
 PREFERENCE = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 OVERRIDE = "PERISCOPY_VARIANT"
 

@@ -92,10 +92,10 @@ class AskedTransport:
             return read_transport(self.file, scenario, self.bounces)
         if self.is_direct:
             return self._direct(scenario)
-        from periscopy_sim.rendering.transport.bounced import check_wall
+        from periscopy_sim.rendering.transport.bounced import check_bouncing_wall
         from periscopy_sim.rendering.transport.bounced_transport import add_bounces
 
-        check_wall(scenario)
+        check_bouncing_wall(scenario)
         direct = self._direct(scenario)
         with progress("tracing light that bounces") as report:
             return add_bounces(scenario, direct, self.bounces, seed=self.seed, progress=report)

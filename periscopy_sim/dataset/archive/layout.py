@@ -25,14 +25,14 @@ PICTURES: dict[str, tuple[str, str | None]] = {  # long name and units
     "background": ("ambient light of the photograph, without noise", _EXPOSED),
 }
 BOUNCED_ERROR = "bounced_error"
-_WHITE = "error of a white image's photograph by light that bounces, relative to it; 0 if none does"
+_OF_WHITE = "error of a white image's photograph by light that bounces over it; 0 if none bounces"
 _SCALE = "photograph's unit over that of A f: photograph = scale A f + background"
 LABELS: dict[str, tuple[Any, str, str | None]] = {
     "signal_scale": ("float64", _SCALE, "1"),
     "sbr": ("float64", "signal-to-background ratio", "1"),
     "snr": ("float64", "signal-to-noise ratio", "dB"),
     "exposure": ("float64", "mean of the photograph without noise", "1"),
-    BOUNCED_ERROR: ("float64", _WHITE, "1"),
+    BOUNCED_ERROR: ("float64", _OF_WHITE, "1"),
     "clip_number": ("int64", "number of the video that the photograph is of", None),
     "frame": ("int32", "number of the frame within its video", None),
     "geometry": ("int32", "number of the scene and its parameters", None),

@@ -99,8 +99,13 @@ def _rendered(configuration: str, number: int) -> Geometry:
     with warnings.catch_warnings(record=True) as caught:  # told by who started the making
         warnings.simplefilter("always", RuntimeWarning)
         A = render_transport(scenario, samples=light.samples, bounces=bounces, seed=settings.seed)
-    doubts = tuple(f"geometry {number}: {each.message}" for each in caught)
-    return Geometry(draw, scenario, A, None, doubts)
+    doubts = []
+    for each in caught:
+        if "light that bounces" in str(each.message):
+            doubts.append(f"geometry {number}: {each.message}")
+        else:  # perhaps of another thread
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+    return Geometry(draw, scenario, A, None, tuple(doubts))
 
 
 def _photographer(scenario: Scenario, light: PathTraced) -> Photographer:

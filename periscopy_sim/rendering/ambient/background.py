@@ -30,7 +30,15 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
-from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, wall_frame
+from periscopy_sim.scenario import (
+    LIFT,
+    Array,
+    Scenario,
+    WallFrame,
+    pixel_edges,
+    rises,
+    wall_frame,
+)
 from periscopy_sim.shipped import find_scene
 
 DIRECT_SAMPLES = 64
@@ -263,4 +271,6 @@ def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Ar
     turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
         [view.across, view.normal, view.up]
     )
-    return (points - own.center + LIFT * size * normals) @ turn + view.center, normals @ turn
+    height = np.maximum(LIFT * size, rises(points, normals, scenario.photograph_shape))
+    off = points - own.center + height[:, np.newaxis] * normals
+    return off @ turn + view.center, normals @ turn

@@ -33,7 +33,8 @@ def scalar_parts(scene: Any, points: Array, normals: Array, shape: tuple[int, in
     edges, everywhere = pixel_edges(points, normals, shape), np.arange(len(points))
     sites = chosen_sites(shape, SITES)
     whole, few = (
-        WallCameras(scene, points[at], normals[at], edges[at]) for at in (everywhere, sites)
+        WallCameras(scene, "the ambient scene's own wall", points[at], normals[at], edges[at])
+        for at in (everywhere, sites)
     )
     # Rounds of both take about as long.
     return [

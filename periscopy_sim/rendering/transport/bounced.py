@@ -26,7 +26,7 @@ from periscopy_sim.scenario import Array, Scenario
 
 TARGET, SCALAR_TARGET = 2e-4, 1e-3
 """Error of a white image's photograph by what has bounced, over the photograph: a fifth of a 60 dB
-photograph's noise, and in scalar variants, where that would take hours, as much as it."""
+photograph's noise; in scalar variants, where that would take hours, all of that noise."""
 
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
@@ -38,8 +38,8 @@ photograph's brightness."""
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
 
-ROUNDS = 96
-"""Most rounds."""
+ROUNDS, SCALAR_ROUNDS = 96, 8
+"""Most rounds, and in scalar variants, where one takes minutes."""
 
 BLOCKS = 4
 """Parts of the monitor along each side, each of whose light the polynomials have to follow."""
@@ -115,8 +115,8 @@ def render_bounced_light(
     Raises
     ------
     SceneError
-        If the wall is not diffuse and has a texture, or the variant is a scalar one; there also if
-        it is black somewhere.
+        If the wall is not diffuse, and is textured or the variant scalar. In scalar variants also
+        if it is black, in any channel, at a pixel looked at.
     ValueError
         If `bounces` is not a whole number from 2 on.
 
@@ -130,8 +130,9 @@ def render_bounced_light(
 
     if check_bounces(bounces) == DIRECT:
         raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
-    check_wall(scenario)
+    check_bouncing_wall(scenario)
     vectorized = is_vectorized()
+    most = ROUNDS if vectorized else SCALAR_ROUNDS
     if target is None:
         target = TARGET if vectorized else SCALAR_TARGET
     report = progress or (lambda _: None)
@@ -141,13 +142,13 @@ def render_bounced_light(
     trace = (make_tracer if vectorized else make_scalar_tracer)(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
     direct = (_direct if vectorized else white_direct_light)(scenario, pixels, seed)
-    seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
+    seeds = np.random.SeedSequence(seed).generate_state(most * REPLICAS).reshape(most, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(PATHS, one)
-            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / ROUNDS)
+            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / most)
             report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
             lights = _of_blocks(total, scenario.hidden_shape) / done
@@ -181,8 +182,8 @@ def render_bounced_light(
     )
 
 
-def check_wall(scenario: Scenario) -> None:
-    """Set the variant, and refuse walls of which it does not tell what bounces by a SceneError."""
+def check_bouncing_wall(scenario: Scenario) -> None:
+    """Set the variant, and refuse walls of which bounced light is not known by a SceneError."""
     use_variant()
     if scenario.wall_reflectance is not None:
         return

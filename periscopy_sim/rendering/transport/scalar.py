@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
 from periscopy_sim.rendering.scene.nodes import monitor_texture
+from periscopy_sim.rendering.variant import FIXED_BLOCKS
 from periscopy_sim.scenario import Scenario
 
 
@@ -38,7 +39,9 @@ def render_columns(
         )
     hidden = (*scenario.hidden_shape, 3)
     scene = build_scene(scenario, np.zeros(hidden), only_monitor=True, plain_emitter=True)
-    integrator = mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0})
+    integrator = mi.load_dict(
+        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, **FIXED_BLOCKS}
+    )
     camera, lit = camera_of(scene), mi.traverse(scene)
     profile = profile_matrix(scenario)
     for patch in range(A.shape[1]):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.rendering.photograph import Monitor, depth_of
 from periscopy_sim.rendering.wall_cameras import WallCameras
-from periscopy_sim.scenario import LIFT, Array, Scenario, pixel_edges
+from periscopy_sim.scenario import LIFT, Array, Scenario, pixel_edges, rises
 
 WHITE_SAMPLES = 256
 """Samples of a pixel for a white image's direct light."""
@@ -50,10 +50,12 @@ def white_direct_light(scenario: Scenario, pixels: NDArray[np.intp], seed: int) 
 def _lit_wall(scenario: Scenario, pixels: NDArray[np.intp]) -> tuple[Monitor, WallCameras]:
     """Return the monitor, which shows white, and the wall's pixels that it lights."""
     lit = Monitor(scenario, scenario.hidden_shape, only_monitor=True)
-    points, normals = scenario.wall_points, scenario.wall_normals
-    edges = pixel_edges(points, normals, scenario.photograph_shape)
-    off = points + LIFT * np.linalg.norm(np.ptp(points, axis=0)) * normals
-    return lit, WallCameras(lit.scene, off[pixels], normals[pixels], edges[pixels])
+    points, normals, shape = scenario.wall_points, scenario.wall_normals, scenario.photograph_shape
+    size = np.linalg.norm(np.ptp(points, axis=0)) or 1.0  # of a lone pixel a metre
+    height = np.maximum(LIFT * size, rises(points, normals, shape))
+    off, edges = points + height[:, np.newaxis] * normals, pixel_edges(points, normals, shape)
+    name = f"the wall of scene '{scenario.path}'"
+    return lit, WallCameras(lit.scene, name, off[pixels], normals[pixels], edges[pixels])
 
 
 def _radiance(scenario: Scenario) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import check_wall
+from periscopy_sim.rendering.transport.bounced import check_bouncing_wall
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import Strata
@@ -125,7 +125,7 @@ def render_transport(
     use_variant()
     alone = check_bounces(bounces) == DIRECT
     if not alone:
-        check_wall(scenario)
+        check_bouncing_wall(scenario)
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed, LANES)
     A = np.empty(rendered.shape, np.float32) if out is None else out
     if A.shape != rendered.shape:
@@ -135,7 +135,9 @@ def render_transport(
     if not is_vectorized():
         from periscopy_sim.rendering.transport.scalar import render_columns
 
-        render_columns(scenario, A, samples=samples, seed=seed, progress=report)
+        render_columns(
+            scenario, A, samples=samples, seed=seed, progress=lambda done: report(share * done)
+        )
     else:
         for rows, block in rendered.row_blocks():
             A[rows] = block

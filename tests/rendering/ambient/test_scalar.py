@@ -104,7 +104,7 @@ def test_place_whose_own_wall_is_not_diffuse_or_black_is_refused(room, scalar):
     scene = room.write(camera=room.camera((4, 4)))
     refused = {
         '<bsdf type="roughconductor"/>': "the ambient scene's own wall must be diffuse",
-        room.black: "the wall must be black nowhere",
+        room.black: "the ambient scene's own wall must be black nowhere",
     }
     for bsdf, words in refused.items():
         place = room.write(LIGHT, monitor="", wall=room.wall(bsdf), camera=room.camera((4, 4)))
@@ -113,8 +113,14 @@ def test_place_whose_own_wall_is_not_diffuse_or_black_is_refused(room, scalar):
 
 def test_own_wall_that_is_too_small_is_refused(room, scalar):
     small = room.wall().replace("<rotate", '<scale value="0.1"/><rotate')
-    place = room.write(
-        LIGHT, monitor="", wall=small, camera=room.camera((4, 4)).replace('"0.2"', '"0.05"')
-    )
+    behind = room.wall().replace('id="wall"', 'id="behind"').replace('y="1"', 'y="1.6"')
     scene = room.write(camera=room.camera((4, 4)))
-    assert "as large as what the camera sees" in scalar(ROOM + REFUSED, scene, place)
+    for what in ("", behind):
+        place = room.write(
+            LIGHT,
+            what,
+            monitor="",
+            wall=small,
+            camera=room.camera((4, 4)).replace('"0.2"', '"0.05"'),
+        )
+        assert "as large as what the camera sees" in scalar(ROOM + REFUSED, scene, place)

@@ -11,6 +11,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from periscopy_sim.rendering.scene.refusals import SIZELESS
+from tests.rendering.materials import BUMPS, write_files
 
 PLACE, RADIUS = np.array([0.2, -0.5, 0.9]), 0.4
 LAMP = (
@@ -28,6 +29,7 @@ def masked(opacity, inner):
     return f'<bsdf type="mask"><float name="opacity" value="{opacity}"/>{inner}</bsdf>'
 
 
+DIFFUSE = '<bsdf type="diffuse"/>'
 BLACK = '<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>'
 CLEAR = {
     "mask": masked(0.3, BLACK),
@@ -150,6 +152,26 @@ def test_lamp_is_refused_by_name_among_what_sends_its_light_on(place, scenario, 
     message = refusal(place(LAMP, pane(bsdf)), scenario)
     assert "emitter 'bulb' (point) has no size" in message
     assert f"shape 'pane' (bsdf '{name}') would be missing; give the lamp a size" in message
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        f'<bsdf type="twosided">{DIFFUSE}</bsdf>',
+        f'<bsdf type="blendbsdf"><float name="weight" value="0.5"/>{BLACK}{DIFFUSE}</bsdf>',
+        masked(1, DIFFUSE),
+        BUMPS,
+        '<bsdf type="roughconductor"/>',
+        '<bsdf type="roughplastic"/>',
+        '<bsdf type="principled"/>',
+    ],
+    ids=["twosided", "blend", "full mask", "bumps", "rough metal", "rough plastic", "principled"],
+)
+def test_lamp_is_taken_among_what_scatters_all_it_reflects(room, place, scenario, bsdf):
+    write_files(room.folder)
+    found = render_background(place(LAMP, floor(bsdf)), scenario, target=1.0)
+    assert found.photograph.mean() > 0
 
 
 def test_lamp_is_refused_among_instances_of_glass(place, scenario):

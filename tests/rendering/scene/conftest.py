@@ -26,7 +26,7 @@ def refusal():
 
 @pytest.fixture
 def is_right(room, same_mean, mitsubas):
-    """Assert that A of a white monitor is the file's photograph, sampled by the BSDF alone."""
+    """Assert that A of a white monitor is the file's photograph, sampled as `truth` says."""
 
     def check(*extra, samples=16, pixel_samples=16, truth=BY_BSDF, **parts):
         parts = {"monitor": room.monitor(room.area)} | parts
