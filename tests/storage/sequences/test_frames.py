@@ -119,21 +119,27 @@ def test_a_lone_channel_is_grey(form, save, tmp_path):
     assert np.array_equal(read(tmp_path / form), np.repeat(grey, 3, axis=3))
 
 
+def peak_of(stack):
+    """Return the most memory that is held while a stack is read, in bytes."""
+    frames = iter(stack)
+    next(frames)  # what is imported on the way
+    tracemalloc.start()
+    try:
+        for _ in frames:
+            pass
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
 @pytest.mark.parametrize("form", ["y.npy", "y.npz", "y.zarr", "folder"])
 def test_one_frame_at_a_time_is_in_memory(form, save, tmp_path):
     shape = (200, 100)
     clip = np.ones((40, *shape, 3), np.float32)  # 9.6 MB; one frame in float64 takes 0.5 MB
     chunks = {"chunks": (1, *shape, 3)} if form == "y.zarr" else {}
     save.by_name(tmp_path / form, clip, **chunks)
-    frames = iter(open_frames(tmp_path / form, shape))
-    next(frames)  # what is imported on the way
-    tracemalloc.start()
-    try:
-        for _ in frames:
-            pass
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    # The least of three: other threads of the process may allocate meanwhile.
+    peak = min(peak_of(open_frames(tmp_path / form, shape)) for _ in range(3))
     assert 1e5 < peak < 3e6
 
 
