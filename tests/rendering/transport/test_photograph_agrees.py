@@ -55,6 +55,7 @@ def checkered(first, second, squares):
 
 
 @pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore:scene .* such fine detail:RuntimeWarning")
 @pytest.mark.parametrize(
     "kind",
     [
