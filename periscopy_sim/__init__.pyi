@@ -1,5 +1,7 @@
 """The public names; each is loaded when first used."""
 
+from .adapters.linear_operator import transport_operator
+from .adapters.torch_transport import TorchTransport
 from .analytic.point_light import (
     paper_grid,
     point_light_backgrounds,
@@ -79,6 +81,7 @@ __all__ = [
     "Silhouette",
     "Sweep",
     "TorchDataset",
+    "TorchTransport",
     "TruncatedSVD",
     "UncertainTransport",
     "Video",
@@ -130,6 +133,7 @@ __all__ = [
     "save_png",
     "show",
     "to_srgb",
+    "transport_operator",
     "uncertain_transport",
     "use_variant",
 ]

@@ -21,10 +21,10 @@ HEAVY = {"numpy", "scipy", "numba", "matplotlib", "typer", "PIL", "OpenEXR", "pn
 FLOORS = [
     {"experiments"},
     {"__main__", "cli"},
-    {"figures", "evaluation", "dataset", "calibration", "laboratory"},
+    {"figures", "evaluation", "dataset", "calibration", "laboratory", "adapters", "deepinv"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
-    {"scenario", "shipped"},
+    {"scenario", "shipped", "extras"},
     {"numerics", "errors"},
 ]
 FLOOR = {part: -level for level, parts in enumerate(FLOORS) for part in parts}

@@ -30,11 +30,11 @@ from periscopy_sim.cli import (
     transport,
     video,
 )
-from periscopy_sim.cli.arguments import EXTRA_OF, missing
 from periscopy_sim.cli.calibration import calibrate
 from periscopy_sim.cli.laboratory import draw, lab, prepare, tutorial
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.extras import EXTRA_OF, missing
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
 
 app = typer.Typer(

@@ -13,13 +13,8 @@ import numpy as np
 import typer
 
 from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.extras import SWEEP, missing
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
-
-EXTRAS = ("xarray", "zarr", "distributed", "cloudpickle", "google_crc32c")
-"""Modules that the core install lacks; the extras ``sweep`` and ``dataset`` bring them."""
-
-EXTRA_OF = {**dict.fromkeys(EXTRAS, "sweep"), "rawpy": "raw", "cv2": "tags"}
-"""The extra that brings each module that the core install lacks."""
 
 
 def option(form: str, words: str, *names: str, **more: Any) -> Any:
@@ -175,17 +170,9 @@ def parse_numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]
 
 def require_extras() -> None:
     """Refuse to start work that would end for want of a module that the core install lacks."""
-    for module in EXTRAS:
+    for module in SWEEP:
         if find_spec(module) is None:
             raise PeriscopyError(missing(module))
-
-
-def missing(module: str) -> str:
-    """Return one line that says which extra brings a module."""
-    return (
-        f"this needs {module}, which is not installed; in the folder of periscopy_sim's sources, "
-        f"install it by: pip install '.[{EXTRA_OF[module]}]'"
-    )
 
 
 def require_suffix(out: Path, suffix: str, what: str) -> None:

@@ -8,12 +8,13 @@ import sys
 from importlib import metadata
 from importlib.util import find_spec
 
-from periscopy_sim.cli.arguments import EXTRAS
 from periscopy_sim.cli.output import say
+from periscopy_sim.extras import SWEEP
 
 EXTRAS_OF = {
-    "sweep": EXTRAS, "dataset": EXTRAS, "raw": ("rawpy",), "tags": ("cv2",),
-    "torch": (*EXTRAS, "torch"),
+    "sweep": SWEEP, "dataset": SWEEP, "raw": ("rawpy",), "tags": ("cv2",),
+    "torch": (*SWEEP, "torch", "safetensors"),
+    "deepinv": (*SWEEP, "torch", "safetensors", "deepinv"),
 }  # fmt: skip
 """The modules that each extra brings."""
 

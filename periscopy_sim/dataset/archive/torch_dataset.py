@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from periscopy_sim.dataset.archive.reading import open_dataset
-from periscopy_sim.errors import DatasetError, PeriscopyError
+from periscopy_sim.errors import DatasetError
+from periscopy_sim.extras import require
 
 
 class TorchDataset:
@@ -46,11 +46,7 @@ class TorchDataset:
         variables: Sequence[str] | str = ("photograph", "hidden"),
         transform: Callable[[dict[str, Any]], Any] | None = None,
     ) -> None:
-        if find_spec("torch") is None:
-            raise PeriscopyError(
-                "PyTorch is not installed; in the folder of periscopy_sim's sources, install it "
-                "by: pip install '.[torch]'"
-            )
+        require("torch")
         variables = (variables,) if isinstance(variables, str) else tuple(variables)
         data = open_dataset(path)
         for name in variables:

@@ -1,0 +1,132 @@
+"""The light transport as a SciPy linear operator over images: for SciPy, PyLops and the like."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import LinearOperator
+
+from periscopy_sim.adapters.sizes import Shape, Sizes, sizes_of
+from periscopy_sim.scenario import Scenario
+
+Array = NDArray[Any]
+
+
+class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
+    """A over images: a vector is ``image.ravel()`` of a (rows, columns, channels) image.
+
+    So a product is one of BLAS, ``A @ x.reshape(N, channels)``, and nothing is copied. Products are
+    of A's type: with a float32 A, vectors of float64 are rounded, A is never converted.
+
+    Attributes
+    ----------
+    hidden_shape, photograph_shape
+        (rows, columns, channels) of the images that vectors hold.
+    """
+
+    def __init__(self, sizes: Sizes, channels: int) -> None:
+        M, N = sizes.A.shape
+        dtype = getattr(sizes.A, "dtype", np.dtype(np.float32))
+        super().__init__(np.dtype(dtype), (M * channels, N * channels))
+        self.A = sizes.A
+        self.channels = channels
+        self.hidden_shape = (*sizes.hidden_shape, channels)
+        self.photograph_shape = (*sizes.photograph_shape, channels)
+        self.channel_gain = sizes.channel_gain
+
+    def image(self, x: ArrayLike) -> Array:
+        """Return a vector as the hidden image that it holds, (rows, columns, channels)."""
+        return _shaped(x, self.hidden_shape, "a hidden image")
+
+    def photograph(self, y: ArrayLike) -> Array:
+        """Return a vector as the photograph that it holds, (rows, columns, channels)."""
+        return _shaped(y, self.photograph_shape, "a photograph")
+
+    def _matmat(self, X: Array) -> Array:
+        M, N = self.A.shape
+        count = X.shape[1]
+        f = self._planes(X, N)
+        if isinstance(self.A, np.ndarray):
+            y = self.A @ f
+        else:
+            y = np.empty((M, f.shape[1]), self.dtype)
+            for rows, block in self.A.row_blocks():
+                y[rows] = block @ f
+        return self._coloured(y, count).reshape(M * self.channels, count)
+
+    def _rmatmat(self, Y: Array) -> Array:
+        M, N = self.A.shape
+        count = Y.shape[1]
+        y = self._coloured(self._planes(Y, M), count)
+        if isinstance(self.A, np.ndarray):
+            f = self.A.T @ y
+        else:
+            f = np.zeros((N, y.shape[1]), self.dtype)
+            for rows, block in self.A.row_blocks():
+                f += block.T @ y[rows]
+        return f.reshape(N * self.channels, count)
+
+    def _matvec(self, x: Array) -> Array:
+        return self._matmat(x.reshape(-1, 1)).ravel()
+
+    def _rmatvec(self, y: Array) -> Array:
+        return self._rmatmat(y.reshape(-1, 1)).ravel()
+
+    def _planes(self, X: Array, rows: int) -> Array:
+        """Return (rows * channels, K) as (rows, channels * K), of A's type."""
+        return np.asarray(X, self.dtype).reshape(rows, self.channels * X.shape[1])
+
+    def _coloured(self, y: Array, count: int) -> Array:
+        return y if self.channel_gain is None else y * np.repeat(self.channel_gain, count)
+
+
+def transport_operator(
+    transport: Any,
+    *,
+    scene: Scenario | None = None,
+    hidden_shape: Shape | None = None,
+    photograph_shape: Shape | None = None,
+    channel_gain: ArrayLike | None = None,
+    channels: int = 3,
+) -> ImageOperator:
+    """Return the light transport as a SciPy linear operator over images.
+
+    Parameters
+    ----------
+    transport
+        A scene, whose A is rendered; or A, (M, N) of float32 or float64, or what makes its rows
+        anew in every pass (``row_blocks``, such as `RenderedTransport`).
+    scene
+        The scene of A: its sizes and the colour of its wall are taken from it.
+    hidden_shape, photograph_shape
+        (rows, columns); without a scene and without these, one row.
+    channel_gain
+        (3,) colour of the wall; None for the scene's, or grey.
+    channels
+        Of an image; 1 for grey ones, whose wall is taken as grey.
+
+    Returns
+    -------
+    ImageOperator
+        (M * channels, N * channels): of ``image.ravel()`` to ``photograph.ravel()``.
+
+    Raises
+    ------
+    ValueError
+        If the sizes or the colour do not fit A, or there are neither 1 nor 3 channels.
+    """
+    if channels not in (1, 3):
+        raise ValueError(f"an image has 1 or 3 channels, not {channels}")
+    sizes = sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain)
+    if channels == 1:
+        sizes = Sizes(sizes.A, sizes.photograph_shape, sizes.hidden_shape, None)
+    return ImageOperator(sizes, channels)
+
+
+def _shaped(x: ArrayLike, shape: tuple[int, int, int], what: str) -> Array:
+    values: Array = np.asarray(x)
+    if values.size != np.prod(shape):
+        raise ValueError(f"{what} of {shape} does not hold {values.size} numbers")
+    return values.reshape(shape)

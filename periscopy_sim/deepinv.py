@@ -1,0 +1,136 @@
+"""The light transport as physics of deepinv, with the package's noise and ambient light.
+
+    y = P (A f + s b + n),   mean(A f) = SBR mean(s b),   n ~ N(0, σ²),
+    σ = 10^(−SNR/20) times the root mean square of A f + s b
+
+P projects backgrounds out, where some are given. The exposure is not scaled to a mean of 1 as
+`composite` does, so that y stays in the units of the hidden image; SBR and SNR mean the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.adapters.torch_transport import TorchTransport
+from periscopy_sim.extras import require
+
+torch = require("torch")
+physics = require("deepinv").physics
+
+Array = NDArray[Any]
+
+
+class Measurement(physics.NoiseModel):  # type: ignore[misc]  # deepinv has no types
+    """Ambient light at an SBR, then white Gaussian noise at an SNR, each photograph by its own."""
+
+    def __init__(self, snr: float | None, ambient: Any, sbr: float, rng: Any) -> None:
+        super().__init__(rng=rng)
+        self.snr, self.sbr = snr, sbr
+        self.register_buffer("ambient", ambient, persistent=False)
+
+    def forward(self, y: Any, seed: int | None = None, **_: Any) -> Any:
+        """Return (B, 3, r, c) photographs with ambient light and noise."""
+        self.rng_manual_seed(seed)
+        each = (-3, -2, -1)
+        if self.ambient is not None:
+            y = y + self.ambient * (y.mean(each, keepdim=True) / (self.ambient.mean() * self.sbr))
+        if self.snr is None:
+            return y
+        σ = 10 ** (-self.snr / 20) * y.square().mean(each, keepdim=True).sqrt()
+        return y + σ * self.randn_like(y)
+
+
+class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no types
+    """The wall's photograph of a hidden image: (B, 3, R, C) to (B, 3, r, c).
+
+    Parameters
+    ----------
+    transport
+        A scene, whose A is rendered; or A, (M, N) of float32 or float64.
+    snr
+        Signal-to-noise ratio of a photograph in dB, as of `add_noise`; None for no noise.
+    ambient
+        (r, c, 3) ambient light in any unit, as `render_background` gives it; None for none.
+    sbr
+        mean(signal) / mean(ambient light), as of `composite`.
+    backgrounds
+        (M, K) columns to project out of every photograph, such as `point_light_backgrounds`; None
+        for none.
+    seed
+        Seed of the noise.
+    device
+        Where A is kept.
+    **sizes
+        ``scene`` or the sizes and the colour of the wall, as of `transport_operator`.
+
+    Raises
+    ------
+    PeriscopyError
+        At import, if PyTorch or deepinv is not installed.
+    ValueError
+        If sizes do not fit, the SBR is not positive, or the SNR is not finite.
+    """
+
+    def __init__(
+        self,
+        transport: Any,
+        *,
+        snr: float | None = 60.0,
+        ambient: Array | None = None,
+        sbr: float = 0.5,
+        backgrounds: Array | None = None,
+        seed: int = 0,
+        device: Any = "cpu",
+        **sizes: Any,
+    ) -> None:
+        if snr is not None and not np.isfinite(snr):
+            raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
+        if not (np.isfinite(sbr) and sbr > 0):
+            raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
+        light = TorchTransport(transport, **sizes)
+        shape = (3, *light.photograph_shape)
+        b = None
+        if ambient is not None:
+            if np.shape(ambient) != (*shape[1:], 3) or not np.mean(ambient) > 0:
+                raise ValueError(f"ambient light is {(*shape[1:], 3)}, of a positive mean")
+            b = torch.as_tensor(np.moveaxis(ambient, -1, 0).copy()).to(light.A)
+        rng = torch.Generator(device).manual_seed(seed)
+        super().__init__(
+            img_size=(3, *light.hidden_shape),
+            noise_model=Measurement(snr, b, sbr, rng),
+            sensor_model=self.reject_backgrounds,
+        )
+        Q = None
+        if backgrounds is not None:
+            if len(backgrounds) != len(light.A):
+                raise ValueError(f"backgrounds have {len(backgrounds)} rows, A has {len(light.A)}")
+            U, strength, _ = np.linalg.svd(np.asarray(backgrounds, float), full_matrices=False)
+            Q = torch.as_tensor(U[:, strength > 1e-12 * strength[0]]).to(light.A)
+        self._light = light
+        self.register_buffer("_A", light.A, persistent=False)
+        self.register_buffer("_Q", Q, persistent=False)
+        self.to(device)
+
+    def A(self, x: Any, **_: Any) -> Any:  # noqa: N802
+        """Return the photographs of hidden images, backgrounds projected out, without noise."""
+        return self.reject_backgrounds(self._transport()(x))
+
+    def A_adjoint(self, y: Any, **_: Any) -> Any:  # noqa: N802
+        """Return the adjoint's hidden images of photographs."""
+        return self._transport().adjoint(self.reject_backgrounds(y))
+
+    def reject_backgrounds(self, y: Any) -> Any:
+        """Project the backgrounds out of photographs; needed for one that was not made here."""
+        if self._Q is None:
+            return y
+        planes = y.flatten(-2).reshape(-1, len(self._Q))
+        return (planes - (planes @ self._Q) @ self._Q.T).reshape(y.shape)
+
+    def _transport(self) -> TorchTransport:
+        if self._light.A is not self._A:  # moved with the module
+            self._light = self._light.to(self._A.device, self._A.dtype)
+            self._light.A = self._A
+        return self._light

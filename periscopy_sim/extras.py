@@ -1,0 +1,42 @@
+"""What the core install lacks: libraries that an extra brings, imported where they are needed."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from periscopy_sim.errors import PeriscopyError
+
+SWEEP = ("xarray", "zarr", "google_crc32c", "distributed", "cloudpickle")
+EXTRA_OF = {
+    **dict.fromkeys(SWEEP, "sweep"),
+    "rawpy": "raw",
+    "cv2": "tags",
+    "torch": "torch",
+    "deepinv": "deepinv",
+}
+"""The extra that brings each library."""
+
+
+def missing(module: str) -> str:
+    """Return one line that says which extra brings a module."""
+    return (
+        f"this needs {module}, which is not installed; in the folder of periscopy_sim's sources, "
+        f"install it by: pip install '.[{EXTRA_OF[module]}]'"
+    )
+
+
+def require(module: str) -> Any:
+    """Import a library that an extra brings.
+
+    Raises
+    ------
+    PeriscopyError
+        If it is not installed: one line that says what to install.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        raise PeriscopyError(missing(module)) from None

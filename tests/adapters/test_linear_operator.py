@@ -1,0 +1,76 @@
+"""The light transport as SciPy takes it: dot tests against dense NumPy."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import lsqr
+
+from periscopy_sim.adapters.linear_operator import transport_operator
+
+SHAPES = {"photograph_shape": (5, 6), "hidden_shape": (3, 4)}
+
+
+@pytest.fixture(name="A")
+def matrix():
+    return np.random.default_rng(0).random((30, 12))
+
+
+def blocks_of(A):
+    halves = [(slice(0, 13), A[:13]), (slice(13, 30), A[13:])]
+    return SimpleNamespace(shape=A.shape, dtype=A.dtype, row_blocks=lambda: iter(halves))
+
+
+@pytest.mark.parametrize("kept", [np.asarray, blocks_of])
+@pytest.mark.parametrize("gain", [None, [1.2, 1.0, 0.8]])
+def test_products_and_adjoint_are_those_of_the_dense_matrix(A, kept, gain):
+    operator = transport_operator(kept(A), channel_gain=gain, **SHAPES)
+    dense = np.kron(A, np.diag([1.0] * 3 if gain is None else gain))
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(36, 2)), rng.normal(size=(90, 2))
+    np.testing.assert_allclose(operator @ x, dense @ x)
+    np.testing.assert_allclose(operator @ x[:, 0], dense @ x[:, 0])
+    np.testing.assert_allclose(operator.H @ y, dense.T @ y)
+    np.testing.assert_allclose(operator.T @ y[:, 0], dense.T @ y[:, 0])
+    assert np.vdot(operator @ x[:, 0], y[:, 0]) == pytest.approx(
+        np.vdot(x[:, 0], operator.H @ y[:, 0])
+    )
+
+
+def test_vectors_are_images(A):
+    operator = transport_operator(A, **SHAPES)
+    image = np.random.default_rng(2).random((3, 4, 3))
+    photograph = operator.photograph(operator @ image.ravel())
+    np.testing.assert_allclose(photograph[..., 1].ravel(), A @ image[..., 1].ravel())
+    np.testing.assert_array_equal(operator.image(image.ravel()), image)
+    found = lsqr(operator, photograph.ravel(), atol=1e-14, btol=1e-14)[0]
+    np.testing.assert_allclose(operator.image(found), image, atol=1e-8)
+
+
+def test_single_precision_stays_single(A):
+    operator = transport_operator(A.astype(np.float32), channels=1)
+    assert operator.dtype == np.float32
+    assert (operator @ np.ones(12)).dtype == np.float32
+    assert (operator.T @ np.ones(30)).dtype == np.float32
+    assert operator.hidden_shape == (1, 12, 1)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"hidden_shape": (3, 5)}, "12 columns"),
+        ({"photograph_shape": (5, 5)}, "30 rows"),
+        ({"channel_gain": [1.0, 2.0]}, "3 finite numbers"),
+        ({"channels": 2}, "1 or 3 channels"),
+    ],
+)
+def test_what_does_not_fit_is_refused(A, given, says):
+    with pytest.raises(ValueError, match=says):
+        transport_operator(A, **given)
+
+
+def test_wrong_vectors_and_types_are_refused(A):
+    with pytest.raises(ValueError, match="float32 or float64"):
+        transport_operator(A.astype(int))
+    with pytest.raises(ValueError, match="does not hold 7 numbers"):
+        transport_operator(A).image(np.zeros(7))

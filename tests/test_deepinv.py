@@ -1,0 +1,70 @@
+"""The light transport as physics of deepinv: adjoint, noise, ambient light, projection."""
+
+import importlib
+import sys
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PeriscopyError
+
+SHAPES = {"photograph_shape": (8, 9), "hidden_shape": (3, 4)}
+
+
+def test_without_deepinv_one_line_says_what_to_install(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.delitem(sys.modules, "periscopy_sim.deepinv", raising=False)
+    monkeypatch.setitem(sys.modules, "deepinv", None)
+    with pytest.raises(PeriscopyError, match=r"pip install '\.\[deepinv\]'"):
+        importlib.import_module("periscopy_sim.deepinv")
+
+
+@pytest.fixture(name="make")
+def making():
+    pytest.importorskip("deepinv", exc_type=ImportError)
+    from periscopy_sim.deepinv import Periscopy
+
+    rng = np.random.default_rng(0)
+    A, B = rng.random((72, 12)), rng.random((72, 5))
+    return lambda **more: Periscopy(
+        A, backgrounds=B if more.pop("B", True) else None, **SHAPES, **more
+    )
+
+
+@pytest.mark.torch
+def test_adjoint_is_that_of_the_product_and_backgrounds_leave_no_trace(make):
+    import torch
+
+    physics = make()
+    x, y = torch.rand(2, 3, 3, 4).double(), torch.rand(2, 3, 8, 9).double()
+    assert torch.allclose((physics.A(x) * y).sum(), (x * physics.A_adjoint(y)).sum())
+    assert torch.autograd.gradcheck(physics.A, x.requires_grad_())
+    B = np.random.default_rng(0)
+    B.random((72, 12))
+    light = torch.as_tensor(B.random((72, 5))[:, 2].reshape(8, 9)).expand(1, 3, 8, 9)
+    assert physics.reject_backgrounds(light).abs().max() < 1e-10
+
+
+@pytest.mark.torch
+def test_light_and_noise_are_at_their_ratios(make):
+    import torch
+
+    ambient = np.random.default_rng(1).random((8, 9, 3))
+    x = torch.rand(500, 3, 3, 4).double()
+    clean = make(B=None, snr=None)(x)
+    lit = make(B=None, snr=None, ambient=ambient, sbr=0.5)(x)
+    assert torch.allclose(
+        clean.mean((1, 2, 3)) / (lit - clean).mean((1, 2, 3)), torch.tensor(0.5).double()
+    )
+    noisy = make(B=None, snr=20, ambient=ambient, sbr=0.5)(x)
+    ratio = (noisy - lit).square().mean() / lit.square().mean()
+    assert float(ratio) == pytest.approx(0.01, rel=0.03)
+    again = make(B=None, snr=20, ambient=ambient, sbr=0.5)(x)
+    assert torch.equal(noisy, again)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("given", [{"sbr": 0.0}, {"snr": np.inf}, {"ambient": np.ones((2, 2, 3))}])
+def test_bad_numbers_are_refused(make, given):
+    with pytest.raises(ValueError, match=r"must be|ambient light is"):
+        make(**given)
