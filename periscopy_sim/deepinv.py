@@ -9,7 +9,7 @@ P projects backgrounds out, where some are given. The exposure is not scaled to 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,10 @@ from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.extras import require
 
 torch = require("torch")
-physics = require("deepinv").physics
+if TYPE_CHECKING:
+    from deepinv import physics
+else:
+    physics = require("deepinv").physics
 
 Array = NDArray[Any]
 

@@ -13,8 +13,8 @@ from periscopy_sim.extras import SWEEP
 
 EXTRAS_OF = {
     "sweep": SWEEP, "dataset": SWEEP, "raw": ("rawpy",), "tags": ("cv2",),
-    "torch": (*SWEEP, "torch", "safetensors"),
-    "deepinv": (*SWEEP, "torch", "safetensors", "deepinv"),
+    "torch": (*SWEEP, "torch"),
+    "deepinv": (*SWEEP, "torch", "deepinv"),
 }  # fmt: skip
 """The modules that each extra brings."""
 
