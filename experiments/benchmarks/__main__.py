@@ -10,6 +10,7 @@ import typer
 
 from experiments.benchmarks.large import large
 from experiments.benchmarks.machine_limits import machine
+from experiments.benchmarks.operators import operators
 from experiments.benchmarks.scale import scale, transport
 from experiments.benchmarks.stills import denoising, differencing, stills, video
 from experiments.page import Experiment, Page
@@ -22,6 +23,7 @@ BENCHMARKS: dict[str, Experiment] = {
     "scale": scale,
     "video": video,
     "transport": transport,
+    "operators": operators,
     "large": large,
 }
 
