@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from periscopy_sim.rendering.variant import is_vectorized, use_variant
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LIBRARIES = ("torch", "deepinv")
 INSTALL = re.compile(r"make [a-z-]+")
 
 
@@ -27,7 +29,8 @@ INSTALL = re.compile(r"make [a-z-]+")
 class Block:
     """A fenced block: what it is written in, what is said of it, and its text.
 
-    ``slow`` takes minutes, ``torch`` needs PyTorch, and ``file=NAME`` is to be written to a file.
+    ``slow`` takes minutes, ``torch`` and ``deepinv`` need the library, and ``file=NAME`` is to be
+    written to a file.
     """
 
     page: Path
@@ -79,12 +82,8 @@ def run_page(page, folder, monkeypatch):
     monkeypatch.chdir(folder)
     names = {}
     for block in blocks_of(page):
-        if "torch" in block.flags:
-            try:
-                import torch  # noqa: F401
-            except ImportError:
-                continue
-        run(block, folder, names)
+        if all(map(find_spec, set(LIBRARIES).intersection(block.flags))):
+            run(block, folder, names)
 
 
 @pytest.mark.thorough
@@ -108,9 +107,8 @@ def test_page_runs(page, tmp_path, monkeypatch):
 def test_there_are_blocks_of_every_kind_and_of_no_other():
     assert {block.language for block in BLOCKS} == {"python", "sh", "yaml", "console"}
     for block in BLOCKS:
-        assert all(flag in ("slow", "torch") or flag.startswith("file=") for flag in block.flags), (
-            block
-        )
+        known = ("slow", *LIBRARIES)
+        assert all(flag in known or flag.startswith("file=") for flag in block.flags), block
         if block.language == "yaml":
             assert block.flags, f"{block}: no test would read it"
 
