@@ -1,0 +1,47 @@
+"""Every method of the package's registry, by its name and with its own defaults."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from benchmarks.cases import Case
+from benchmarks.entry import Entry, Recover
+from periscopy_sim.reconstruction.registry import METHODS
+
+LEFT_OUT = ("differencing-published",)
+"""It is `differencing` stopped early, six times as slow and no better."""
+
+
+class Solver(Entry):
+    """A method of `periscopy_sim.reconstruction.registry`."""
+
+    name = "registry"
+    parameters = {"method": [name for name in METHODS if name not in LEFT_OUT]}  # noqa: RUF012
+
+    @property
+    def label(self) -> str:
+        """The method's own name."""
+        return str(self.method)
+
+    def skip(self, case: Case) -> tuple[bool, str | None]:
+        """Skip a method whose libraries are not installed, by name."""
+        _ = case
+        module = METHODS[self.method].of.partition(":")[0]
+        try:
+            import_module(f"periscopy_sim.reconstruction.{module}")
+        except ImportError as error:
+            return True, f"'{self.method}' cannot run here: {error}"
+        return False, None
+
+    def fit(self, scene: Any, A: Any, B: Any) -> Any:
+        """Fit it as a sweep does."""
+        return METHODS[self.method](scene, A, B)
+
+    def frames(self, method: Any) -> Recover:
+        """Return its own way with videos, by its first coupling, where it has one."""
+        video = METHODS[self.method].video
+        if video is None:
+            return super().frames(method)
+        recover: Recover = METHODS[self.method].frames_by(method, video.couplings[0]).next_frame
+        return recover
