@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark clean
+.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -40,6 +40,10 @@ beyond: $(VENV)/installed-experiments
 benchmark: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.benchmarks --out out/benchmark
 
+# Every method on the frozen suites: out/leaderboard/index.html; a quarter of an hour on two cores.
+leaderboard: $(VENV)/installed-leaderboard
+	$(BIN)/python -m benchmarks run --out out/leaderboard
+
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -55,6 +59,10 @@ $(VENV)/installed-dev: pyproject.toml | $(BIN)/python
 $(VENV)/installed-experiments: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[experiments]'
 	touch $(VENV)/installed $@
+
+$(VENV)/installed-leaderboard: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[leaderboard]'
+	touch $(VENV)/installed $(VENV)/installed-experiments $@
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

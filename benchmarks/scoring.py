@@ -72,9 +72,14 @@ def interval(
         raise ValueError(f"{values.shape} values of {groups.shape} geometries; give one each")
     rng = np.random.default_rng(seed)
     cells = [values[groups == group] for group in np.unique(groups)]
-    means = np.empty(DRAWS)
-    for draw in range(DRAWS):
-        chosen = [cells[k] for k in rng.integers(len(cells), size=len(cells))]
-        means[draw] = np.mean(np.concatenate([rng.choice(group, group.size) for group in chosen]))
+    totals, counts = np.zeros(DRAWS), np.zeros(DRAWS)
+    for _ in cells:  # as many geometries a draw as there are
+        chosen = rng.integers(len(cells), size=DRAWS)
+        for number, group in enumerate(cells):
+            drawn = chosen == number
+            picks = rng.integers(group.size, size=(np.count_nonzero(drawn), group.size))
+            totals[drawn] += group[picks].sum(axis=1)
+            counts[drawn] += group.size
+    means = totals / counts
     low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(values.mean()), float(low), float(high)

@@ -1,0 +1,131 @@
+"""Entries, the objective and the page, on a case of a few pixels; they need benchopt."""
+
+# ruff: noqa: E402 (what is not installed is skipped first)
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("benchopt")
+pandas = pytest.importorskip("pandas")
+
+from benchmarks.cases import Case
+from benchmarks.entry import Entry, outcome
+from benchmarks.objective import Objective
+from benchmarks.page import write_leaderboard
+from benchmarks.running import checked, known_methods
+from benchmarks.solvers.least_squares import Solver as LeastSquares
+from benchmarks.suites import SUITES
+from periscopy_sim.errors import PeriscopyError
+
+SHAPE = (8, 9)
+
+
+@pytest.fixture
+def case():
+    rng = np.random.default_rng(0)
+    A = rng.random((144, 72), np.float32)
+    truths = rng.random((3, *SHAPE, 3))
+    light = np.stack([A @ truth.reshape(-1, 3) for truth in truths]).reshape(3, 12, 12, 3)
+    scene = SimpleNamespace(channel_gain=np.ones(3), hidden_shape=SHAPE)
+    names = ("one", "two", "three")
+    return Case(SUITES["still"], scene, A, rng.random((144, 5)), light, truths, names)
+
+
+class Scripted(Entry):
+    name = "scripted"
+
+    def fit(self, *_):
+        images = iter(self.images)
+
+        def reconstruct(_):
+            image = next(images)
+            if isinstance(image, BaseException):
+                raise image
+            return image
+
+        return SimpleNamespace(reconstruct=reconstruct)
+
+
+class Unfit(Entry):
+    name = "unfit"
+
+    def fit(self, *_):
+        raise ImportError("no module named 'torch'")
+
+
+def rows_of(entry, case):
+    objective = Objective()
+    objective.set_data(case, geometry=0)
+    entry.set_objective(**objective.get_objective())
+    entry.run(None)
+    return objective.evaluate_result(**entry.get_result())
+
+
+def scripted(*images):
+    entry = Scripted()
+    entry.images = images
+    return entry
+
+
+def test_the_template_recovers_the_truth(case):
+    rows = rows_of(LeastSquares(), case)
+    assert [row["failure"] for row in rows] == ["", "", ""]
+    assert min(row["psnr"] for row in rows) > 40
+    assert rows[0]["label"] == "least-squares"
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (np.full((*SHAPE, 3), np.nan), "NaN"),
+        (np.zeros((9, 8, 3)), "shape"),
+        (None, "nothing"),
+        (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),
+        (SystemExit(3), "SystemExit"),
+    ],
+)
+def test_a_bad_cell_fails_with_its_message_and_the_rest_goes_on(case, bad, message):
+    good = np.ones((*SHAPE, 3))
+    before, failed, after = rows_of(scripted(good, bad, good), case)
+    assert message in failed["failure"]
+    assert np.isnan(failed["psnr"])
+    assert before["failure"] == after["failure"] == ""
+    assert np.isfinite([before["psnr"], after["psnr"]]).all()
+
+
+def test_a_method_that_cannot_be_fitted_fails_every_cell(case):
+    rows = rows_of(Unfit(), case)
+    assert {row["failure"] for row in rows} == {
+        "cannot be fitted: ImportError: no module named 'torch'"
+    }
+
+
+def test_a_method_cannot_change_what_the_next_one_gets(case):
+    A = case.A.copy()
+
+    class Vandal(Entry):
+        def fit(self, _, A, B):
+            A[:], B[:] = 0, 0
+            return SimpleNamespace(reconstruct=lambda photograph: photograph.fill(0))
+
+    outcome(Vandal(), case)
+    np.testing.assert_array_equal(case.A, A)
+    assert case.B.any()
+    assert case.photographs.any()
+
+
+def test_the_page_is_offline_and_tells_failures(case, tmp_path, blank_figures):  # noqa: ARG001
+    good = np.ones((*SHAPE, 3))
+    rows = rows_of(LeastSquares(), case) + rows_of(scripted(good, good[:2], good), case)
+    page = write_leaderboard(tmp_path, pandas.DataFrame(rows), {"python": "3"}).read_text("utf-8")
+    assert "1 of 3" in page
+    assert "returned shape (2, 9, 3) instead of (8, 9, 3)" in page
+    assert "python -m benchmarks run --methods least-squares --suites still" in page
+    assert "http" not in page
+
+
+def test_unknown_names_are_told_with_a_guess():
+    with pytest.raises(PeriscopyError, match="did you mean 'least-squares'"):
+        checked("method", ["least-square"], known_methods())

@@ -1,0 +1,78 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import freezing, suites
+from benchmarks.suites import SUITES, crop, geometry
+from periscopy_sim.errors import PeriscopyError
+
+
+def test_the_suites_are_those_that_were_frozen():
+    freezing.check_frozen()
+
+
+def test_metrics_are_those_that_were_frozen():
+    assert freezing.metric_example() == pytest.approx(freezing.recorded()["metrics"], rel=1e-6)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("suite", [name for name in SUITES if name != "fine"])
+def test_photographs_are_those_that_were_frozen(suite, tmp_path_factory):
+    held = freezing.recorded()["photographs"][suite]
+    rendered = tmp_path_factory.getbasetemp() / "ambient"
+    assert freezing.photograph_sums(suite, rendered) == pytest.approx(held, rel=freezing.TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 99},
+        {"ratios": (0.6,)},
+        {"images": ("mushroom",)},
+        {"errors": {"occluder_dx": 0.001}},
+        {"lights": ("corridor",)},
+    ],
+)
+def test_a_change_without_a_version_is_refused(monkeypatch, change):
+    first, *rest = suites._ALL
+    monkeypatch.setattr(suites, "_ALL", (dataclasses.replace(first, **change), *rest))
+    with pytest.raises(PeriscopyError, match="raise VERSION in benchmarks"):
+        freezing.check_frozen()
+
+
+def test_a_frozen_version_is_never_written_over(monkeypatch, tmp_path):
+    record = {**freezing.recorded(), "digest": "another"}
+    file = tmp_path / "frozen.json"
+    file.write_text(json.dumps(record))
+    monkeypatch.setattr(freezing, "FROZEN", file)
+    with pytest.raises(PeriscopyError, match="have changed"):
+        freezing.freeze(tmp_path)
+    assert json.loads(file.read_text()) == record
+
+
+def test_a_new_version_asks_to_be_frozen(monkeypatch):
+    monkeypatch.setattr(freezing, "VERSION", "next")
+    with pytest.raises(PeriscopyError, match="benchmarks freeze"):
+        freezing.check_frozen()
+
+
+def test_geometries_are_drawn_by_seed_and_withheld():
+    drawn = [geometry(suite, k).true for suite in SUITES.values() for k in range(suite.geometries)]
+    assert len({tuple(each.items()) for each in drawn}) == len(drawn)
+    assert all(any(abs(value) > 1e-3 for value in each.values()) for each in drawn)
+    assert geometry(SUITES["still"], 0) == geometry(SUITES["still"], 0)
+
+
+def test_only_a_wrong_geometry_is_told_wrong():
+    for name, suite in SUITES.items():
+        drawn = geometry(suite, 0)
+        assert (drawn.true != drawn.told) == (name == "wrong-geometry")
+
+
+def test_crops_have_the_patches_sides():
+    suite = SUITES["still"]
+    rows, columns, channels = crop(suite, "coffee").shape
+    assert channels == 3
+    np.testing.assert_allclose(rows / columns, 29 / 36, rtol=0.01)
