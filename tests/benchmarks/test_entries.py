@@ -1,14 +1,13 @@
 """Entries, the objective and the page, on a case of a few pixels; they need benchopt."""
 
-# ruff: noqa: E402 (what is not installed is skipped first)
-
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("benchopt")
-pandas = pytest.importorskip("pandas")
+
+import pandas
 
 from benchmarks.cases import Case
 from benchmarks.entry import Entry, outcome

@@ -5,8 +5,8 @@ import pytest
 
 pytest.importorskip("benchopt")
 
-from benchmarks.running import read_rows, run_suite  # noqa: E402 (skipped first)
-from periscopy_sim.errors import PeriscopyError  # noqa: E402
+from benchmarks.running import read_rows, run_suite
+from periscopy_sim.errors import PeriscopyError
 
 
 @pytest.mark.slow
