@@ -40,7 +40,7 @@ beyond: $(VENV)/installed-experiments
 benchmark: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.benchmarks --out out/benchmark
 
-# Every method on the frozen suites: out/leaderboard/index.html; a quarter of an hour on two cores.
+# Every method on the frozen suites: out/leaderboard/index.html; about half an hour on two cores.
 leaderboard: $(VENV)/installed-leaderboard
 	$(BIN)/python -m benchmarks run --out out/leaderboard
 
