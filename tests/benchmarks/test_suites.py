@@ -17,8 +17,13 @@ def test_metrics_are_those_that_were_frozen():
     assert freezing.metric_example() == pytest.approx(freezing.recorded()["metrics"], rel=1e-6)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("suite", [name for name in SUITES if name != "fine"])
+@pytest.mark.parametrize(
+    "suite",
+    [
+        pytest.param(name, marks=pytest.mark.thorough if name == "still" else pytest.mark.slow)
+        for name in SUITES
+    ],
+)
 def test_photographs_are_those_that_were_frozen(suite, tmp_path_factory):
     held = freezing.recorded()["photographs"][suite]
     rendered = tmp_path_factory.getbasetemp() / "ambient"
