@@ -12,7 +12,7 @@ EXTRA_OF = {
     **dict.fromkeys(SWEEP, "sweep"),
     "rawpy": "raw",
     "cv2": "tags",
-    "torch": "torch",
+    **dict.fromkeys(("torch", "safetensors"), "torch"),
     "deepinv": "deepinv",
 }
 """The extra that brings each library."""

@@ -1,0 +1,214 @@
+"""Train the unrolled network: `python -m experiments.learned.train SAMPLES --out DIR`.
+
+It learns from what `samples` wrote, on one or two cores within an hour, prints its progress and
+goes on where it was stopped: `state.pt` holds the network, the optimizer and the curves so far. At
+the end it writes `unrolled.safetensors`, the weights of the least validation error, with their
+provenance, and draws `learning_curves.png`.
+
+The loss is the mean logarithm of each image's mean squared error, as decibels are, after each
+channel's best gain as in the metrics (`matched`); of photographs in the scene as it is, where
+brightness is known, half of it is without the gain.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import typer
+
+from experiments.drawing import PAGE, drawn, styled
+from experiments.learned.samples import HIDDEN, Samples
+from periscopy_sim.reconstruction.learned.network import STEPS, WIDTH, Problems, UnrolledNetwork
+from periscopy_sim.reconstruction.learned.weights import Weights, write_weights
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
+from periscopy_sim.storage.outputs.staging import staged_file
+
+BATCH = 16
+RATE = 1e-3
+GOOD = 5e-4
+"""Mean squared error, over the image's mean square, below which less counts little."""
+CHECKED = 500
+"""Steps between two looks at the validation error."""
+RIGHT = 0.6
+"""Share of batches that are of scenes as they are."""
+
+
+@dataclass
+class Curves:
+    """Steps, and in dB the training loss and the validation error, beside the noise-aware one."""
+
+    step: list[int] = field(default_factory=list)
+    training: list[float] = field(default_factory=list)
+    right: list[float] = field(default_factory=list)
+    told: list[float] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def matched(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Return images, (K, 3, R, C), without negatives, each channel times its best gain."""
+    positive = image.clamp(min=0)
+    energy = positive.square().sum(dim=(2, 3), keepdim=True)
+    gain = (positive * truth).sum(dim=(2, 3), keepdim=True) / energy.clamp(min=1e-12)
+    return gain * positive
+
+
+def error(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Return the mean squared error of each image, (K,), in dB below 1."""
+    return 10 * torch.log10((image - truth).square().mean(dim=(1, 2, 3)) + GOOD)
+
+
+def loss_of(image: torch.Tensor, truth: torch.Tensor, right: bool) -> torch.Tensor:
+    """Return the loss of the module."""
+    loss = error(matched(image, truth), truth).mean()
+    return (loss + error(image, truth).mean()) / 2 if right else loss
+
+
+class Geometry:
+    """The samples of one file as tensors."""
+
+    def __init__(self, samples: Samples, right: bool) -> None:
+        self.right = right
+        rows_K = (samples.rows @ laplacian(HIDDEN)).astype(np.float32)
+        self.patterns = [torch.from_numpy(v) for v in (samples.rows, samples.curvatures, rows_K)]
+        stacks = samples.axes, samples.data, samples.weights, samples.errors[:, None], samples.start
+        self.stacks = [torch.from_numpy(each) for each in stacks]
+        self.truth = torch.from_numpy(samples.truth)
+
+    def problems(self, chosen: Any, colours: Any = None) -> tuple[Problems, torch.Tensor]:
+        """Return chosen photographs and their truths, the colours in another order if given."""
+        axes, data, weights, errors, start = (each[chosen] for each in self.stacks)
+        truth = self.truth[chosen]
+        if colours is not None:
+            axes, start, truth = axes[:, :, colours], start[:, colours], truth[:, colours]
+        return Problems(*self.patterns, axes, data, weights, errors, start), truth
+
+
+def validation(network: UnrolledNetwork, geometries: list[Geometry], start: bool = False) -> float:
+    """Return the mean error in dB of a network, or of the images that it starts from."""
+    errors = []
+    with torch.inference_mode():
+        for geometry in geometries:
+            problems, truth = geometry.problems(slice(None))
+            image = problems.start if start else network(problems)
+            errors.append(error(matched(image, truth), truth).mean())
+    return float(torch.stack(errors).mean())
+
+
+def read_geometries(folder: Path, split: str) -> list[Geometry]:
+    """Return the geometries of a split."""
+    files = sorted(folder.glob("*.npz"))
+    samples = ((file, Samples.read(file)) for file in files)
+    return [Geometry(each, file.stem.endswith("right")) for file, each in samples
+            if each.split == split]  # fmt: skip
+
+
+def digest_of(folder: Path) -> str:
+    """Return the SHA-256 of all samples."""
+    found = hashlib.sha256()
+    for file in sorted(folder.glob("*.npz")):
+        with file.open("rb") as opened:
+            found.update(hashlib.file_digest(opened, "sha256").digest())
+    return found.hexdigest()
+
+
+def main(
+    samples: Annotated[Path, typer.Argument(help="What experiments.learned.samples wrote.")],
+    out: Annotated[Path, typer.Option(help="Folder for the weights and the curves.")],
+    steps: Annotated[int, typer.Option(help="Steps of the optimizer.")] = 12_000,
+    threads: Annotated[int, typer.Option(help="Processor cores.")] = 2,
+    seed: Annotated[int, typer.Option(help="Of the network and of the order.")] = 0,
+) -> None:
+    """Train, or go on."""
+    torch.set_num_threads(threads)
+    out.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(seed)
+    network = UnrolledNetwork()
+    optimizer = torch.optim.Adam(network.parameters(), RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
+    curves, best, least, first = Curves(), network.state_dict(), np.inf, 0
+    state = out / "state.pt"
+    if state.is_file():
+        held = torch.load(state, weights_only=True)
+        if held["steps"] != steps or held["seed"] != seed:
+            raise SystemExit(f"{state}: is of {held['steps']} steps and seed {held['seed']}; give "
+                             "these, or another --out")  # fmt: skip
+        network.load_state_dict(held["network"])
+        optimizer.load_state_dict(held["optimizer"])
+        schedule.load_state_dict(held["schedule"])
+        curves, best, least, first = Curves(**held["curves"]), held["best"], *held["at"]
+    train, validate = (read_geometries(samples, split) for split in ("train", "validation"))
+    right, told = ([g for g in train if g.right is kind] for kind in (True, False))
+    known = {kind: [g for g in validate if g.right is kind] for kind in (True, False)}
+    starts = {kind: validation(network, known[kind], start=True) for kind in known}
+    print(f"noise-aware: {starts[True]:.2f} dB, told scenes {starts[False]:.2f} dB", flush=True)
+    losses: list[float] = []
+    began = time.perf_counter() - curves.seconds
+    for step in range(first, steps):
+        rng = np.random.default_rng([seed, step])
+        kind = right if rng.random() < RIGHT or not told else told
+        geometry = kind[int(rng.integers(len(kind)))]
+        chosen = torch.from_numpy(rng.choice(len(geometry.truth), BATCH, replace=False))
+        problems, truth = geometry.problems(chosen, torch.from_numpy(rng.permutation(3)))
+        loss = loss_of(network(problems), truth, geometry.right)
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimizer.step()
+        schedule.step()
+        losses.append(float(loss.detach()))
+        if (step + 1) % CHECKED == 0 or step + 1 == steps:
+            errors = {kind: validation(network, known[kind]) for kind in known}
+            curves.step.append(step + 1)
+            curves.training.append(float(np.mean(losses)))
+            curves.right.append(errors[True])
+            curves.told.append(errors[False])
+            curves.seconds = time.perf_counter() - began
+            losses.clear()
+            if (mean := (errors[True] + errors[False]) / 2) < least:
+                least = mean
+                best = {name: each.clone() for name, each in network.state_dict().items()}
+            with staged_file(state) as staged:
+                torch.save({
+                    "network": network.state_dict(), "optimizer": optimizer.state_dict(),
+                    "schedule": schedule.state_dict(), "curves": asdict(curves), "best": best,
+                    "at": (least, step + 1), "steps": steps, "seed": seed,
+                }, staged)  # fmt: skip
+            print(f"step {step + 1} of {steps}, {curves.seconds:.0f} s: training "
+                  f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, told scenes "
+                  f"{errors[False]:.2f} dB", flush=True)  # fmt: skip
+    provenance = {
+        "data": "experiments/learned/training.yaml", "samples_sha256": digest_of(samples),
+        "photographs": sum(len(g.truth) for g in train), "seed": seed, "training_steps": steps,
+        "torch": torch.__version__.partition("+")[0],
+    }  # fmt: skip
+    weights = Weights(best, HIDDEN, STEPS, WIDTH, provenance)
+    write_weights(weights, out / "unrolled.safetensors")
+    (out / "curves.json").write_text(json.dumps({**asdict(curves), "noise_aware": starts[True],
+                                                 "noise_aware_told": starts[False]}))  # fmt: skip
+    draw(curves, starts, out / "learning_curves.png")
+    print(f"wrote {out / 'unrolled.safetensors'} ({weights.digest[:12]}), "
+          f"{out / 'learning_curves.png'}")  # fmt: skip
+
+
+def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
+    """Draw the errors beside those of the images that the network starts from."""
+    with styled(), drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
+        titles = "Scene as it is", "Scene as a ruler told"
+        for ax, title, errors, start in zip(
+            figure.subplots(1, 2), titles, (curves.right, curves.told), starts.values(), strict=True
+        ):
+            ax.plot(curves.step, errors, label="unrolled")
+            ax.axhline(start, color="0.4", linestyle="--", label="noise-aware")
+            ax.set(title=title, xlabel="steps", ylabel="validation error (dB)")
+            ax.legend(frameon=False)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,95 @@
+"""The noise-aware image, refined by an unrolled network that has learned from photographs.
+
+The noise-aware method finds the image, the noise, a gain over the wall and ambient light beyond
+range(B). The network (`network`) then goes on from its image with the same evidence: what it adds
+is what hidden images look like. It sees no pixel of the photograph, the coefficients alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
+from periscopy_sim.reconstruction.learned.weights import SHIPPED, read_weights
+from periscopy_sim.reconstruction.method import Image
+from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+
+Array = NDArray[np.float64]
+
+
+class Unrolled(NoiseAware):
+    """Recover hidden images by what a network has learned; fit once to a scene.
+
+    Needs PyTorch. Where the scene is not as the network has seen scenes, believe the noise-aware
+    method instead: docs/methods.md has where it fails.
+
+    Other parameters and errors are those of `NoiseAware`.
+
+    Parameters
+    ----------
+    weights
+        File of the network's weights; those that ship with the package by default.
+
+    Raises
+    ------
+    PeriscopyError
+        If PyTorch is not installed or the file is damaged.
+    ValueError
+        If the weights learned from hidden images of another size, or the scene is uncertain.
+    """
+
+    def __init__(
+        self, A: Image, B: Image | None = None, *, weights: str | Path = SHIPPED, **settings: Any
+    ) -> None:
+        read = read_weights(weights)
+        read.check_size(settings["hidden_shape"], weights)
+        if settings.get("uncertain") is not None:
+            raise ValueError("unrolled knows no uncertain scenes: take noise-aware")
+        import torch
+
+        self.provenance = {"sha256": read.digest, **read.provenance}
+        self._network = read.network(weights)
+        super().__init__(A, B, **settings)
+        rows = self._basis.rows
+        rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
+        known = rows, self._basis.curvatures.astype(np.float32), rows_K
+        self._patterns = tuple(torch.from_numpy(each) for each in known)
+
+    def solve(self, photograph: Image) -> NoiseAwareReconstruction:
+        """Return the hidden image and how it came about; see `reconstruct`."""
+        found = super().solve(photograph)
+        problem = problem_of(self, found)
+        return found if problem is None else replace(found, image=self._refined(problem))
+
+    def _refined(self, problem: Problem) -> Array:
+        """Return the network's image, (R, C, 3)."""
+        import torch
+
+        from periscopy_sim.reconstruction.learned.network import Problems
+
+        def batch(each: NDArray[np.float32]) -> Any:
+            return torch.from_numpy(each)[None]
+
+        problems = Problems(
+            *self._patterns,
+            batch(problem.axes),
+            batch(problem.data),
+            batch(problem.weights),
+            batch(problem.errors)[None],
+            batch(problem.start),
+        )
+        with torch.inference_mode():
+            image = self._network(problems)[0].numpy().astype(np.float64)
+        if self.positive:
+            image = np.maximum(image, 0)
+        return np.ascontiguousarray(np.moveaxis(image, 0, -1) * problem.scale)
+
+    def standard_errors(self, found: NoiseAwareReconstruction) -> None:  # type: ignore[override]
+        """Return nothing: what a network adds has no known standard error."""

@@ -1,0 +1,32 @@
+"""A small scene whose photographs a network refines, in dense algebra."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+HIDDEN, PHOTOGRAPH = (4, 5), (12, 12)
+
+
+@dataclass(frozen=True)
+class Small:
+    """A, B, a photograph and what was hidden."""
+
+    A: np.ndarray
+    B: np.ndarray
+    photograph: np.ndarray
+    hidden: np.ndarray
+
+    @property
+    def settings(self):
+        return {"hidden_shape": HIDDEN, "photograph_shape": PHOTOGRAPH}
+
+
+@pytest.fixture(scope="session")
+def small():
+    rng = np.random.default_rng(4)
+    A, B = rng.uniform(0.1, 1, (144, 20)), rng.uniform(0.1, 1, (144, 2))
+    hidden = rng.uniform(0.1, 1, (20, 3))
+    y = A @ hidden + B @ rng.uniform(0.5, 1, (2, 3))
+    y += rng.normal(0, (0.01, 0.02, 0.04), y.shape)
+    return Small(A, B, y.reshape(*PHOTOGRAPH, 3), hidden)
