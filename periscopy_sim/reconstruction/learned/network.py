@@ -89,9 +89,7 @@ def _convolutions(width: int) -> Any:
     layers: list[nn.Module] = []
     for before, after, dilation in zip(channels[:-1], channels[1:], DILATIONS, strict=True):
         layers += [
-            nn.Conv2d(
-                before, after, 3, padding=dilation, dilation=dilation, padding_mode="replicate"
-            ),
+            nn.Conv2d(before, after, 3, padding=dilation, dilation=dilation),
             nn.ReLU(),
         ]
     layers.pop()  # no positive part at the end

@@ -1,0 +1,44 @@
+"""Samples: a ruler's errors are the declared ones, and the truth stands where the image does."""
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from experiments.learned.samples import Samples, as_displaced, told_values
+from periscopy_sim.calibration.prior import declared_errors
+from periscopy_sim.evaluation.metrics import shifted
+
+
+def test_told_numbers_are_off_by_declared_errors_from_the_true_ones():
+    true = {"occluder_dx": 0.04, "seat_width": 0.08}
+    errors = declared_errors(ps.find_scene("chair"), {})
+    draws = [told_values(true, 0.5, np.random.default_rng(seed)) for seed in range(300)]
+    assert all(draw.keys() == {*true, *errors} for draw in draws)
+    for name, value in (("occluder_dx", 0.04), ("camera_dz", 0.0), ("seat_width", 0.08)):
+        off = np.array([draw[name] - value for draw in draws]) / errors[name]
+        # Clipped at two standard deviations, whose standard deviation then is 0.96.
+        assert abs(off.mean()) < 4 * 0.5 / np.sqrt(300)
+        assert off.std() == pytest.approx(0.48, abs=4 * 0.48 / np.sqrt(600))
+        assert np.abs(off).max() <= 1 + 1e-9
+    assert told_values(true, 0.0, np.random.default_rng(0))["occluder_dx"] == 0.04
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (1, -1.5), (-0.5, 2)])
+def test_truth_is_moved_to_where_the_image_stands(shift):
+    truth = ps.read_hidden_image(ps.find_image("mushroom"), (29, 36))
+    image = shifted(truth, *shift)
+    moved = as_displaced(truth, image)
+    inner = slice(3, -3)
+    assert moved[inner, inner] == pytest.approx(image[inner, inner], abs=0.15)
+    assert np.mean((moved - image)[inner, inner] ** 2) < 0.1 * max(
+        np.mean((truth - image)[inner, inner] ** 2), 1e-3
+    )
+
+
+def test_samples_are_read_as_they_were_written(tmp_path):
+    rng = np.random.default_rng(0)
+    values = [rng.random((3, 2)).astype(np.float32) for _ in range(8)]
+    made = Samples(*values, split="validation")
+    made.write(tmp_path / "a.npz")
+    read = Samples.read(tmp_path / "a.npz")
+    assert read.split == "validation" and np.array_equal(read.truth, made.truth)
