@@ -1,11 +1,11 @@
 """Pictures to learn from: crops of photographs that well-kept packages ship, and dead leaves.
 
 `python -m experiments.learned.pictures --out DIR` writes them as PNG files. The photographs are
-scikit-image's (its `data/README.txt` names each licence: public domain, CC0 or CC BY) and
-Matplotlib's sample of Grace Hopper (public domain). `WITHHELD` ones are for tests alone. They are few, so that crops
-are turned over, recoloured and of any size, and dead leaves stand beside them: discs of a power law
-of radii that cover each other, whose edges and spectra are those of photographs (A. Lee,
-D. Mumford, J. Huang, "Occlusion models for natural images", IJCV 2001).
+scikit-image's, in the public domain or under CC0 as `skimage.data` says of all but the moon, and
+Matplotlib's sample of Grace Hopper (public domain). `WITHHELD` ones are for tests alone. They are
+few, so that crops are turned over, recoloured and of any size, and dead leaves stand beside them:
+discs of a power law of radii that cover each other, whose edges and spectra are those of
+photographs (A. Lee, D. Mumford, J. Huang, "Occlusion models for natural images", IJCV 2001).
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class Problems:
     start: torch.Tensor
 
 
-class UnrolledNetwork(nn.Module):
+class UnrolledNetwork(nn.Module):  # type: ignore[misc]  # PyTorch is not checked
     """The steps of the module; takes `Problems`, gives images, (K, 3, R, C)."""
 
     def __init__(self, steps: int = STEPS, width: int = WIDTH) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -54,10 +54,11 @@ def problem_of(method: NoiseAware, found: NoiseAwareReconstruction) -> Problem |
     p = flat.size / float(np.sum(flat * (flat @ K)))
     spread = np.mean(1 / (weights * curvatures + p), axis=0)
     errors = np.sqrt(np.maximum(spread.astype(np.float32) @ method._basis.rows**2, LEAST_ERROR**2))
-    single = (each.astype(np.float32) for each in (axes, data, weights))
     return Problem(
-        *single,
-        errors.reshape(method.hidden_shape),
-        start.astype(np.float32),
-        scale * evidence.level / method._unit,
+        axes=axes.astype(np.float32),
+        data=data.astype(np.float32),
+        weights=weights.astype(np.float32),
+        errors=errors.reshape(method.hidden_shape),
+        start=start.astype(np.float32),
+        scale=scale * evidence.level / method._unit,
     )

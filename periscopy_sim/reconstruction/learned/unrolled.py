@@ -59,8 +59,8 @@ class Unrolled(NoiseAware):
         super().__init__(A, B, **settings)
         rows = self._basis.rows
         rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
-        known = rows, self._basis.curvatures.astype(np.float32), rows_K
-        self._patterns = tuple(torch.from_numpy(each) for each in known)
+        self._rows, self._rows_K = torch.from_numpy(rows), torch.from_numpy(rows_K)
+        self._pattern_curvatures = torch.from_numpy(self._basis.curvatures.astype(np.float32))
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
@@ -78,12 +78,14 @@ class Unrolled(NoiseAware):
             return torch.from_numpy(each)[None]
 
         problems = Problems(
-            *self._patterns,
-            batch(problem.axes),
-            batch(problem.data),
-            batch(problem.weights),
-            batch(problem.errors)[None],
-            batch(problem.start),
+            rows=self._rows,
+            curvatures=self._pattern_curvatures,
+            rows_K=self._rows_K,
+            axes=batch(problem.axes),
+            data=batch(problem.data),
+            weights=batch(problem.weights),
+            errors=batch(problem.errors)[None],
+            start=batch(problem.start),
         )
         with torch.inference_mode():
             image = self._network(problems)[0].numpy().astype(np.float64)
