@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
-from periscopy_sim.reconstruction.learned.weights import SHIPPED, read_weights
+from periscopy_sim.reconstruction.learned.weights import read_weights
 from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
@@ -27,15 +27,14 @@ Array = NDArray[np.float64]
 class Unrolled(NoiseAware):
     """Recover hidden images by what a network has learned; fit once to a scene.
 
-    Needs PyTorch. Where the scene is not as the network has seen scenes, believe the noise-aware
-    method instead: docs/methods.md has where it fails.
+    Needs PyTorch, and weights of your own training: docs/methods.md says what to expect.
 
     Other parameters and errors are those of `NoiseAware`.
 
     Parameters
     ----------
     weights
-        File of the network's weights; those that ship with the package by default.
+        File of the network's weights, as `experiments.learned.train` writes it.
 
     Raises
     ------
@@ -46,7 +45,7 @@ class Unrolled(NoiseAware):
     """
 
     def __init__(
-        self, A: Image, B: Image | None = None, *, weights: str | Path = SHIPPED, **settings: Any
+        self, A: Image, B: Image | None = None, *, weights: str | Path, **settings: Any
     ) -> None:
         read = read_weights(weights)
         read.check_size(settings["hidden_shape"], weights)

@@ -18,7 +18,7 @@ def test_without_a_library_one_line_says_what_to_install(library, monkeypatch, s
         pytest.importorskip("torch")
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(PeriscopyError, match=rf"needs {library}.*pip install '\.\[torch\]'"):
-        Unrolled(small.A, small.B, **small.settings)
+        Unrolled(small.A, small.B, weights="any", **small.settings)
 
 
 @pytest.fixture(name="file")
@@ -100,7 +100,7 @@ def test_network_of_another_width_than_recorded_is_refused(file):
     weights = read_weights(file)
     write_weights(Weights(weights.tensors, (4, 5), 2, 8, {}), file)
     with pytest.raises(PeriscopyError, match="steps and width"):
-        read_weights(file).network()
+        read_weights(file).network(file)
 
 
 @pytest.mark.torch
