@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard clean
+.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -43,6 +43,16 @@ benchmark: $(VENV)/installed-experiments
 # Every method on the frozen suites: out/leaderboard/index.html; about half an hour on two cores.
 leaderboard: $(VENV)/installed-leaderboard
 	$(BIN)/python -m benchmarks run --out out/leaderboard
+
+# A network of your own for ps.Unrolled: out/learned/trained/unrolled.safetensors; over an hour.
+learned: $(VENV)/installed-experiments
+	$(BIN)/python -m pip install --quiet --editable '.[torch]'
+	mkdir -p out/learned
+	cp experiments/learned/training.yaml out/learned
+	test -d out/learned/pictures || $(BIN)/python -m experiments.learned.pictures --out out/learned/pictures
+	$(BIN)/periscopy dataset out/learned/training.yaml --out out/learned/photographs.zarr
+	$(BIN)/python -m experiments.learned.samples out/learned/photographs.zarr --out out/learned/samples
+	$(BIN)/python -m experiments.learned.train out/learned/samples --out out/learned/trained
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

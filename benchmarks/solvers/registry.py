@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from benchmarks.cases import Case
 from benchmarks.entry import Entry, Recover
+from periscopy_sim.extras import missing
 from periscopy_sim.reconstruction.registry import METHODS
 
 LEFT_OUT = ("differencing-published",)
@@ -27,11 +28,9 @@ class Solver(Entry):
     def skip(self, case: Case) -> tuple[bool, str | None]:
         """Skip a method whose libraries are not installed, by name."""
         _ = case
-        module = METHODS[self.method].of.partition(":")[0]
-        try:
-            import_module(f"periscopy_sim.reconstruction.{module}")
-        except ImportError as error:
-            return True, f"'{self.method}' cannot run here: {error}"
+        needs = METHODS[self.method].needs
+        if needs and find_spec(needs) is None:
+            return True, f"'{self.method}': {missing(needs)}"
         return False, None
 
     def fit(self, scene: Any, A: Any, B: Any) -> Any:

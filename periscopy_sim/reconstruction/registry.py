@@ -66,6 +66,7 @@ class MethodEntry:
     backgrounds: bool = True  # whether it is told the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     video: VideoEntry | None = None  # None if it recovers no videos
+    needs: str = ""  # a library that an extra brings; empty for none
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
 
     def __call__(
@@ -235,6 +236,13 @@ _ENTRIES = (
         "preconditioned.still:Periscope",
         options=(_IN_ERRORS, _REPAIR),
         backgrounds=False,
+    ),
+    MethodEntry(
+        "unrolled",
+        "the noise-aware image refined by a network; needs PyTorch",
+        "learned.unrolled:Unrolled",
+        bytes_per_entry=BYTES_PER_ENTRY,
+        needs="torch",
     ),
 )
 

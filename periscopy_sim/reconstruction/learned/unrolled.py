@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
-from periscopy_sim.reconstruction.learned.weights import read_weights
+from periscopy_sim.reconstruction.learned.weights import SHIPPED, read_weights
 from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
@@ -27,14 +27,15 @@ Array = NDArray[np.float64]
 class Unrolled(NoiseAware):
     """Recover hidden images by what a network has learned; fit once to a scene.
 
-    Needs PyTorch, and weights of your own training: docs/methods.md says what to expect.
+    Needs PyTorch. docs/methods.md says where it gains and where it does not.
 
     Other parameters and errors are those of `NoiseAware`.
 
     Parameters
     ----------
     weights
-        File of the network's weights, as `experiments.learned.train` writes it.
+        File of the network's weights, as `experiments.learned.train` writes it; those that ship
+        with the package by default.
 
     Raises
     ------
@@ -45,7 +46,7 @@ class Unrolled(NoiseAware):
     """
 
     def __init__(
-        self, A: Image, B: Image | None = None, *, weights: str | Path, **settings: Any
+        self, A: Image, B: Image | None = None, *, weights: str | Path = SHIPPED, **settings: Any
     ) -> None:
         read = read_weights(weights)
         read.check_size(settings["hidden_shape"], weights)

@@ -16,6 +16,8 @@ from typing import Any
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 
+SHIPPED = Path(__file__).with_name("unrolled.safetensors")
+
 KIND = "periscopy unrolled network"
 
 
@@ -50,7 +52,7 @@ class Weights:
             found.update(self.tensors[name].detach().contiguous().cpu().numpy().tobytes())
         return found.hexdigest()
 
-    def network(self, file: str | Path) -> Any:
+    def network(self, file: str | Path = SHIPPED) -> Any:
         """Return the `UnrolledNetwork`; a PeriscopyError tells of weights that do not fit it."""
         from periscopy_sim.reconstruction.learned.network import UnrolledNetwork
 
@@ -63,7 +65,7 @@ class Weights:
             ) from error
         return network.requires_grad_(False)
 
-    def check_size(self, hidden_shape: tuple[int, int], file: str | Path) -> None:
+    def check_size(self, hidden_shape: tuple[int, int], file: str | Path = SHIPPED) -> None:
         """Refuse a scene of another size than the network learned from, by a ValueError."""
         if tuple(hidden_shape) != self.hidden_shape:
             known, wanted = ("{}x{}".format(*shape) for shape in (self.hidden_shape, hidden_shape))
@@ -91,8 +93,8 @@ def write_weights(weights: Weights, file: str | Path) -> None:
     save_file(tensors, Path(file), metadata)
 
 
-def read_weights(file: str | Path) -> Weights:
-    """Read a network's weights.
+def read_weights(file: str | Path = SHIPPED) -> Weights:
+    """Read a network's weights; those that ship with the package by default.
 
     Raises
     ------

@@ -167,7 +167,8 @@ def test_matrix_with_bounces_is_written_read_and_told(succeeds, tmp_path):
     A = read_transport(tmp_path / "A.npy", scenario, 2)
     assert np.asarray(A).tobytes() == np.asarray(expected).tobytes()
     f = np.random.default_rng(1).random((20, 3))
-    np.testing.assert_array_equal(A @ f, expected @ f)
+    # BLAS rounds by where in memory a matrix begins.
+    np.testing.assert_allclose(A @ f, expected @ f, rtol=1e-14)
     record = json.loads((tmp_path / "A.json").read_text())
     assert record["bounces"] == "2"
     assert record["bounced_relative_error"] == expected.bounced.relative_error
