@@ -44,12 +44,12 @@ benchmark: $(VENV)/installed-experiments
 leaderboard: $(VENV)/installed-leaderboard
 	$(BIN)/python -m benchmarks run --out out/leaderboard
 
-# A network of your own for ps.Unrolled: out/learned/trained/unrolled.safetensors; over an hour.
+# A network of your own for ps.Unrolled: out/learned/trained/unrolled.safetensors.
 learned: $(VENV)/installed-experiments
 	$(BIN)/python -m pip install --quiet --editable '.[torch]'
 	mkdir -p out/learned
 	cp experiments/learned/training.yaml out/learned
-	test -d out/learned/pictures || $(BIN)/python -m experiments.learned.pictures --out out/learned/pictures
+	$(BIN)/python -m experiments.learned.pictures --out out/learned/pictures
 	$(BIN)/periscopy dataset out/learned/training.yaml --out out/learned/photographs.zarr
 	$(BIN)/python -m experiments.learned.samples out/learned/photographs.zarr --out out/learned/samples
 	$(BIN)/python -m experiments.learned.train out/learned/samples --out out/learned/trained

@@ -17,6 +17,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from periscopy_sim.storage.outputs.staging import staged_file
+
 Picture = NDArray[np.float64]
 
 COLOURED = ("rocket", "hubble_deep_field", "immunohistochemistry", "retina", "grace_hopper")
@@ -102,13 +104,16 @@ def main(
     leaves: Annotated[int, typer.Option(help="Pictures of dead leaves.")] = 800,
     seed: Annotated[int, typer.Option(help="Of the crops and the leaves.")] = 0,
 ) -> None:
-    """Write the pictures to learn from."""
+    """Write the pictures to learn from, or those that are missing."""
     from PIL import Image
 
     out.mkdir(parents=True, exist_ok=True)
     names = (*COLOURED, *GREY)
     photographs = {name: photograph(name) for name in names}
     for number in range(crops + leaves):
+        file = out / f"{number:05d}.png"
+        if file.exists():
+            continue
         rng = np.random.default_rng([seed, number])
         if number < crops:
             # A photograph in colour counts as three in grey.
@@ -118,7 +123,8 @@ def main(
         else:
             picture = dead_leaves(rng)
         values = np.round(255 * picture).astype(np.uint8)
-        Image.fromarray(values).save(out / f"{number:05d}.png")
+        with staged_file(file) as staged:
+            Image.fromarray(values).save(staged, format="PNG")
     print(f"wrote {crops + leaves} pictures to {out}")
 
 

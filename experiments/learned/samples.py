@@ -133,7 +133,7 @@ def main(
 ) -> None:
     """Solve the photographs of every geometry, in the true scene and in a told one."""
     out.mkdir(parents=True, exist_ok=True)
-    data = ps.open_dataset(photographs, incomplete=True)
+    data = ps.open_dataset(photographs)
     first, _, of = part.partition("/")
     geometries = np.unique(data.geometry.values)[int(first) :: int(of)]
     for number in geometries:

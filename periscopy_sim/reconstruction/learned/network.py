@@ -8,8 +8,9 @@ In the spectral basis of a scene (`spectral_basis`), step k is
 the first of them a proximal step of the misfit in closed form, a_p the photograph's coefficients,
 w_p what each weighs, K = ∇ᵀ∇ + I; the second a small convolutional network of its own, after the
 scheme of J. Adler and O. Öktem, "Learned primal-dual reconstruction", IEEE TMI 2018. v_0 is the
-noise-aware image, e_i the standard errors of the patches and e their root mean square. D_k ends in
-weights that are zero before training, so that the network begins as v_0.
+noise-aware image, e_i the patches' standard errors under a Gaussian prior of that image's contrast
+(`problem`) and e their root mean square. D_k ends in weights that are zero before training, so that
+the network begins as v_0.
 """
 
 from __future__ import annotations

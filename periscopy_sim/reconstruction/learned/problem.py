@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 Array = NDArray[np.float64]
@@ -48,10 +47,9 @@ def problem_of(method: NoiseAware, found: NoiseAwareReconstruction) -> Problem |
         variances = np.concatenate([unseen, seen], axis=1)
     weights = scale**2 / variances
     data = weights * (axes @ evidence.coefficients) / scale
-    K = laplacian(method.hidden_shape)
-    flat = start.reshape(3, -1)
-    # Images of this contrast: a Gaussian prior of precision p K.
-    p = flat.size / float(np.sum(flat * (flat @ K)))
+    # Images of this contrast: a Gaussian prior of precision p K, K = ∇ᵀ∇ + I.
+    slopes = sum(np.sum(np.diff(start, axis=axis) ** 2) for axis in (1, 2))
+    p = start.size / float(slopes + np.sum(start**2))
     spread = np.mean(1 / (weights * curvatures + p), axis=0)
     errors = np.sqrt(np.maximum(spread.astype(np.float32) @ method._basis.rows**2, LEAST_ERROR**2))
     return Problem(

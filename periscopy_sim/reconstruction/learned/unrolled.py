@@ -46,17 +46,23 @@ class Unrolled(NoiseAware):
     """
 
     def __init__(
-        self, A: Image, B: Image | None = None, *, weights: str | Path = SHIPPED, **settings: Any
+        self,
+        A: Image,
+        B: Image | None = None,
+        *,
+        hidden_shape: tuple[int, int],
+        weights: str | Path = SHIPPED,
+        **settings: Any,
     ) -> None:
         read = read_weights(weights)
-        read.check_size(settings["hidden_shape"], weights)
+        read.check_size(hidden_shape, weights)
         if settings.get("uncertain") is not None:
             raise ValueError("unrolled knows no uncertain scenes: take noise-aware")
         import torch
 
         self.provenance = {"sha256": read.digest, **read.provenance}
         self._network = read.network(weights)
-        super().__init__(A, B, **settings)
+        super().__init__(A, B, hidden_shape=hidden_shape, **settings)
         rows = self._basis.rows
         rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
         self._rows, self._rows_K = torch.from_numpy(rows), torch.from_numpy(rows_K)
@@ -92,6 +98,12 @@ class Unrolled(NoiseAware):
         if self.positive:
             image = np.maximum(image, 0)
         return np.ascontiguousarray(np.moveaxis(image, 0, -1) * problem.scale)
+
+    def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
+        """Return what the noise-aware method tells, and which weights refined its image."""
+        told = super().told(found)
+        del told["standard_errors_assume"]
+        return {**told, "weights_sha256": self.provenance["sha256"]}
 
     def standard_errors(self, found: NoiseAwareReconstruction) -> None:  # type: ignore[override]
         """Return nothing: what a network adds has no known standard error."""

@@ -78,9 +78,10 @@ class Weights:
 
 def write_weights(weights: Weights, file: str | Path) -> None:
     """Write a network's weights."""
+    require("torch")
+    require("safetensors")
     from safetensors.torch import save_file
 
-    require("torch")
     metadata = {
         "kind": KIND,
         "hidden": "{}x{}".format(*weights.hidden_shape),

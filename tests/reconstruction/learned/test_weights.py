@@ -43,6 +43,8 @@ def test_untrained_weights_give_the_noise_aware_image_in_any_unit(file, small):
         assert image == pytest.approx(unit * expected, rel=1e-4, abs=unit * 1e-5)
     found = method.solve(small.photograph)
     assert method.standard_errors(found) is None
+    assert method.told(found)["weights_sha256"] == method.provenance["sha256"]
+    assert "standard_errors_assume" not in method.told(found)
     assert method.provenance["seed"] == 1 and len(method.provenance["sha256"]) == 64
 
 
