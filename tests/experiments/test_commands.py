@@ -39,20 +39,29 @@ def parsed(command):
     return module, shlex.split(arguments.replace("[", " ").replace("]", " "))
 
 
-MENTIONS = sorted(
-    {
-        (str(file.relative_to(ROOT)), module, tuple(arguments))
-        for file in files()
-        for module, arguments in mentions(file.read_text("utf-8"))
-    }
-)
-
-
 def source_of(module):
     """The file that `python -m` would run; None if there is none."""
     path = ROOT.joinpath(*module.split("."))
     file = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
     return file if file.is_file() and RUNNABLE in file.read_text("utf-8") else None
+
+
+def needs_torch(module):
+    """Whether a module cannot be imported without PyTorch."""
+    file = source_of(module)
+    return file is not None and "\nimport torch\n" in file.read_text("utf-8")
+
+
+MENTIONS = [
+    pytest.param(*mention, marks=pytest.mark.torch if needs_torch(mention[1]) else ())
+    for mention in sorted(
+        {
+            (str(file.relative_to(ROOT)), module, tuple(arguments))
+            for file in files()
+            for module, arguments in mentions(file.read_text("utf-8"))
+        }
+    )
+]
 
 
 @cache
@@ -78,7 +87,7 @@ def options_of(module):
 @pytest.mark.parametrize(("file", "module", "arguments"), MENTIONS)
 def test_a_command_that_a_file_names_can_be_typed(file, module, arguments):
     assert source_of(module), f"{file}: no `python -m {module}`"
-    if module == "experiments.studies.dataset_training":
+    if needs_torch(module):
         pytest.importorskip("torch")
     options, names = options_of(module)
     for word, value in pairwise((*arguments, "")):
