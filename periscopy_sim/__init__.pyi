@@ -33,7 +33,7 @@ from .photographs.view.wall_marks import WallPoints, WallTags
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
-from .reconstruction.learned.unrolled import Unrolled
+from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.joint_evenness import joint_evenness
 from .reconstruction.noise_aware.portable import PortableNoiseAware
 from .reconstruction.noise_aware.solution import NoiseAwareReconstruction
@@ -68,6 +68,7 @@ __all__ = [
     "Differencing",
     "IterativePeriscope",
     "IterativeReconstruction",
+    "Learned",
     "NoiseAware",
     "NoiseAwareReconstruction",
     "NoiseAwareVideo",
@@ -85,7 +86,6 @@ __all__ = [
     "TorchTransport",
     "TruncatedSVD",
     "UncertainTransport",
-    "Unrolled",
     "Video",
     "WallPoints",
     "WallTags",

@@ -1,11 +1,13 @@
 """Pictures to learn from: crops of photographs that well-kept packages ship, and dead leaves.
 
 `python -m experiments.learned.pictures --out DIR` writes them as PNG files. The photographs are
-scikit-image's, in the public domain or under CC0 as `skimage.data` says of all but the moon, and
-Matplotlib's sample of Grace Hopper (public domain). `WITHHELD` ones are for tests alone. They are
-few, so that crops are turned over, recoloured and of any size, and dead leaves stand beside them:
-discs of a power law of radii that cover each other, whose edges and spectra are those of
-photographs (A. Lee, D. Mumford, J. Huang, "Occlusion models for natural images", IJCV 2001).
+scikit-image's, in the public domain or under CC0 as `skimage.data` says of all but the moon,
+Matplotlib's sample of Grace Hopper (public domain), and scikit-learn's `china` and `flower` (CC BY
+2.0, danielbuechele and vultilion). `--also FOLDER` takes photographs of yours, too. `WITHHELD` ones
+are for tests alone. They are few, so that crops are turned over, recoloured and of any size, and
+dead leaves stand beside them: discs of a power law of radii that cover each other, whose edges and
+spectra are those of photographs (A. Lee, D. Mumford, J. Huang, "Occlusion models for natural
+images", IJCV 2001).
 """
 
 from __future__ import annotations
@@ -21,7 +23,10 @@ from periscopy_sim.storage.outputs.staging import staged_file
 
 Picture = NDArray[np.float64]
 
-COLOURED = ("rocket", "hubble_deep_field", "immunohistochemistry", "retina", "grace_hopper")
+COLOURED = (
+    "rocket", "hubble_deep_field", "immunohistochemistry", "retina", "grace_hopper", "china",
+    "flower",
+)  # fmt: skip
 GREY = ("camera", "coins", "brick", "grass", "gravel", "moon", "cell")
 WITHHELD = ("astronaut", "coffee", "chelsea")
 """Photographs to learn from, in colour and in grey, and those that the benchmark is of."""
@@ -29,8 +34,11 @@ WITHHELD = ("astronaut", "coffee", "chelsea")
 SIZE = 116, 144
 """(rows, columns) of a picture that is written, four points a patch of 29 x 36."""
 
-SMALLEST = 64
-"""Rows of the smallest crop."""
+SMALLEST = 0.15
+"""Rows of the smallest crop, over those of the largest."""
+
+LARGEST = 800
+"""Photographs of more rows are averaged down by whole numbers to about as many."""
 
 DARK = 0.2
 """Crops without a brighter pixel are drawn anew: parts of the night sky are black."""
@@ -38,17 +46,36 @@ DARK = 0.2
 
 def photograph(name: str) -> Picture:
     """Return a shipped photograph, (rows, columns, 3), display values in [0, 1]."""
-    from skimage import data
-
     if name == "grace_hopper":
         from matplotlib import cbook, image
 
         with cbook.get_sample_data("grace_hopper.jpg") as file:
             values = image.imread(file, format="jpg")
+    elif name in ("china", "flower"):
+        from sklearn.datasets import load_sample_image
+
+        values = load_sample_image(f"{name}.jpg")
     else:
+        from skimage import data
+
         values = getattr(data, name)()
     values = np.asarray(values, np.float64) / 255
     return np.repeat(values[..., None], 3, axis=2) if values.ndim == 2 else values[..., :3]
+
+
+def photographs_of(folder: Path) -> dict[str, Picture]:
+    """Return the JPEG and PNG photographs of a folder by their files' names, as `photograph`."""
+    from PIL import Image
+    from skimage.transform import downscale_local_mean
+
+    found = {}
+    for file in sorted(folder.iterdir()):
+        if file.suffix.lower() in (".jpg", ".jpeg", ".png"):
+            with Image.open(file) as opened:
+                values = np.asarray(opened.convert("RGB"), np.float64) / 255
+            by = max(1, round(len(values) / LARGEST))
+            found[file.name] = downscale_local_mean(values, (by, by, 1))
+    return found
 
 
 def crop(picture: Picture, rng: np.random.Generator) -> Picture:
@@ -58,7 +85,7 @@ def crop(picture: Picture, rng: np.random.Generator) -> Picture:
     rows, columns = picture.shape[:2]
     aspect = SIZE[1] / SIZE[0]
     most = min(rows, columns / aspect)
-    height = SMALLEST * (most / SMALLEST) ** rng.random()
+    height = most * SMALLEST ** rng.random()
     tall, wide = int(height), int(height * aspect)
     top, left = rng.integers(rows - tall + 1), rng.integers(columns - wide + 1)
     part = resize(picture[top : top + tall, left : left + wide], SIZE, anti_aliasing=True)
@@ -100,7 +127,10 @@ def dead_leaves(rng: np.random.Generator) -> Picture:
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder for the pictures.")],
-    crops: Annotated[int, typer.Option(help="Crops of photographs.")] = 2400,
+    also: Annotated[
+        Path | None, typer.Option(help="Folder of photographs in colour to take, too.")
+    ] = None,
+    crops: Annotated[int, typer.Option(help="Crops of photographs.")] = 4800,
     leaves: Annotated[int, typer.Option(help="Pictures of dead leaves.")] = 800,
     seed: Annotated[int, typer.Option(help="Of the crops and the leaves.")] = 0,
 ) -> None:
@@ -108,17 +138,18 @@ def main(
     from PIL import Image
 
     out.mkdir(parents=True, exist_ok=True)
-    names = (*COLOURED, *GREY)
-    photographs = {name: photograph(name) for name in names}
+    photographs = {name: photograph(name) for name in (*COLOURED, *GREY)}
+    if also is not None:
+        photographs |= photographs_of(also)
+    # A photograph in colour counts as three in grey.
+    odds = np.array([1.0 if name in GREY else 3.0 for name in photographs])
     for number in range(crops + leaves):
         file = out / f"{number:05d}.png"
         if file.exists():
             continue
         rng = np.random.default_rng([seed, number])
         if number < crops:
-            # A photograph in colour counts as three in grey.
-            odds = np.array([3.0] * len(COLOURED) + [1.0] * len(GREY))
-            name = str(rng.choice(names, p=odds / odds.sum()))
+            name = str(rng.choice(list(photographs), p=odds / odds.sum()))
             picture = recoloured(crop(photographs[name], rng), rng, tint=name in GREY)
         else:
             picture = dead_leaves(rng)

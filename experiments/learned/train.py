@@ -1,13 +1,15 @@
-"""Train the unrolled network: `python -m experiments.learned.train SAMPLES --out DIR`.
+"""Train a network: `python -m experiments.learned.train SAMPLES --network NAME --out DIR`.
 
 It learns from what `samples` wrote, on one or two cores within an hour, prints its progress and
-goes on where it was stopped: `state.pt` holds the network, the optimizer and the curves so far. At
-the end it writes `unrolled.safetensors`, the weights of the least validation error, with their
-provenance, and draws `learning_curves.png`.
+goes on where it was stopped: `NAME.pt` holds the network, the optimizer and the curves so far. At
+the end it writes `NAME.safetensors`, the weights of the least validation error, with their
+provenance, and draws `NAME.png`, the learning curves.
 
 The loss is the mean logarithm of each image's mean squared error, as decibels are, after each
 channel's best gain as in the metrics (`matched`); of photographs in the scene as it is, where
-brightness is known, half of it is without the gain.
+brightness is known, half of it is without the gain. The denoiser of `plug-and-play` learns from the
+hidden images alone, with noise of its own; the three numbers of its turns are those of the least
+validation error.
 """
 
 from __future__ import annotations
@@ -22,11 +24,22 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 import typer
+from torch.nn.utils import clip_grad_norm_
 
 from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.samples import HIDDEN, Samples
-from periscopy_sim.reconstruction.learned.network import STEPS, WIDTH, Problems, UnrolledNetwork
-from periscopy_sim.reconstruction.learned.weights import Weights, write_weights
+from periscopy_sim.reconstruction.learned.plug_and_play import (
+    PlugAndPlay,
+    coloured_noise,
+    level_map,
+)
+from periscopy_sim.reconstruction.learned.proximal_step import Problems
+from periscopy_sim.reconstruction.learned.weights import (
+    NETWORKS,
+    Weights,
+    new_network,
+    write_weights,
+)
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -38,6 +51,14 @@ CHECKED = 500
 """Steps between two looks at the validation error."""
 RIGHT = 0.6
 """Share of batches that are of scenes as they are."""
+SETTINGS = {
+    "unrolled": {"steps": 8, "width": 24},
+    "unet": {"width": 16},
+    "plug-and-play": {"steps": 8, "width": 16},
+}
+"""Of each network: about 100,000 weights."""
+LEVELS = 0.01, 1.0
+"""Least and most noise of the denoiser's images, over their root mean square."""
 
 
 @dataclass
@@ -70,6 +91,18 @@ def loss_of(image: torch.Tensor, truth: torch.Tensor, right: bool) -> torch.Tens
     return (loss + error(image, truth).mean()) / 2 if right else loss
 
 
+def denoising_loss(
+    unet: torch.nn.Module, truth: torch.Tensor, K: torch.Tensor, rng: np.random.Generator
+) -> torch.Tensor:
+    """Return the loss of a denoiser of images, (K, 3, R, C), with noise of any level."""
+    least, most = LEVELS
+    σ = least * (most / least) ** rng.random((len(truth), 1, 1), dtype=np.float32)
+    white = rng.standard_normal((len(truth), 3, len(K)), dtype=np.float32)
+    noise = coloured_noise(HIDDEN, torch.from_numpy(σ * white), K)
+    noisy = truth + noise
+    return error(unet(noisy, level_map(torch.from_numpy(σ), noisy)), truth).mean()
+
+
 class Geometry:
     """The samples of one file as tensors."""
 
@@ -90,15 +123,33 @@ class Geometry:
         return Problems(*self.patterns, axes, data, weights, errors, start), truth
 
 
-def validation(network: UnrolledNetwork, geometries: list[Geometry], start: bool = False) -> float:
-    """Return the mean error in dB of a network, or of the images that it starts from."""
+def validation(
+    network: torch.nn.Module | None, geometries: list[Geometry], most: int | None = None
+) -> float:
+    """Return the mean error in dB of a network, or of the images that it starts from.
+
+    At most `most` photographs of each geometry are looked at.
+    """
     errors = []
     with torch.inference_mode():
         for geometry in geometries:
-            problems, truth = geometry.problems(slice(None))
-            image = problems.start if start else network(problems)
+            problems, truth = geometry.problems(slice(most))
+            image = problems.start if network is None else network(problems)
             errors.append(error(matched(image, truth), truth).mean())
     return float(torch.stack(errors).mean())
+
+
+def tune_turns(network: PlugAndPlay, geometries: list[Geometry]) -> None:
+    """Set the three numbers of plug and play to those of the least validation error, in turn."""
+    for _ in range(2):
+        for name in ("log_ratio", "log_last", "log_widest"):
+            number = getattr(network, name)
+            found = {}
+            for value in float(number) + np.arange(-3, 4) * 0.5:
+                number.fill_(value)
+                found[value] = validation(network, geometries, most=24)
+            number.fill_(min(found, key=found.__getitem__))
+            print(f"{name} {float(number):.1f}: {min(found.values()):.2f} dB", flush=True)
 
 
 def read_geometries(folder: Path, split: str) -> list[Geometry]:
@@ -121,33 +172,38 @@ def digest_of(folder: Path) -> str:
 def main(
     samples: Annotated[Path, typer.Argument(help="What experiments.learned.samples wrote.")],
     out: Annotated[Path, typer.Option(help="Folder for the weights and the curves.")],
+    network: Annotated[str, typer.Option(help=f"One of {', '.join(NETWORKS)}.")] = "unrolled",
     steps: Annotated[int, typer.Option(help="Steps of the optimizer.")] = 12_000,
     threads: Annotated[int, typer.Option(help="Processor cores.")] = 2,
     seed: Annotated[int, typer.Option(help="Of the network and of the order.")] = 0,
 ) -> None:
     """Train, or go on."""
+    if network not in NETWORKS:
+        raise SystemExit(f"no network '{network}'; there are {', '.join(NETWORKS)}")
     torch.set_num_threads(threads)
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)
-    network = UnrolledNetwork().to(memory_format=torch.channels_last)  # a fifth less time
-    optimizer = torch.optim.Adam(network.parameters(), RATE)
+    learner = new_network(network, SETTINGS[network])
+    learner = learner.to(memory_format=torch.channels_last)  # a fifth less time
+    optimizer = torch.optim.Adam(learner.parameters(), RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
-    curves, best, least, first = Curves(), network.state_dict(), np.inf, 0
-    state = out / "state.pt"
+    curves, best, least, first = Curves(), learner.state_dict(), np.inf, 0
+    state = out / f"{network}.pt"
     if state.is_file():
         held = torch.load(state, weights_only=True)
         if held["steps"] != steps or held["seed"] != seed:
             raise SystemExit(f"{state}: is of {held['steps']} steps and seed {held['seed']}; give "
                              "these, or another --out")  # fmt: skip
-        network.load_state_dict(held["network"])
+        learner.load_state_dict(held["network"])
         optimizer.load_state_dict(held["optimizer"])
         schedule.load_state_dict(held["schedule"])
         curves, best, least, first = Curves(**held["curves"]), held["best"], *held["at"]
     train, validate = (read_geometries(samples, split) for split in ("train", "validation"))
     right, told = ([g for g in train if g.right is kind] for kind in (True, False))
     known = {kind: [g for g in validate if g.right is kind] for kind in (True, False)}
-    starts = {kind: validation(network, known[kind], start=True) for kind in known}
+    starts = {kind: validation(None, known[kind]) for kind in known}
     print(f"noise-aware: {starts[True]:.2f} dB, told scenes {starts[False]:.2f} dB", flush=True)
+    K = torch.from_numpy(laplacian(HIDDEN).astype(np.float32))
     losses: list[float] = []
     began = time.perf_counter() - curves.seconds
     for step in range(first, steps):
@@ -156,15 +212,18 @@ def main(
         geometry = kind[int(rng.integers(len(kind)))]
         chosen = torch.from_numpy(rng.choice(len(geometry.truth), BATCH, replace=False))
         problems, truth = geometry.problems(chosen, torch.from_numpy(rng.permutation(3)))
-        loss = loss_of(network(problems), truth, geometry.right)
+        if isinstance(learner, PlugAndPlay):
+            loss = denoising_loss(learner.unet, truth, K, rng)
+        else:
+            loss = loss_of(learner(problems), truth, geometry.right)
         optimizer.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        clip_grad_norm_(learner.parameters(), 1.0)
         optimizer.step()
         schedule.step()
         losses.append(float(loss.detach()))
         if (step + 1) % CHECKED == 0 or step + 1 == steps:
-            errors = {kind: validation(network, known[kind]) for kind in known}
+            errors = {kind: validation(learner, known[kind]) for kind in known}
             curves.step.append(step + 1)
             curves.training.append(float(np.mean(losses)))
             curves.right.append(errors[True])
@@ -173,38 +232,41 @@ def main(
             losses.clear()
             if (mean := (errors[True] + errors[False]) / 2) < least:
                 least = mean
-                best = {name: each.clone() for name, each in network.state_dict().items()}
+                best = {name: each.clone() for name, each in learner.state_dict().items()}
             with staged_file(state) as staged:
                 torch.save({
-                    "network": network.state_dict(), "optimizer": optimizer.state_dict(),
+                    "network": learner.state_dict(), "optimizer": optimizer.state_dict(),
                     "schedule": schedule.state_dict(), "curves": asdict(curves), "best": best,
                     "at": (least, step + 1), "steps": steps, "seed": seed,
                 }, staged)  # fmt: skip
             print(f"step {step + 1} of {steps}, {curves.seconds:.0f} s: training "
                   f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, told scenes "
                   f"{errors[False]:.2f} dB", flush=True)  # fmt: skip
+    learner.load_state_dict(best)
+    if isinstance(learner, PlugAndPlay):
+        tune_turns(learner, validate)
     provenance = {
         "data": "experiments/learned/training.yaml", "samples_sha256": digest_of(samples),
         "photographs": sum(len(g.truth) for g in train), "seed": seed, "training_steps": steps,
         "torch": torch.__version__.partition("+")[0],
     }  # fmt: skip
-    weights = Weights(best, HIDDEN, STEPS, WIDTH, provenance)
-    write_weights(weights, out / "unrolled.safetensors")
-    (out / "curves.json").write_text(json.dumps({**asdict(curves), "noise_aware": starts[True],
-                                                 "noise_aware_told": starts[False]}))  # fmt: skip
-    draw(curves, starts, out / "learning_curves.png")
-    print(f"wrote {out / 'unrolled.safetensors'} ({weights.digest[:12]}), "
-          f"{out / 'learning_curves.png'}")  # fmt: skip
+    weights = Weights(network, learner.state_dict(), HIDDEN, SETTINGS[network], provenance)
+    file = out / f"{network}.safetensors"
+    write_weights(weights, file)
+    (out / f"{network}.json").write_text(json.dumps({**asdict(curves), "noise_aware": starts[True],
+                                                     "noise_aware_told": starts[False]}))  # fmt: skip
+    draw(network, curves, starts, out / f"{network}.png")
+    print(f"wrote {file} ({weights.digest[:12]}), {out / network}.png")
 
 
-def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
+def draw(network: str, curves: Curves, starts: dict[bool, float], file: Path) -> None:
     """Draw the errors beside those of the images that the network starts from."""
     with styled(), drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
         titles = "Scene as it is", "Scene as a ruler told"
         for ax, title, errors, start in zip(
             figure.subplots(1, 2), titles, (curves.right, curves.told), starts.values(), strict=True
         ):
-            ax.plot(curves.step, errors, label="unrolled")
+            ax.plot(curves.step, errors, label=network)
             ax.axhline(start, color="0.4", linestyle="--", label="noise-aware")
             ax.set(title=title, xlabel="steps", ylabel="validation error (dB)")
             ax.legend(frameon=False)

@@ -237,12 +237,20 @@ _ENTRIES = (
         options=(_IN_ERRORS, _REPAIR),
         backgrounds=False,
     ),
-    MethodEntry(
-        "unrolled",
-        "the noise-aware image refined by a network; needs PyTorch",
-        "learned.unrolled:Unrolled",
-        bytes_per_entry=BYTES_PER_ENTRY,
-        needs="torch",
+    *(
+        MethodEntry(
+            name,
+            f"{what}; needs PyTorch",
+            "learned.still:Learned",
+            fixed={"weights": name},
+            bytes_per_entry=BYTES_PER_ENTRY,
+            needs="torch",
+        )
+        for name, what in (
+            ("unrolled", "the noise-aware image refined by a network"),
+            ("unet", "a network after the paper's P"),
+            ("plug-and-play", "a network that removes noise, in turns with the photograph"),
+        )
     ),
 )
 

@@ -1,1 +1,1 @@
-"""A method that learned from rendered photographs what hidden images look like."""
+"""Methods that learned from rendered photographs what hidden images look like."""

@@ -1,7 +1,7 @@
-"""What the unrolled network learned, as a file: safetensors, with what it learned from.
+"""What a network learned, as a file: safetensors, with what it learned from.
 
-The file's metadata holds the hidden images' size, the network's steps and width, the SHA-256 of the
-tensors' bytes, and the provenance of the training: data and their digest, seed, steps, versions.
+The file's metadata holds which network it is, its settings, the hidden images' size, the SHA-256 of
+the tensors' bytes, and the provenance of the training: data and their digest, seed, steps, versions.
 """
 
 from __future__ import annotations
@@ -10,15 +10,33 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 
-SHIPPED = Path(__file__).with_name("unrolled.safetensors")
+NETWORKS: Mapping[str, str] = {
+    "unrolled": "unrolled_network:UnrolledNetwork",
+    "unet": "unet:PostProcessing",
+    "plug-and-play": "plug_and_play:PlugAndPlay",
+}
+"""``module:class`` of each network, which takes `Problems` and gives images; weights of each ship."""
 
-KIND = "periscopy unrolled network"
+KIND = "periscopy network"
+
+
+def shipped(network: str) -> Path:
+    """Return the file of the weights that ship with the package."""
+    return Path(__file__).with_name(f"{network}.safetensors")
+
+
+def new_network(network: str, settings: Mapping[str, int]) -> Any:
+    """Return an untrained network by its name; a KeyError or TypeError tells of a wrong one."""
+    module, _, name = NETWORKS[network].partition(":")
+    place = import_module(f"periscopy_sim.reconstruction.learned.{module}")
+    return getattr(place, name)(**settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +45,22 @@ class Weights:
 
     Attributes
     ----------
+    network
+        Name in `NETWORKS`.
     tensors
-        By the names of `UnrolledNetwork.state_dict`.
+        By the names of the network's ``state_dict``.
     hidden_shape
         (R, C) of the images that it learned from.
-    steps, width
-        Of the network.
+    settings
+        Arguments of the network's class, such as ``width``.
     provenance
         What it learned from, and how.
     """
 
+    network: str
     tensors: Mapping[str, Any]
     hidden_shape: tuple[int, int]
-    steps: int
-    width: int
+    settings: Mapping[str, int]
     provenance: Mapping[str, Any]
 
     @property
@@ -52,20 +72,18 @@ class Weights:
             found.update(self.tensors[name].detach().contiguous().cpu().numpy().tobytes())
         return found.hexdigest()
 
-    def network(self, file: str | Path = SHIPPED) -> Any:
-        """Return the `UnrolledNetwork`; a PeriscopyError tells of weights that do not fit it."""
-        from periscopy_sim.reconstruction.learned.network import UnrolledNetwork
-
-        network = UnrolledNetwork(self.steps, self.width)
+    def trained(self, file: str | Path) -> Any:
+        """Return the network; a PeriscopyError tells of weights of `file` that do not fit it."""
         try:
+            network = new_network(self.network, self.settings)
             network.load_state_dict(dict(self.tensors))
-        except RuntimeError as error:
+        except (RuntimeError, TypeError) as error:
             raise PeriscopyError(
-                f"{file}: holds other tensors than its steps and width ask for: {error}"
+                f"{file}: holds other tensors than its settings ask for: {error}"
             ) from error
         return network.requires_grad_(False)
 
-    def check_size(self, hidden_shape: tuple[int, int], file: str | Path = SHIPPED) -> None:
+    def check_size(self, hidden_shape: tuple[int, int], file: str | Path) -> None:
         """Refuse a scene of another size than the network learned from, by a ValueError."""
         if tuple(hidden_shape) != self.hidden_shape:
             known, wanted = ("{}x{}".format(*shape) for shape in (self.hidden_shape, hidden_shape))
@@ -84,9 +102,9 @@ def write_weights(weights: Weights, file: str | Path) -> None:
 
     metadata = {
         "kind": KIND,
+        "network": weights.network,
         "hidden": "{}x{}".format(*weights.hidden_shape),
-        "steps": str(weights.steps),
-        "width": str(weights.width),
+        "settings": json.dumps(weights.settings, sort_keys=True),
         "sha256": weights.digest,
         "provenance": json.dumps(weights.provenance, sort_keys=True),
     }
@@ -94,8 +112,8 @@ def write_weights(weights: Weights, file: str | Path) -> None:
     save_file(tensors, Path(file), metadata)
 
 
-def read_weights(file: str | Path = SHIPPED) -> Weights:
-    """Read a network's weights; those that ship with the package by default.
+def read_weights(file: str | Path) -> Weights:
+    """Read a network's weights.
 
     Raises
     ------
@@ -119,15 +137,20 @@ def read_weights(file: str | Path = SHIPPED) -> Weights:
     try:
         rows, _, columns = metadata["hidden"].partition("x")
         weights = Weights(
+            metadata["network"],
             tensors,
             (int(rows), int(columns)),
-            int(metadata["steps"]),
-            int(metadata["width"]),
+            json.loads(metadata["settings"]),
             json.loads(metadata["provenance"]),
         )
         recorded = metadata["sha256"]
     except (KeyError, ValueError) as error:
         raise PeriscopyError(f"{file}: is damaged: its head lacks {error}") from error
+    if weights.network not in NETWORKS:
+        raise PeriscopyError(
+            f"{file}: holds a network '{weights.network}', which this version does not know; it "
+            f"knows {', '.join(NETWORKS)}"
+        )
     if weights.digest != recorded:
         raise PeriscopyError(
             f"{file}: is damaged: its tensors' SHA-256 begins with {weights.digest[:12]}, recorded "

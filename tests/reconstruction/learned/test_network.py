@@ -10,11 +10,8 @@ from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 torch = pytest.importorskip("torch")
 pytestmark = pytest.mark.torch
 
-from periscopy_sim.reconstruction.learned.network import (  # noqa: E402
-    Problems,
-    UnrolledNetwork,
-    explained,
-)
+from periscopy_sim.reconstruction.learned.proximal_step import Problems, explained  # noqa: E402
+from periscopy_sim.reconstruction.learned.unrolled_network import UnrolledNetwork  # noqa: E402
 
 
 def problems_of(small):

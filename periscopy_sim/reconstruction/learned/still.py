@@ -1,8 +1,8 @@
-"""The noise-aware image, refined by an unrolled network that has learned from photographs.
+"""The noise-aware image, refined by a network that has learned from rendered photographs.
 
 The noise-aware method finds the image, the noise, a gain over the wall and ambient light beyond
-range(B). The network (`network`) then goes on from its image with the same evidence: what it adds
-is what hidden images look like. It sees no pixel of the photograph, the coefficients alone.
+range(B). A network (`weights.NETWORKS`) then takes the same evidence: what it adds is what hidden
+images look like. It sees no pixel of the photograph, the coefficients alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
-from periscopy_sim.reconstruction.learned.weights import SHIPPED, read_weights
+from periscopy_sim.reconstruction.learned.weights import NETWORKS, read_weights, shipped
 from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
@@ -24,7 +24,7 @@ from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 Array = NDArray[np.float64]
 
 
-class Unrolled(NoiseAware):
+class Learned(NoiseAware):
     """Recover hidden images by what a network has learned; fit once to a scene.
 
     Needs PyTorch. docs/methods.md says where it gains and where it does not.
@@ -34,8 +34,8 @@ class Unrolled(NoiseAware):
     Parameters
     ----------
     weights
-        File of the network's weights, as `experiments.learned.train` writes it; those that ship
-        with the package by default.
+        Of the network: ``"unrolled"``, ``"unet"`` or ``"plug-and-play"``, which ship with the
+        package, or a file that `experiments.learned.train` wrote.
 
     Raises
     ------
@@ -51,17 +51,18 @@ class Unrolled(NoiseAware):
         B: Image | None = None,
         *,
         hidden_shape: tuple[int, int],
-        weights: str | Path = SHIPPED,
+        weights: str | Path = "unrolled",
         **settings: Any,
     ) -> None:
-        read = read_weights(weights)
-        read.check_size(hidden_shape, weights)
+        file = shipped(str(weights)) if weights in NETWORKS else Path(weights)
+        read = read_weights(file)
+        read.check_size(hidden_shape, file)
         if settings.get("uncertain") is not None:
-            raise ValueError("unrolled knows no uncertain scenes: take noise-aware")
+            raise ValueError(f"{read.network} knows no uncertain scenes: take noise-aware")
         import torch
 
-        self.provenance = {"sha256": read.digest, **read.provenance}
-        self._network = read.network(weights)
+        self.provenance = {"network": read.network, "sha256": read.digest, **read.provenance}
+        self._network = read.trained(file)
         super().__init__(A, B, hidden_shape=hidden_shape, **settings)
         rows = self._basis.rows
         rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
@@ -78,7 +79,7 @@ class Unrolled(NoiseAware):
         """Return the network's image, (R, C, 3)."""
         import torch
 
-        from periscopy_sim.reconstruction.learned.network import Problems
+        from periscopy_sim.reconstruction.learned.proximal_step import Problems
 
         def batch(each: NDArray[np.float32]) -> Any:
             return torch.from_numpy(each)[None]
@@ -100,7 +101,7 @@ class Unrolled(NoiseAware):
         return np.ascontiguousarray(np.moveaxis(image, 0, -1) * problem.scale)
 
     def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
-        """Return what the noise-aware method tells, and which weights refined its image."""
+        """Return what the noise-aware method tells, and by which weights the image was refined."""
         told = super().told(found)
         del told["standard_errors_assume"]
         return {**told, "weights_sha256": self.provenance["sha256"]}
