@@ -44,15 +44,17 @@ benchmark: $(VENV)/installed-experiments
 leaderboard: $(VENV)/installed-leaderboard
 	$(BIN)/python -m benchmarks run --out out/leaderboard
 
-# A network of your own for ps.Unrolled: out/learned/trained/unrolled.safetensors.
+# Networks of your own for ps.Learned, in out/learned/trained. PHOTOGRAPHS=FOLDER to learn from, too.
 learned: $(VENV)/installed-experiments
-	$(BIN)/python -m pip install --quiet --editable '.[torch]'
+	$(BIN)/python -m pip install --quiet --editable '.[learned]'
 	mkdir -p out/learned
 	cp experiments/learned/training.yaml out/learned
-	$(BIN)/python -m experiments.learned.pictures --out out/learned/pictures
+	$(BIN)/python -m experiments.learned.pictures --out out/learned/pictures $(if $(PHOTOGRAPHS),--also $(PHOTOGRAPHS))
 	$(BIN)/periscopy dataset out/learned/training.yaml --out out/learned/photographs.zarr
 	$(BIN)/python -m experiments.learned.samples out/learned/photographs.zarr --out out/learned/samples
-	$(BIN)/python -m experiments.learned.train out/learned/samples --out out/learned/trained
+	$(BIN)/python -m experiments.learned.train out/learned/samples --network unrolled --out out/learned/trained
+	$(BIN)/python -m experiments.learned.train out/learned/samples --network unet --out out/learned/trained
+	$(BIN)/python -m experiments.learned.train out/learned/samples --network plug-and-play --out out/learned/trained
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

@@ -253,8 +253,8 @@ def main(
     weights = Weights(network, learner.state_dict(), HIDDEN, SETTINGS[network], provenance)
     file = out / f"{network}.safetensors"
     write_weights(weights, file)
-    (out / f"{network}.json").write_text(json.dumps({**asdict(curves), "noise_aware": starts[True],
-                                                     "noise_aware_told": starts[False]}))  # fmt: skip
+    told_curves = {**asdict(curves), "noise_aware": starts[True], "noise_aware_told": starts[False]}
+    (out / f"{network}.json").write_text(json.dumps(told_curves))
     draw(network, curves, starts, out / f"{network}.png")
     print(f"wrote {file} ({weights.digest[:12]}), {out / network}.png")
 

@@ -4,8 +4,8 @@
     v_k = D(x_k, σ_k)
 
 after S. Venkatakrishnan, C. Bouman and B. Wohlberg, "Plug-and-play priors for model based
-reconstruction", GlobalSIP 2013, with the levels σ_k falling evenly in their logarithm as in K. Zhang
-et al., "Plug-and-play image restoration with deep denoiser prior", IEEE TPAMI 2022: from `widest` to
+reconstruction", GlobalSIP 2013. The levels σ_k fall evenly in their logarithm as in K. Zhang et
+al., "Plug-and-play image restoration with deep denoiser prior", IEEE TPAMI 2022: from `widest` to
 `last` times the patches' mean standard error. v_0 is the noise-aware image. The penalty is in the
 norm of K, so that D is to remove Gaussian noise of covariance σ² K⁻¹, not white noise
 (`coloured_noise`): it is the MAP estimate's own splitting.

@@ -1,7 +1,7 @@
 """Photographs as learned methods see them, and the step that explains them, in closed form.
 
-In the spectral basis of a scene (`spectral_basis`) the photograph's own part of every learned method
-is a proximal step of the misfit,
+In the spectral basis of a scene (`spectral_basis`) the photograph's own part of every learned
+method is a proximal step of the misfit,
 
     x = argmin_x Σ_p w_p ‖a_p − λ_p x_p‖²/λ_p + ρ ‖x − v‖²_K,    K = ∇ᵀ∇ + I
 

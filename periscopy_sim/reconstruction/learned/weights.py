@@ -1,7 +1,7 @@
 """What a network learned, as a file: safetensors, with what it learned from.
 
-The file's metadata holds which network it is, its settings, the hidden images' size, the SHA-256 of
-the tensors' bytes, and the provenance of the training: data and their digest, seed, steps, versions.
+The file's metadata holds which network it is, its settings, the hidden images' size, the SHA-256
+of the tensors' bytes, and the provenance of the training: data and their digest, seed, steps.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NETWORKS: Mapping[str, str] = {
     "unet": "unet:PostProcessing",
     "plug-and-play": "plug_and_play:PlugAndPlay",
 }
-"""``module:class`` of each network, which takes `Problems` and gives images; weights of each ship."""
+"""``module:class`` of each: it takes `Problems`, gives images; weights of each ship."""
 
 KIND = "periscopy network"
 

@@ -78,7 +78,7 @@ def test_training_learns_resumes_and_writes_weights_with_their_provenance(
     monkeypatch.setattr(train, "CHECKED", 2)
     monkeypatch.setattr(train, "BATCH", 4)
     train.main(samples, tmp_path / "whole", steps=6, threads=1, seed=3)
-    clip, left = torch.nn.utils.clip_grad_norm_, iter(range(3))
+    clip, left = train.clip_grad_norm_, iter(range(3))
 
     def stop_at_the_fourth(*given):
         if next(left, None) is None:
@@ -86,7 +86,7 @@ def test_training_learns_resumes_and_writes_weights_with_their_provenance(
         return clip(*given)
 
     with monkeypatch.context() as patched:
-        patched.setattr(torch.nn.utils, "clip_grad_norm_", stop_at_the_fourth)
+        patched.setattr(train, "clip_grad_norm_", stop_at_the_fourth)
         with pytest.raises(KeyboardInterrupt):
             train.main(samples, tmp_path / "stopped", steps=6, threads=1, seed=3)
     train.main(samples, tmp_path / "stopped", steps=6, threads=1, seed=3)
@@ -101,3 +101,29 @@ def test_training_learns_resumes_and_writes_weights_with_their_provenance(
     assert (tmp_path / "whole" / "learning_curves.png").is_file()
     with pytest.raises(SystemExit, match="is of 6 steps and seed 3"):
         train.main(samples, tmp_path / "whole", steps=7, threads=1, seed=3)
+
+
+@pytest.mark.parametrize("network", ["unet", "plug-and-play"])
+def test_other_networks_are_trained_and_drawn_alike(network, samples, tmp_path, monkeypatch):
+    monkeypatch.setattr(train, "CHECKED", 2)
+    monkeypatch.setattr(train, "BATCH", 2)
+    train.main(samples, tmp_path, network=network, steps=2, threads=1)
+    weights = read_weights(tmp_path / f"{network}.safetensors")
+    assert weights.network == network and weights.settings == train.SETTINGS[network]
+    assert (tmp_path / f"{network}.png").is_file()
+
+
+def test_unknown_network_is_refused_by_name(samples, tmp_path):
+    with pytest.raises(SystemExit, match="no network 'resnet'; there are unrolled, unet"):
+        train.main(samples, tmp_path, network="resnet")
+
+
+def test_denoiser_that_knows_the_truth_has_the_least_loss():
+    truth = torch.rand(3, 3, *SHAPE, generator=torch.Generator().manual_seed(0))
+    K = torch.tensor(laplacian(SHAPE), dtype=torch.float32)
+
+    def loss(denoiser):
+        return float(train.denoising_loss(denoiser, truth, K, np.random.default_rng(0)))
+
+    assert loss(lambda *_: truth) == pytest.approx(10 * np.log10(train.GOOD), abs=1e-3)
+    assert loss(lambda noisy, _: noisy) > loss(lambda *_: truth) + 3

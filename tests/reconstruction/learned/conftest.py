@@ -30,3 +30,22 @@ def small():
     y = A @ hidden + B @ rng.uniform(0.5, 1, (2, 3))
     y += rng.normal(0, (0.01, 0.02, 0.04), y.shape)
     return Small(A, B, y.reshape(*PHOTOGRAPH, 3), hidden)
+
+
+@pytest.fixture(scope="session")
+def problems(small):
+    """The photograph as networks see it, and what that came from."""
+    torch = pytest.importorskip("torch")
+    from periscopy_sim.reconstruction.learned.problem import problem_of
+    from periscopy_sim.reconstruction.learned.proximal_step import Problems
+    from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
+    from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+
+    method = NoiseAware(small.A, small.B, **small.settings, wall_gain=False)
+    found = method.solve(small.photograph)
+    problem = problem_of(method, found)
+    rows = method._basis.rows
+    patterns = rows, method._basis.curvatures.astype(np.float32), rows @ laplacian(HIDDEN)
+    own = problem.axes, problem.data, problem.weights, problem.errors[None], problem.start
+    tensors = [torch.tensor(each, dtype=torch.float32) for each in patterns]
+    return Problems(*tensors, *(torch.tensor(each)[None] for each in own)), problem, found

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.reconstruction.learned.unrolled import Unrolled
+from periscopy_sim.reconstruction.learned.still import Learned
 from periscopy_sim.reconstruction.learned.weights import Weights, read_weights, write_weights
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
@@ -18,25 +18,26 @@ def test_without_a_library_one_line_says_what_to_install(library, monkeypatch, s
         pytest.importorskip("torch")
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(PeriscopyError, match=rf"needs {library}.*pip install '\.\[torch\]'"):
-        Unrolled(small.A, small.B, weights="any", **small.settings)
+        Learned(small.A, small.B, weights="any", **small.settings)
 
 
 @pytest.fixture(name="file")
 def written(tmp_path):
     torch = pytest.importorskip("torch")
     pytest.importorskip("safetensors")
-    from periscopy_sim.reconstruction.learned.network import UnrolledNetwork
+    from periscopy_sim.reconstruction.learned.unrolled_network import UnrolledNetwork
 
     torch.manual_seed(1)
     network = UnrolledNetwork(steps=2, width=4)
     file = tmp_path / "mine.safetensors"
-    write_weights(Weights(network.state_dict(), (4, 5), 2, 4, {"seed": 1}), file)
+    settings = {"steps": 2, "width": 4}
+    write_weights(Weights("unrolled", network.state_dict(), (4, 5), settings, {"seed": 1}), file)
     return file
 
 
 @pytest.mark.torch
 def test_untrained_weights_give_the_noise_aware_image_in_any_unit(file, small):
-    method = Unrolled(small.A, small.B, weights=file, **small.settings)
+    method = Learned(small.A, small.B, weights=file, **small.settings)
     expected = NoiseAware(small.A, small.B, **small.settings).reconstruct(small.photograph)
     for unit in (1.0, 3e4):
         image = method.reconstruct(unit * small.photograph)
@@ -50,7 +51,7 @@ def test_untrained_weights_give_the_noise_aware_image_in_any_unit(file, small):
 
 @pytest.mark.torch
 def test_black_photograph_gives_a_black_image(file, small):
-    method = Unrolled(small.A, small.B, weights=file, **small.settings)
+    method = Learned(small.A, small.B, weights=file, **small.settings)
     assert not method.reconstruct(0 * small.photograph).any()
 
 
@@ -59,13 +60,13 @@ def test_weights_of_another_size_are_refused_by_name_and_hash(file, small):
     digest = read_weights(file).digest[:12]
     other = {**small.settings, "hidden_shape": (5, 4)}
     with pytest.raises(ValueError, match=rf"mine\.safetensors \({digest}\).*4x5 .* 5x4"):
-        Unrolled(small.A, small.B, weights=file, **other)
+        Learned(small.A, small.B, weights=file, **other)
 
 
 @pytest.mark.torch
 def test_uncertain_scenes_are_refused(file, small):
     with pytest.raises(ValueError, match="no uncertain scenes"):
-        Unrolled(small.A, small.B, weights=file, uncertain=object(), **small.settings)
+        Learned(small.A, small.B, weights=file, uncertain=object(), **small.settings)
 
 
 @pytest.mark.torch
@@ -91,23 +92,33 @@ def test_file_of_something_else_is_refused(tmp_path):
     save = pytest.importorskip("safetensors.torch").save_file
     file = tmp_path / "other.safetensors"
     save({"a": torch.zeros(2)}, file)
-    with pytest.raises(PeriscopyError, match="holds no periscopy unrolled network"):
+    with pytest.raises(PeriscopyError, match="holds no periscopy network"):
         read_weights(file)
     with pytest.raises(PeriscopyError, match="no such file"):
         read_weights(tmp_path / "none.safetensors")
 
 
 @pytest.mark.torch
-def test_network_of_another_width_than_recorded_is_refused(file):
-    weights = read_weights(file)
-    write_weights(Weights(weights.tensors, (4, 5), 2, 8, {}), file)
-    with pytest.raises(PeriscopyError, match="steps and width"):
-        read_weights(file).network(file)
+@pytest.mark.parametrize("settings", [{"steps": 2, "width": 8}, {"depth": 3}])
+def test_network_of_other_settings_than_recorded_is_refused(file, settings):
+    tensors = read_weights(file).tensors
+    write_weights(Weights("unrolled", tensors, (4, 5), settings, {}), file)
+    with pytest.raises(PeriscopyError, match=r"mine\.safetensors: .* settings"):
+        read_weights(file).trained(file)
+
+
+@pytest.mark.torch
+def test_network_of_a_later_version_is_refused_by_name(file):
+    tensors = read_weights(file).tensors
+    write_weights(Weights("transformer", tensors, (4, 5), {}, {}), file)
+    with pytest.raises(PeriscopyError, match=r"'transformer'.* knows unrolled, unet, plug"):
+        read_weights(file)
 
 
 @pytest.mark.torch
 def test_what_was_written_is_read_back(file):
     weights = read_weights(file)
-    assert (weights.hidden_shape, weights.steps, weights.width) == ((4, 5), 2, 4)
+    assert (weights.network, weights.hidden_shape) == ("unrolled", (4, 5))
+    assert weights.settings == {"steps": 2, "width": 4}
     assert json.loads(json.dumps(weights.provenance)) == {"seed": 1}
     assert all(np.isfinite(each.numpy()).all() for each in weights.tensors.values())
