@@ -16,6 +16,7 @@ from experiments.learned.samples import Samples  # noqa: E402
 from periscopy_sim.reconstruction.learned.weights import read_weights  # noqa: E402
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import (  # noqa: E402
     SpectralBasis,
+    laplacian,
 )
 
 SHAPE = 29, 36
