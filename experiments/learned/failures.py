@@ -19,7 +19,6 @@ import typer
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, styled
-from experiments.learned.adaptation import adapt
 from experiments.learned.conditions import CONDITIONS, Array, Condition, Trial, trial
 from experiments.learned.samples import HIDDEN, Samples
 from experiments.setting import Setting
@@ -103,6 +102,8 @@ def compared(
     methods: dict[str, Any] = {each: METHODS[each](made.scenario, A, B)
                                for each in (NOISE_AWARE, *NAMES)}  # fmt: skip
     if images:
+        from experiments.learned.adaptation import adapt  # it needs PyTorch
+
         weights = adapt(made.scenario, scene, images, seed=number)
         methods[ADAPTED] = ps.Learned.for_scene(made.scenario, A, B, weights=weights)
     rows = []
