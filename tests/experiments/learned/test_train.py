@@ -97,9 +97,9 @@ def test_training_learns_resumes_and_writes_weights_with_their_provenance(
     assert whole.digest == stopped.digest
     assert whole.provenance["training_steps"] == 6 and whole.provenance["photographs"] == 40
     assert len(whole.provenance["samples_sha256"]) == 64
-    curves = json.loads((tmp_path / "whole" / "curves.json").read_text())
+    curves = json.loads((tmp_path / "whole" / "unrolled.json").read_text())
     assert curves["right"][-1] < curves["noise_aware"]
-    assert (tmp_path / "whole" / "learning_curves.png").is_file()
+    assert (tmp_path / "whole" / "unrolled.png").is_file()
     with pytest.raises(SystemExit, match="is of 6 steps and seed 3"):
         train.main(samples, tmp_path / "whole", steps=7, threads=1, seed=3)
 
