@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned clean
+.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -54,6 +54,10 @@ learned: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.learned.samples out/learned/photographs.zarr --out out/learned/samples
 	$(BIN)/python -m experiments.learned.train out/learned/samples --out out/learned/trained
 
+# The pages and the gallery, whose scripts run: out/docs/index.html. A warning is an error.
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d out/docs/.doctrees docs out/docs
+
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -74,5 +78,10 @@ $(VENV)/installed-leaderboard: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[leaderboard]'
 	touch $(VENV)/installed $(VENV)/installed-experiments $@
 
+$(VENV)/installed-docs: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	touch $(VENV)/installed $@
+
 clean:
+	rm -rf docs/gallery docs/repository docs/api/names docs/api/examples
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

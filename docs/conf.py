@@ -28,7 +28,8 @@ extensions = [
     "pages_of_the_repository",
     "checked_links",
 ]
-exclude_patterns = ["extensions", "first_hour.ipynb"]
+exclude_patterns = ["extensions", "first_hour.ipynb", "repository/readme.txt"]
+templates_path = ["templates"]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 
 # Pages that code hosts show too: plain Markdown, with the anchors that these hosts make.
