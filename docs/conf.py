@@ -21,12 +21,13 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
-    "sphinx_mathjax_offline",
+    "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "pages_of_the_repository",
     "checked_links",
+    "docstrings",
 ]
 exclude_patterns = ["extensions", "first_hour.ipynb", "repository/readme.txt"]
 templates_path = ["templates"]
@@ -75,7 +76,7 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "show_signature": False,
     "download_all_examples": False,
-    "min_reported_time": 0,
+    "write_computation_times": False,
     "image_srcset": ["2x"],
     "thumbnail_size": (480, 336),
 }

@@ -26,12 +26,13 @@ print(f"{B.shape[1]} lights, yet a basis of {Q.shape[1]} pictures holds their li
 assert Q.shape[1] < 100
 
 # %%
-# The first pictures of that basis: planes, then parabolas. No edge of a shadow is like them.
+# The first pictures of that basis (blue is negative): a plain one, planes, then parabolas. No edge of a shadow is like them.
 
 figure, axes = plt.subplots(1, 6, figsize=(7.2, 1.5))
 for k, ax in enumerate(axes):
-    reach = np.abs(Q[:, k]).max()
-    ax.imshow(Q[:, k].reshape(63, 63), cmap="RdBu_r", vmin=-reach, vmax=reach)
+    picture = Q[:, k] * np.sign(Q[:, k].sum())
+    reach = np.abs(picture).max()
+    ax.imshow(picture.reshape(63, 63), cmap="RdBu_r", vmin=-reach, vmax=reach)
     ax.set_title(f"{k + 1}")
     ax.set_axis_off()
 
@@ -67,10 +68,10 @@ figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.2))
 axes[0].imshow(ps.to_srgb(signal))
 axes[0].set_title("the monitor's light")
 axes[1].imshow(ps.to_srgb(photograph))
-axes[1].set_title("and the sky's, twice as bright")
+axes[1].set_title("under the sky")
 for ax, title, light in zip(
     axes[2:],
-    ["what is left of both", "what is left of the sky"],
+    ["left of both", "left of the sky"],
     [signal + scale * sky, scale * sky],
     strict=True,
 ):
@@ -82,7 +83,8 @@ for ax in axes:
 # sphinx_gallery_thumbnail_number = 2
 
 # %%
-# The monitor's light loses its smooth part. What the chair has cut out stays, and with it the
+# Nothing is left of the sky that could be seen at this scale. The monitor's light, too, loses its smooth
+# part. What the chair has cut out stays, and with it the
 # image: :math:`A_\perp = A - Q Q^\top A` has full column rank, so :math:`f` is still determined.
 # :func:`~periscopy_sim.form_preconditioner` makes the matrix :math:`P` of it, with
 # :math:`P A = I` and :math:`P B = 0`.

@@ -29,7 +29,7 @@ figure, axes = plt.subplots(1, 3, figsize=(7.2, 2.6))
 white = np.percentile(all_bounces, 99.5)
 panels = [
     ("directly", direct, white),
-    ("by way of the room (x 5)", bounced, white / 5),
+    ("by way of the room (× 5)", bounced, white / 5),
     ("all of it", all_bounces, white),
 ]
 for ax, (title, light, level) in zip(axes, panels, strict=True):

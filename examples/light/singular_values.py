@@ -44,7 +44,7 @@ figure, ax = plt.subplots(figsize=(5.6, 3.4))
 for name, s in values.items():
     ax.semilogy(np.arange(1, len(s) + 1), s / s[0], label=f"{name}: {seen[name]} patterns")
 ax.axhline(floor, color="0.5", linestyle="--", linewidth=1)
-ax.text(len(s), floor * 1.2, "noise at 60 dB", ha="right", va="bottom", color="0.4", fontsize=8)
+ax.text(60, floor * 1.25, "noise at 60 dB", va="bottom", color="0.4", fontsize=8)
 ax.set(xlabel="singular value", ylabel="over the largest", xlim=(0, len(s)), ylim=(1e-8, 1.5))
 ax.legend(title="between monitor and wall")
 

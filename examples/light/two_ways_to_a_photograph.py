@@ -17,7 +17,7 @@ scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 image = ps.read_hidden_image(ps.find_image("still_life"), hidden)
 
 closed_form = (ps.analytic_transport(scene, samples=64) @ image.reshape(-1, 3)).reshape(63, 63, 3)
-shadow_rays = ps.render_transport(scene, samples=64, pixel_samples=16) @ image.reshape(-1, 3)
+shadow_rays = ps.render_transport(scene, samples=64, pixel_samples=9) @ image.reshape(-1, 3)
 shadow_rays = shadow_rays.reshape(63, 63, 3)
 
 # %%
@@ -25,7 +25,7 @@ shadow_rays = shadow_rays.reshape(63, 63, 3)
 # It averages over each pixel, and is noisy. Two seeds tell how noisy.
 
 traced = [
-    ps.render_photograph(scene, image, samples=1024, bounces=1, only_monitor=True, seed=seed)
+    ps.render_photograph(scene, image, samples=576, bounces=1, only_monitor=True, seed=seed)
     for seed in (0, 1)
 ]
 noise = np.std(traced[0] - traced[1]) / np.sqrt(2)
@@ -40,13 +40,16 @@ assert abs(closed_form.sum() / mean.sum() - 1) < 2e-3
 # be seen. The closed form takes the middle of a pixel for all of it, which shows at the edges of
 # shadows, and only there.
 
-figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.2), width_ratios=[1, 1, 1, 1.0])
+figure, axes = plt.subplots(1, 4, figsize=(7.2, 1.9))
 axes[0].imshow(ps.to_srgb(mean))
 axes[0].set_title("path traced")
 axes[1].imshow(ps.to_srgb(closed_form))
 axes[1].set_title("closed form")
 for ax, title, light in zip(
-    axes[2:], ["rays: difference", "closed form: difference"], [shadow_rays, closed_form], strict=True
+    axes[2:],
+    ["rays, difference", "closed form, difference"],
+    [shadow_rays, closed_form],
+    strict=True,
 ):
     difference = 100 * (light - mean).mean(axis=2) / mean.mean()
     shown = ax.imshow(difference, cmap="RdBu_r", vmin=-2, vmax=2)

@@ -24,9 +24,10 @@ A = ps.render_transport(scene, samples=64)
 print(f"A has {A.shape[0]} rows, one a pixel, and {A.shape[1]} columns, one a patch")
 
 # %%
-# Each column is a photograph. In its middle stands what a viewer would call a shadow with a soft
-# edge: a patch is not a point, and so the edge is a **penumbra**. As the patch goes to the right of
-# the monitor (which is to the left as one faces the wall), the shadow goes the other way.
+# Each column is a photograph: of the shadow that one patch makes the chair cast. A patch is not a
+# point, and so the shadow's edge is a little soft: a **penumbra**. As the patch goes to the right, as
+# one faces the monitor, so does the shadow, as one faces the wall: the other way in the room. As the
+# patch goes down, the shadow goes up.
 
 wall = scene.photograph_shape
 patches = [(7, 2), (7, 9), (7, 15), (1, 9), (13, 9)]

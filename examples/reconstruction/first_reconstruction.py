@@ -24,7 +24,7 @@ scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 # The light transport matrix :math:`A` says how each patch lights each pixel, the columns of
 # :math:`B` how far lamps would.
 
-A = ps.render_transport(scene)
+A = ps.render_transport(scene, samples=64)
 B = ps.point_light_backgrounds(scene)
 print(A.shape, B.shape)
 
@@ -35,7 +35,7 @@ print(A.shape, B.shape)
 # places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` in dB what noise leaves.
 
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(scene, truth, samples=1024)
+signal = ps.render_photograph(scene, truth, samples=2304)
 sky = ps.render_background("ambient/overcast", scene, target=3e-3).photograph
 photograph = ps.add_noise(ps.composite(signal, sky, sbr=0.5), snr=60, seed=0)
 
@@ -69,4 +69,6 @@ assert residual.unexplained < 2 * residual.noise_alone
 # shows little of the image.
 
 errors = method.standard_errors(found)
-print(f"standard errors: {100 * np.median(errors) / found.image.max():.1f} % of white at the median")
+print(
+    f"standard errors: {100 * np.median(errors) / found.image.max():.1f} % of white at the median"
+)

@@ -38,14 +38,14 @@ true = np.sqrt(np.mean(errors**2, axis=(0, 3)))
 told = np.sqrt(np.mean(told**2, axis=2))
 
 white = unit * truth.max() / 100
-figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.1), width_ratios=[1, 1, 1, 1.1])
+figure, axes = plt.subplots(1, 4, figsize=(7.2, 1.9), width_ratios=[1, 1, 1.2, 1])
 axes[0].imshow(ps.to_srgb(found[0].image, unit))
 axes[0].set_title("found")
-top = np.percentile(np.r_[told.ravel(), true.ravel()], 98) / white
+top = 1.02 * max(told.max(), true.max()) / white
 for ax, name, values in zip(axes[1:3], ("told, % of white", "true"), (told, true), strict=True):
     shown = ax.imshow(values / white, cmap="magma", vmin=0, vmax=top)
     ax.set_title(name)
-figure.colorbar(shown, ax=axes[2], shrink=0.7)
+figure.colorbar(shown, ax=axes[2], shrink=0.75)
 for ax in axes[:3]:
     ax.set_axis_off()
 axes[3].plot([0, top], [0, top], color="0.6", linewidth=1)

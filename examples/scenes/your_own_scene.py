@@ -72,7 +72,7 @@ print(f"occluders: {', '.join(occluder.name for occluder in scene.occluders)}")
 # Look at a scene before you use it. The arrays of a :class:`~periscopy_sim.Scenario` suffice for a
 # plan, seen from above; ``periscopy draw ball.xml --out ball.png`` draws a better one.
 
-figure, ax = plt.subplots(figsize=(5.0, 4.0))
+figure, ax = plt.subplots(figsize=(6.4, 3.4))
 for points, name, colour in [
     (scene.wall_points, "what the camera sees of the wall", "#0072B2"),
     (scene.patch_centers, "monitor", "#D55E00"),
