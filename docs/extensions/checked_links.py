@@ -6,7 +6,6 @@ Each fault is a warning, which `make docs` does not let pass.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,14 @@ from sphinx.util import logging
 LOADED = {"script": "src", "img": "src", "link": "href", "source": "src", "video": "src"}
 
 
-@dataclass
 class Page(HTMLParser):
     """The links of a page, what it loads, and the places that links may lead to."""
 
-    links: set[str] = field(default_factory=set)
-    loaded: set[str] = field(default_factory=set)
-    places: set[str] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
+    def __init__(self) -> None:
         super().__init__()
+        self.links: set[str] = set()
+        self.loaded: set[str] = set()
+        self.places: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Note what an element refers to."""
@@ -37,8 +34,6 @@ class Page(HTMLParser):
         if values.get(LOADED.get(tag, "")):
             self.loaded.add(values[LOADED[tag]])
 
-    __hash__ = HTMLParser.__hash__
-
 
 def faults(folder: Path) -> Iterator[tuple[Path, str]]:
     """Yield each page of a folder that has a fault, and the fault."""
@@ -48,6 +43,7 @@ def faults(folder: Path) -> Iterator[tuple[Path, str]]:
             continue
         pages[file] = Page()
         pages[file].feed(file.read_text("utf-8"))
+    places = {file: page.places for file, page in pages.items()}
     for file, page in pages.items():
         for link in sorted(page.loaded):
             if urlsplit(link).netloc:
@@ -60,9 +56,8 @@ def faults(folder: Path) -> Iterator[tuple[Path, str]]:
             target = target / "index.html" if target.is_dir() else target
             if not target.is_file():
                 yield file, f"its link {link} leads to no file"
-            elif url.fragment and target in pages:
-                if unquote(url.fragment) not in pages[target].places:
-                    yield file, f"its link {link} leads to no place of that page"
+            elif url.fragment and unquote(url.fragment) not in places.get(target, {url.fragment}):
+                yield file, f"its link {link} leads to no place of that page"
 
 
 def check(app: Any, exception: Exception | None) -> None:

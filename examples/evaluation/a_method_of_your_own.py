@@ -2,8 +2,8 @@
 A method of your own, beside the others
 =======================================
 
-A method is anything with ``reconstruct(photograph)``. Write a class in a file, and every command and
-every sweep takes it by its name; the package need not be touched.
+A method is anything with ``reconstruct(photograph)``. Write a class in a file, and every command
+and every sweep takes it by its name; the package need not be touched.
 """
 
 # %%

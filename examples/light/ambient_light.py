@@ -26,7 +26,8 @@ print(f"{B.shape[1]} lights, yet a basis of {Q.shape[1]} pictures holds their li
 assert Q.shape[1] < 100
 
 # %%
-# The first pictures of that basis (blue is negative): a plain one, planes, then parabolas. No edge of a shadow is like them.
+# The first pictures of that basis (blue is negative): a plain one, planes, then parabolas. No edge
+# of a shadow is like them.
 
 figure, axes = plt.subplots(1, 6, figsize=(7.2, 1.5))
 for k, ax in enumerate(axes):
@@ -83,11 +84,11 @@ for ax in axes:
 # sphinx_gallery_thumbnail_number = 2
 
 # %%
-# Nothing is left of the sky that could be seen at this scale. The monitor's light, too, loses its smooth
-# part. What the chair has cut out stays, and with it the
-# image: :math:`A_\perp = A - Q Q^\top A` has full column rank, so :math:`f` is still determined.
-# :func:`~periscopy_sim.form_preconditioner` makes the matrix :math:`P` of it, with
-# :math:`P A = I` and :math:`P B = 0`.
+# Nothing is left of the sky that could be seen at this scale. The monitor's light, too, loses its
+# smooth part. What the chair has cut out stays, and with it the image: :math:`A_\perp = A - Q
+# Q^\top A` has full column rank, so :math:`f` is still determined.
+# :func:`~periscopy_sim.form_preconditioner` makes the matrix :math:`P` of it, with :math:`P A = I`
+# and :math:`P B = 0`.
 
 A = ps.render_transport(scene, samples=64).astype(float)
 P = ps.form_preconditioner(A, B)

@@ -28,10 +28,11 @@ values = {
 }
 
 # %%
-# When is a pattern seen? Let the image be spread evenly over the N patterns. Nearly all of its light
-# on the wall is then the first pattern's, whose singular value is the largest. Noise of 60 dB has a
-# thousandth of that light's root mean square in each of the M pixels, and so pattern k is stronger
-# than the noise where its singular value is more than :math:`10^{-3} \sqrt{N / M}` of the first.
+# When is a pattern seen? Let the image be spread evenly over the N patterns. Nearly all of its
+# light on the wall is then the first pattern's, whose singular value is the largest. Noise of 60 dB
+# has a thousandth of that light's root mean square in each of the M pixels, and so pattern k is
+# stronger than the noise where its singular value is more than :math:`10^{-3} \sqrt{N / M}` of the
+# first.
 
 N, M = hidden[0] * hidden[1], 63 * 63
 floor = 1e-3 * np.sqrt(N / M)

@@ -25,9 +25,9 @@ print(f"A has {A.shape[0]} rows, one a pixel, and {A.shape[1]} columns, one a pa
 
 # %%
 # Each column is a photograph: of the shadow that one patch makes the chair cast. A patch is not a
-# point, and so the shadow's edge is a little soft: a **penumbra**. As the patch goes to the right, as
-# one faces the monitor, so does the shadow, as one faces the wall: the other way in the room. As the
-# patch goes down, the shadow goes up.
+# point, and so the shadow's edge is a little soft: a **penumbra**. As the patch goes to the right,
+# as one faces the monitor, so does the shadow, as one faces the wall: the other way in the room. As
+# the patch goes down, the shadow goes up.
 
 wall = scene.photograph_shape
 patches = [(7, 2), (7, 9), (7, 15), (1, 9), (13, 9)]

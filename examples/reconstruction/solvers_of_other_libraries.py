@@ -34,8 +34,8 @@ assert np.isclose(np.vdot(A @ x, z), np.vdot(x, A.rmatvec(z)), rtol=1e-3)
 
 # %%
 # Without regularization more iterations first explain the image and then the noise: the number of
-# iterations is the regularization. PyLops adds terms: here the differences of neighbouring patches are
-# kept small. SciPy's ``nnls`` finds the image that explains the photograph best and is black or
+# iterations is the regularization. PyLops adds terms: here the differences of neighbouring patches
+# are kept small. SciPy's ``nnls`` finds the image that explains the photograph best and is black or
 # brighter everywhere; it takes the matrix itself.
 
 counts = [5, 10, 20, 50, 100, 200, 500, 1000]

@@ -34,8 +34,9 @@ bounds = np.array([[mean_bound({"camera_dx": x, "camera_dz": z}) for x in dx] fo
 row, column = np.unravel_index(np.nanargmin(bounds), bounds.shape)
 print(
     f"least {100 * bounds[row, column]:.1f} % of white, {100 * dx[column]:+.0f} cm to the right of "
-    f"the paper's view and {100 * dz[row]:+.0f} cm above it; there it is {100 * mean_bound({}):.1f} %"
+    f"the paper's view and {100 * dz[row]:+.0f} cm above it"
 )
+print(f"at the paper's view it is {100 * mean_bound({}):.1f} %")
 
 figure, ax = plt.subplots(figsize=(5.4, 3.6))
 ax.set_facecolor("0.85")  # where some patch cannot be told apart at all

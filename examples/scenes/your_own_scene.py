@@ -49,14 +49,14 @@ XML = """<scene version="3.0.0">
     <shape type="sphere" id="ball">
         <point name="center" x="$ball_x" y="0.5" z="0.1"/>
         <float name="radius" value="0.045"/>
-        <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.2"/></bsdf></bsdf>
+        <bsdf type="twosided"><bsdf type="diffuse"/></bsdf>
     </shape>
 
     <shape type="cylinder" id="rod">
         <point name="p0" x="$ball_x" y="0.5" z="0.1"/>
         <point name="p1" x="$ball_x" y="0.5" z="1.0"/>
         <float name="radius" value="0.004"/>
-        <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.2"/></bsdf></bsdf>
+        <bsdf type="twosided"><bsdf type="diffuse"/></bsdf>
     </shape>
 </scene>
 """
