@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned clean
+.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -56,6 +56,10 @@ learned: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.learned.train out/learned/samples --network unet --out out/learned/trained
 	$(BIN)/python -m experiments.learned.train out/learned/samples --network plug-and-play --out out/learned/trained
 
+# The pages and the gallery, whose scripts run: out/docs/index.html. A warning is an error.
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d out/docs/.doctrees docs out/docs
+
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -76,5 +80,10 @@ $(VENV)/installed-leaderboard: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[leaderboard]'
 	touch $(VENV)/installed $(VENV)/installed-experiments $@
 
+$(VENV)/installed-docs: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	touch $(VENV)/installed $@
+
 clean:
+	rm -rf docs/gallery docs/repository docs/api/names docs/api/examples
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

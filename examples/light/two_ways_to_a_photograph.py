@@ -1,0 +1,63 @@
+"""
+A photograph computed twice
+===========================
+
+Can a simulated photograph be trusted? This package has the same wall by two ways that share no
+code: rays, traced by Mitsuba, and a closed form, in which the chair's triangles are projected onto
+the wall. They have to agree, in absolute scale.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import periscopy_sim as ps
+
+hidden = (15, 18)
+scene = ps.load_scenario("chair", hidden, {"resolution": 63})
+image = ps.read_hidden_image(ps.find_image("still_life"), hidden)
+
+closed_form = (ps.analytic_transport(scene, samples=64) @ image.reshape(-1, 3)).reshape(63, 63, 3)
+shadow_rays = ps.render_transport(scene, samples=64, pixel_samples=9) @ image.reshape(-1, 3)
+shadow_rays = shadow_rays.reshape(63, 63, 3)
+
+# %%
+# A third way: the camera's own picture of the scene, path traced, its monitor showing the image.
+# It averages over each pixel, and is noisy. Two seeds tell how noisy.
+
+traced = [
+    ps.render_photograph(scene, image, samples=576, bounces=1, only_monitor=True, seed=seed)
+    for seed in (0, 1)
+]
+noise = np.std(traced[0] - traced[1]) / np.sqrt(2)
+mean = np.mean(traced, axis=0)
+print(f"brightness, rays over path tracing: {shadow_rays.sum() / mean.sum():.5f}")
+print(f"brightness, closed form over path tracing: {closed_form.sum() / mean.sum():.5f}")
+assert abs(shadow_rays.sum() / mean.sum() - 1) < 1e-3
+assert abs(closed_form.sum() / mean.sum() - 1) < 2e-3
+
+# %%
+# Pixel by pixel rays and path tracing differ by the noise of the path tracer alone: no edge is to
+# be seen. The closed form takes the middle of a pixel for all of it, which shows at the edges of
+# shadows, and only there.
+
+figure, axes = plt.subplots(1, 4, figsize=(7.2, 1.9))
+axes[0].imshow(ps.to_srgb(mean))
+axes[0].set_title("path traced")
+axes[1].imshow(ps.to_srgb(closed_form))
+axes[1].set_title("closed form")
+for ax, title, light in zip(
+    axes[2:],
+    ["rays, difference", "closed form, difference"],
+    [shadow_rays, closed_form],
+    strict=True,
+):
+    difference = 100 * (light - mean).mean(axis=2) / mean.mean()
+    shown = ax.imshow(difference, cmap="RdBu_r", vmin=-2, vmax=2)
+    ax.set_title(title)
+for ax in axes:
+    ax.set_axis_off()
+figure.colorbar(shown, ax=axes, shrink=0.7, label="% of the mean", aspect=15)
+
+ratio = np.sqrt(np.mean((shadow_rays - mean) ** 2)) / (noise / np.sqrt(2))
+print(f"rays and path tracing differ by {ratio:.2f} times what noise would make")
+assert ratio < 1.3

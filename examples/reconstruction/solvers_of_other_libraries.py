@@ -1,0 +1,92 @@
+"""
+Solvers of SciPy and PyLops on A
+================================
+
+The light transport is a linear operator, and others have written good solvers for these.
+:func:`~periscopy_sim.transport_operator` makes it one of SciPy's, over images; PyLops takes it as
+it is.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pylops
+from scipy.optimize import nnls
+from scipy.sparse.linalg import lsqr
+
+import periscopy_sim as ps
+
+hidden = (15, 18)
+scene = ps.load_scenario("chair", hidden, {"resolution": 63})
+A = ps.transport_operator(scene)
+truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
+clean = A @ truth.ravel()
+photograph = ps.add_noise(A.photograph(clean), snr=60, seed=0)
+y = photograph.ravel().astype(np.float32)
+print(f"{A.shape[0]} measurements of {A.shape[1]} unknowns: three colours")
+
+# %%
+# An operator and its adjoint must belong together: the dot test, with which every such adapter
+# should begin.
+
+rng = np.random.default_rng(0)
+x, z = (rng.standard_normal(n).astype(np.float32) for n in A.shape[::-1])
+assert np.isclose(np.vdot(A @ x, z), np.vdot(x, A.rmatvec(z)), rtol=1e-3)
+
+# %%
+# Without regularization more iterations first explain the image and then the noise: the number of
+# iterations is the regularization. PyLops adds terms: here the differences of neighbouring patches
+# are kept small. SciPy's ``nnls`` finds the image that explains the photograph best and is black or
+# brighter everywhere; it takes the matrix itself.
+
+counts = [5, 10, 20, 50, 100, 200, 500, 1000]
+by_count = [A.image(lsqr(A, y, atol=0, btol=0, conlim=0, iter_lim=n)[0]) for n in counts]
+scores = [ps.psnr(image, truth) for image in by_count]
+
+matrix = ps.render_transport(scene)
+largest = np.linalg.norm(matrix, 2)
+differences = [
+    pylops.FirstDerivative((*hidden, 3), axis=axis, kind="forward", dtype="float32")
+    for axis in (0, 1)
+]
+smooth = pylops.optimization.leastsquares.regularized_inversion(
+    pylops.aslinearoperator(A), y, differences, epsRs=[2e-4 * largest] * 2,
+    iter_lim=500, atol=0, btol=0,
+)[0].reshape(truth.shape)  # fmt: skip
+
+by_channel = y.reshape(-1, 3).astype(float).T
+positive = np.transpose([nnls(matrix.astype(float), channel)[0] for channel in by_channel])
+positive = positive.reshape(truth.shape)
+
+# %%
+# Each of them knows no ambient light; there was none. With it, project range(B) out first, or take
+# :class:`~periscopy_sim.NoiseAware`, which regularizes better than all of these.
+
+B = ps.point_light_backgrounds(scene)
+noise_aware = ps.NoiseAware.for_scene(scene, matrix, B).reconstruct(photograph)
+best = int(np.argmax(scores))
+images = {
+    "hidden": truth,
+    f"LSQR, {counts[best]}": by_count[best],
+    "LSQR, 1000": by_count[-1],
+    "PyLops, smooth": smooth,
+    "f ≥ 0": positive,
+    "noise-aware": noise_aware,
+}
+figure = plt.figure(figsize=(7.2, 4.1))
+top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.6])
+for ax, (name, found) in zip(top.subplots(1, len(images)), images.items(), strict=True):
+    ax.imshow(ps.to_srgb(ps.gain_matched(found, truth), 1))
+    ax.set_title(
+        name if name == "hidden" else f"{name}\n{ps.psnr(found, truth):.1f} dB", fontsize=8
+    )
+    ax.set_axis_off()
+ax = bottom.subplots()
+ax.semilogx(counts, scores, "o-", markersize=4, label="LSQR")
+for name, found, style in [
+    ("PyLops, smooth", smooth, "--"), ("f ≥ 0", positive, "-."), ("noise-aware", noise_aware, ":")
+]:  # fmt: skip
+    ax.axhline(ps.psnr(found, truth), linestyle=style, color="0.4", label=name, linewidth=1.2)
+ax.set(xlabel="iterations of LSQR", ylabel="PSNR, dB")
+ax.legend(ncols=2)
+assert scores[best] >= scores[-1]
+assert ps.psnr(noise_aware, truth) > max(ps.psnr(smooth, truth), ps.psnr(positive, truth))

@@ -1,0 +1,77 @@
+"""The gallery's scripts: titled, listed, written with public names alone, and right."""
+
+import ast
+import re
+import runpy
+
+import matplotlib as mpl
+import pytest
+
+import periscopy_sim as ps
+from tests.docs import ROOT, names_taken
+
+EXAMPLES = ROOT / "examples"
+SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
+
+
+def tree_of(script):
+    return ast.parse(script.read_text("utf-8"))
+
+
+def test_there_are_twelve_at_least():
+    assert len(SCRIPTS) >= 12
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+class TestScript:
+    def test_has_a_title_underlined_in_full(self, script):
+        title, underline = ast.get_docstring(tree_of(script)).splitlines()[:2]
+        assert set(underline) == {"="} and len(underline) >= len(title), script
+
+    def test_lies_in_a_section_that_the_gallery_lists(self, script):
+        listed = re.findall(r'"(\w+)"', re.search(r"for name in \((.*?)\)", CONFIGURATION)[1])
+        assert script.parent.name in listed and script.parent.parent == EXAMPLES
+        assert (script.parent / "GALLERY_HEADER.rst").is_file()
+
+    def test_takes_public_names_alone(self, script):
+        tree = tree_of(script)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                assert not (node.module or "").startswith("periscopy_sim"), script
+        taken = names_taken(tree)
+        assert taken and taken <= set(ps.__all__), taken - set(ps.__all__)
+
+    def test_asserts_what_it_claims(self, script):
+        assert any(isinstance(node, ast.Assert) for node in ast.walk(tree_of(script))), script
+
+    def test_draws_from_a_seed(self, script):
+        for node in ast.walk(tree_of(script)):
+            if isinstance(node, ast.Call):
+                name = ast.unparse(node.func)
+                if name.endswith("default_rng"):
+                    assert node.args, f"{script}: {ast.unparse(node)}"
+                if name == "ps.add_noise":
+                    assert {"seed"} <= {keyword.arg for keyword in node.keywords}, script
+                assert not name.startswith("np.random.") or name.endswith("default_rng"), script
+
+
+CONFIGURATION = (ROOT / "docs" / "conf.py").read_text("utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_script_runs_and_draws(script, tmp_path, monkeypatch):
+    if "import pylops" in script.read_text("utf-8"):
+        pytest.importorskip("pylops")
+    if "run_sweep" in script.read_text("utf-8"):
+        pytest.importorskip("xarray")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    mpl.use("agg")
+    from matplotlib import pyplot as plt
+
+    try:
+        runpy.run_path(str(script), run_name="__main__")
+        assert plt.get_fignums()
+    finally:
+        plt.close("all")
