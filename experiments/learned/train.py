@@ -191,7 +191,7 @@ def main(
     weights = Weights(best, HIDDEN, STEPS, WIDTH, provenance)
     write_weights(weights, out / "unrolled.safetensors")
     (out / "curves.json").write_text(json.dumps({**asdict(curves), "noise_aware": starts[True],
-                                                 "noise_aware_told": starts[False]}))  # fmt: skip
+                                                 "noise_aware_told": starts[False]}), "utf-8")  # fmt: skip
     draw(curves, starts, out / "learning_curves.png")
     print(f"wrote {out / 'unrolled.safetensors'} ({weights.digest[:12]}), "
           f"{out / 'learning_curves.png'}")  # fmt: skip
