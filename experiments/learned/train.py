@@ -190,8 +190,8 @@ def main(
     }  # fmt: skip
     weights = Weights(best, HIDDEN, STEPS, WIDTH, provenance)
     write_weights(weights, out / "unrolled.safetensors")
-    (out / "curves.json").write_text(json.dumps({**asdict(curves), "noise_aware": starts[True],
-                                                 "noise_aware_told": starts[False]}), "utf-8")  # fmt: skip
+    told = {"noise_aware": starts[True], "noise_aware_told": starts[False]}
+    (out / "curves.json").write_text(json.dumps({**asdict(curves), **told}), "utf-8")
     draw(curves, starts, out / "learning_curves.png")
     print(f"wrote {out / 'unrolled.safetensors'} ({weights.digest[:12]}), "
           f"{out / 'learning_curves.png'}")  # fmt: skip
