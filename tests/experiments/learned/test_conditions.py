@@ -35,7 +35,7 @@ def test_chairs_are_drawn_within_the_training_s_ranges():
 @pytest.mark.thorough
 def test_photographs_have_the_ratio_and_the_noise_that_a_condition_says(monkeypatch):
     monkeypatch.setattr(
-        conditions, "chair_values", lambda _: {"resolution": 40.0, "occluder_dx": 0.01}
+        conditions, "chair_values", lambda _: {"resolution": 40, "occluder_dx": 0.01}
     )
     quiet = conditions.trial(Condition("quiet", sbr=10, snr=200), 0, None)
     noisy = conditions.trial(Condition("noisy", sbr=10, snr=40), 0, None)
