@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
+from typing import Any
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -50,12 +51,12 @@ autosummary_generate = True
 autosummary_imported_members = True
 autodoc_typehints = "none"  # the docstrings give shapes and units, the signature its types
 autodoc_typehints_format = "short"
-autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 autodoc_mock_imports = ["torch", "deepinv", "safetensors"]
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
@@ -100,3 +101,10 @@ html_theme_options = {
     "pygments_dark_style": "github-dark",
 }
 html_sidebars = {"index": [], "start": [], "changes": [], "leaderboard": []}
+
+
+def setup(app: Any) -> None:
+    """Show what is typed into a shell as such; Pygments takes lines without a prompt for output."""
+    from pygments.lexers import BashLexer
+
+    app.add_lexer("console", BashLexer)

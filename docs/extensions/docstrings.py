@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from sphinx.util.nodes import make_refnode
+
 ENDS_WITHIN_A_WORD = re.compile(r"(``[^`\n]+``|(?<!`)`[^`\n]+`)(?=\w)")
 
 
@@ -17,7 +19,20 @@ def mark_ends(app: Any, what: str, name: str, item: Any, options: Any, lines: li
     lines[:] = [ENDS_WITHIN_A_WORD.sub(r"\1\\ ", line) for line in lines]
 
 
+def by_last_name(app: Any, env: Any, node: Any, content: Any) -> Any:
+    """Resolve a name of the package that is given without its module, if there is one such."""
+    if node.get("refdomain") != "py":
+        return None
+    domain, target = env.get_domain("py"), f".{node['reftarget']}"
+    found = [name for name in domain.objects if name.endswith(target)]
+    if len(found) != 1:
+        return None
+    place = domain.objects[found[0]]
+    return make_refnode(app.builder, node["refdoc"], place.docname, place.node_id, content)
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.connect("autodoc-process-docstring", mark_ends)
+    app.connect("missing-reference", by_last_name)
     return {"parallel_read_safe": True}
