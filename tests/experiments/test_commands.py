@@ -15,7 +15,7 @@ from experiments.page import Page, command_of
 ROOT = Path(__file__).parents[2]
 RUNNABLE = 'if __name__ == "__main__":'
 WRITTEN_BY = ("*.py", "*.md", "*.toml", "Makefile")
-NOT_OURS = {".venv", "out", ".git", "build"}
+NOT_OURS = {".venv", "out", ".git", "build", "repository", "gallery"}  # two made for pages
 
 
 def files():
