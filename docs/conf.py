@@ -65,7 +65,7 @@ sphinx_gallery_conf = {
     "subsection_order": [
         f"../examples/{name}" for name in ("light", "reconstruction", "scenes", "evaluation")
     ],
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "gallery_look.Order",
     "reset_modules": ("gallery_look.reset",),
     "reference_url": {"periscopy_sim": None},
     "doc_module": ("periscopy_sim",),
@@ -74,12 +74,13 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "only_warn_on_example_error": False,
     "remove_config_comments": True,
+    "capture_repr": ("_repr_html_",),
     "show_memory": False,
     "show_signature": False,
     "download_all_examples": False,
     "write_computation_times": False,
     "image_srcset": ["2x"],
-    "thumbnail_size": (480, 336),
+    "thumbnail_size": (560, 280),
 }
 
 html_theme = "pydata_sphinx_theme"

@@ -56,7 +56,7 @@ for ax, title, light in zip(
     ax.set_title(title)
 for ax in axes:
     ax.set_axis_off()
-figure.colorbar(shown, ax=axes, shrink=0.7, label="% of the mean", aspect=15)
+figure.colorbar(shown, ax=axes, shrink=0.95, label="% of the mean", aspect=15)
 
 ratio = np.sqrt(np.mean((shadow_rays - mean) ** 2)) / (noise / np.sqrt(2))
 print(f"rays and path tracing differ by {ratio:.2f} times what noise would make")

@@ -11,12 +11,12 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (15, 18)
+hidden = (10, 12)
 truly = {"occluder_dx": 0.004}
-there = ps.load_scenario("chair", hidden, {"resolution": 63, **truly})
+there = ps.load_scenario("chair", hidden, {"resolution": 48, **truly})
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(there, truth, samples=2304, bounces=1)
-lamp = ps.point_light_backgrounds(there, np.array([[-1.2, 1.9, 0.4]])).reshape(63, 63, 1)
+signal = ps.render_photograph(there, truth, samples=4096, bounces=1)
+lamp = ps.point_light_backgrounds(there, np.array([[-1.2, 1.9, 0.4]])).reshape(48, 48, 1)
 photograph = ps.add_noise(ps.composite(signal, lamp + 0 * signal, sbr=3), snr=60, seed=0)
 
 # %%
@@ -28,7 +28,7 @@ found = ps.calibrate(
     "chair",
     hidden,
     {"occluder_dx": 0.005},
-    parameters={"resolution": 63},
+    parameters={"resolution": 48},
 )
 for parameter in found.parameters:
     name = parameter.name
@@ -43,7 +43,7 @@ for parameter in found.parameters:
 
 
 def reconstructed(parameters):
-    scene = ps.load_scenario("chair", hidden, {"resolution": 63, **parameters})
+    scene = ps.load_scenario("chair", hidden, {"resolution": 48, **parameters})
     A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
     method = ps.NoiseAware.for_scene(scene, A, B)
     solution = method.solve(photograph)
