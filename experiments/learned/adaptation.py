@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 import torch
@@ -18,7 +17,9 @@ from numpy.typing import NDArray
 from torch.nn.utils import clip_grad_norm_
 
 import periscopy_sim as ps
+from experiments.learned.conditions import lamps
 from experiments.learned.samples import HIDDEN, Samples, solved, told_values
+from experiments.learned.train import BATCH, Geometry, loss_of
 from periscopy_sim.reconstruction.learned.weights import (
     Weights,
     read_weights,
@@ -35,8 +36,8 @@ STEPS = 150
 RATE = 2e-4
 
 
-def adapt(told: Scenario, scene: str, images: Sequence[Array], seed: int) -> Path:
-    """Return a file of the unrolled network's weights, adapted to a told scene.
+def adapt(told: Scenario, scene: str, images: Sequence[Array], file: Path, seed: int) -> None:
+    """Write the unrolled network's weights, adapted to a told scene.
 
     Parameters
     ----------
@@ -46,11 +47,11 @@ def adapt(told: Scenario, scene: str, images: Sequence[Array], seed: int) -> Pat
         The shipped scene that it is of.
     images
         Hidden images to learn from, (R, C, 3).
+    file
+        Of the weights.
     seed
         Of all draws.
     """
-    from experiments.learned.train import BATCH, Geometry, loss_of
-
     samples = samples_about(told, scene, images, seed)
     geometry = Geometry(samples, right=False)
     weights = read_weights(shipped("unrolled"))
@@ -67,17 +68,13 @@ def adapt(told: Scenario, scene: str, images: Sequence[Array], seed: int) -> Pat
         clip_grad_norm_(network.parameters(), 1.0)
         optimizer.step()
         schedule.step()
-    file = Path(mkdtemp()) / "adapted.safetensors"
     provenance = {**weights.provenance, "adapted_to": scene, "adaptation_seed": seed}
     adapted = Weights("unrolled", network.state_dict(), HIDDEN, weights.settings, provenance)
     write_weights(adapted, file)
-    return file
 
 
 def samples_about(told: Scenario, scene: str, images: Sequence[Array], seed: int) -> Samples:
     """Return photographs of scenes about a told one, as the network sees them in it."""
-    from experiments.learned.conditions import lamps
-
     rng = np.random.default_rng([seed, 0])
     values = {name: float(value) for name, value in told.parameters.items()}
     photographs, hidden, scales = [], [], []

@@ -52,34 +52,31 @@ def main(
     setting = Setting(out, real)
     setting.rendered.mkdir(exist_ok=True)
     images = [] if samples is None else training_images(samples)
-    table, shown = out / "failures.csv", dict[str, dict[str, Array]]()
+    table = out / "failures.csv"
     rows = read_rows(table)
     done = {row["condition"] for row in rows}
     for condition in CONDITIONS:
         if condition.name not in done:
-            rows += tried(condition, setting, images, shown)
+            rows += tried(condition, setting, images, out)
             write_rows(table, rows)
             print(line_of(condition.name, rows), flush=True)
     if real is not None and "real photograph" not in done:
-        rows += compared("real photograph", of_real(setting), shown, images)
+        rows += compared("real photograph", of_real(setting), out, images)
         write_rows(table, rows)
         print(line_of("real photograph", rows), flush=True)
     draw_gains(rows, out / "gains.png")
-    if shown:
-        draw_images(shown, out / "images.png")
+    draw_images(read_images(out, rows), out / "images.png")
     print(f"wrote {table}, {out / 'gains.png'}")
 
 
-def tried(
-    condition: Condition, setting: Setting, images: list[Array], shown: dict[str, dict[str, Array]]
-) -> list[Row]:
+def tried(condition: Condition, setting: Setting, images: list[Array], out: Path) -> list[Row]:
     """Return the rows of a condition, a photograph and method each."""
     geometries = GEOMETRIES if condition.scene == "chair" else 1
     rows: list[Row] = []
     for number in range(geometries):
         made = trial(condition, number, setting)
         adapting = images if condition.name in ADAPTED_IN and number == 0 else []
-        rows += compared(condition.name, made, shown, adapting, condition.scene, number)
+        rows += compared(condition.name, made, out, adapting, condition.scene, number)
     return rows
 
 
@@ -92,19 +89,23 @@ def of_real(setting: Setting) -> Trial:
 def compared(
     name: str,
     made: Trial,
-    shown: dict[str, dict[str, Array]],
+    out: Path,
     images: list[Array],
     scene: str = "chair",
     number: int = 0,
 ) -> list[Row]:
-    """Return the rows of a geometry; `images` to adapt by, none for no adaptation."""
+    """Return the rows of a geometry; `images` to adapt by, none for no adaptation.
+
+    Images of the first photograph are written, to be drawn.
+    """
     A, B = ps.render_transport(made.scenario), ps.point_light_backgrounds(made.scenario)
     methods: dict[str, Any] = {each: METHODS[each](made.scenario, A, B)
                                for each in (NOISE_AWARE, *NAMES)}  # fmt: skip
     if images:
         from experiments.learned.adaptation import adapt  # it needs PyTorch
 
-        weights = adapt(made.scenario, scene, images, seed=number)
+        weights = out / f"{name}.safetensors"
+        adapt(made.scenario, scene, images, weights, seed=number)
         methods[ADAPTED] = ps.Learned.for_scene(made.scenario, A, B, weights=weights)
     rows = []
     for image, photograph in made.photographs.items():
@@ -114,10 +115,9 @@ def compared(
             psnr = ps.registered(result, truth).psnr
             rows.append({"condition": name, "geometry": number, "image": image, "method": each,
                          "psnr": ps.psnr(result, truth), "registered": psnr})  # fmt: skip
-        if name not in shown:
-            shown[name] = {"truth": truth} | {
-                each: ps.gain_matched(result, truth) for each, result in found.items()
-            }
+        if number == 0 and image == next(iter(made.photographs)):
+            drawn_images = {each: ps.gain_matched(result, truth) for each, result in found.items()}
+            np.savez(out / f"{name}.npz", truth=truth, **drawn_images)
     return rows
 
 
@@ -166,6 +166,15 @@ def read_rows(table: Path) -> list[Row]:
             {name: numbers.get(name, str)(value) for name, value in row.items()}
             for row in csv.DictReader(opened)
         ]
+
+
+def read_images(out: Path, rows: list[Row]) -> dict[str, dict[str, Array]]:
+    """Return images of a photograph of each condition, by method."""
+    shown = {}
+    for condition in dict.fromkeys(row["condition"] for row in rows):
+        with np.load(out / f"{condition}.npz") as held:
+            shown[condition] = dict(held)
+    return shown
 
 
 def write_rows(table: Path, rows: list[Row]) -> None:

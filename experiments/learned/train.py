@@ -30,7 +30,7 @@ from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.samples import HIDDEN, Samples
 from periscopy_sim.reconstruction.learned.plug_and_play import (
     PlugAndPlay,
-    coloured_noise,
+    inverse_root,
     level_map,
 )
 from periscopy_sim.reconstruction.learned.proximal_step import Problems
@@ -92,14 +92,16 @@ def loss_of(image: torch.Tensor, truth: torch.Tensor, right: bool) -> torch.Tens
 
 
 def denoising_loss(
-    unet: torch.nn.Module, truth: torch.Tensor, K: torch.Tensor, rng: np.random.Generator
+    unet: torch.nn.Module, truth: torch.Tensor, root: torch.Tensor, rng: np.random.Generator
 ) -> torch.Tensor:
-    """Return the loss of a denoiser of images, (K, 3, R, C), with noise of any level."""
+    """Return the loss of a denoiser of images, (K, 3, R, C), with noise of any level.
+
+    White noise times `root` is the noise of the turns, see `plug_and_play`.
+    """
     least, most = LEVELS
     σ = least * (most / least) ** rng.random((len(truth), 1, 1), dtype=np.float32)
-    white = rng.standard_normal((len(truth), 3, len(K)), dtype=np.float32)
-    noise = coloured_noise(HIDDEN, torch.from_numpy(σ * white), K)
-    noisy = truth + noise
+    white = rng.standard_normal((len(truth), 3, len(root)), dtype=np.float32)
+    noisy = truth + (torch.from_numpy(σ * white) @ root).reshape(truth.shape)
     return error(unet(noisy, level_map(torch.from_numpy(σ), noisy)), truth).mean()
 
 
@@ -203,7 +205,7 @@ def main(
     known = {kind: [g for g in validate if g.right is kind] for kind in (True, False)}
     starts = {kind: validation(None, known[kind]) for kind in known}
     print(f"noise-aware: {starts[True]:.2f} dB, told scenes {starts[False]:.2f} dB", flush=True)
-    K = torch.from_numpy(laplacian(HIDDEN).astype(np.float32))
+    root = inverse_root(torch.from_numpy(laplacian(HIDDEN).astype(np.float32)))
     losses: list[float] = []
     began = time.perf_counter() - curves.seconds
     for step in range(first, steps):
@@ -213,7 +215,7 @@ def main(
         chosen = torch.from_numpy(rng.choice(len(geometry.truth), BATCH, replace=False))
         problems, truth = geometry.problems(chosen, torch.from_numpy(rng.permutation(3)))
         if isinstance(learner, PlugAndPlay):
-            loss = denoising_loss(learner.unet, truth, K, rng)
+            loss = denoising_loss(learner.unet, truth, root, rng)
         else:
             loss = loss_of(learner(problems), truth, geometry.right)
         optimizer.zero_grad()

@@ -8,7 +8,7 @@ reconstruction", GlobalSIP 2013. The levels σ_k fall evenly in their logarithm 
 al., "Plug-and-play image restoration with deep denoiser prior", IEEE TPAMI 2022: from `widest` to
 `last` times the patches' mean standard error. v_0 is the noise-aware image. The penalty is in the
 norm of K, so that D is to remove Gaussian noise of covariance σ² K⁻¹, not white noise
-(`coloured_noise`): it is the MAP estimate's own splitting.
+(`inverse_root`): it is the MAP estimate's own splitting.
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ def level_map(σ: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
     return log_level(σ)[..., None].expand(-1, 1, *images.shape[2:])
 
 
-def coloured_noise(shape: tuple[int, int], white: torch.Tensor, K: torch.Tensor) -> torch.Tensor:
-    """Return noise of covariance K⁻¹, (k, 3, R, C), from white noise, (k, 3, N)."""
+def inverse_root(K: torch.Tensor) -> torch.Tensor:
+    """Return K^(-1/2), (N, N): times it, white noise, (..., N), has the covariance K⁻¹."""
     values, vectors = torch.linalg.eigh(K)
-    root = (vectors * values.rsqrt()) @ vectors.T
-    return (white @ root).reshape(*white.shape[:2], *shape)
+    return (vectors * values.rsqrt()) @ vectors.T

@@ -13,6 +13,7 @@ pytestmark = pytest.mark.torch
 
 from experiments.learned import train  # noqa: E402
 from experiments.learned.samples import Samples  # noqa: E402
+from periscopy_sim.reconstruction.learned.plug_and_play import inverse_root  # noqa: E402
 from periscopy_sim.reconstruction.learned.weights import read_weights  # noqa: E402
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import (  # noqa: E402
     SpectralBasis,
@@ -124,7 +125,8 @@ def test_denoiser_that_knows_the_truth_has_the_least_loss():
     K = torch.tensor(laplacian(SHAPE), dtype=torch.float32)
 
     def loss(denoiser):
-        return float(train.denoising_loss(denoiser, truth, K, np.random.default_rng(0)))
+        root = inverse_root(K)
+        return float(train.denoising_loss(denoiser, truth, root, np.random.default_rng(0)))
 
     assert loss(lambda *_: truth) == pytest.approx(10 * np.log10(train.GOOD), abs=1e-3)
     assert loss(lambda noisy, _: noisy) > loss(lambda *_: truth) + 3

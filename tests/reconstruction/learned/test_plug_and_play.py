@@ -10,7 +10,7 @@ pytestmark = pytest.mark.torch
 
 from periscopy_sim.reconstruction.learned.plug_and_play import (  # noqa: E402
     PlugAndPlay,
-    coloured_noise,
+    inverse_root,
 )
 from periscopy_sim.reconstruction.learned.unet import (  # noqa: E402
     PostProcessing,
@@ -52,7 +52,7 @@ def test_networks_have_about_a_hundred_thousand_weights():
 def test_noise_of_the_denoiser_has_the_inverse_of_the_penalty_for_its_covariance():
     K = torch.tensor(laplacian((3, 4)), dtype=torch.float32)
     white = torch.randn(40_000, 3, 12, generator=torch.Generator().manual_seed(0))
-    noise = coloured_noise((3, 4), white, K).reshape(-1, 12)
+    noise = (white @ inverse_root(K)).reshape(-1, 12)
     covariance = (noise.T @ noise / len(noise)).numpy()
     # 120,000 draws: an entry is known to about 0.4 % of the variances; six of these.
     assert covariance == pytest.approx(np.linalg.inv(K.numpy()), abs=0.025)
