@@ -224,8 +224,8 @@ def draw_images(shown: dict[str, dict[str, Array]], file: Path) -> None:
                     ax.imshow(displayable(images[name]), interpolation="nearest")
                 if ax is row[0]:
                     ax.set_ylabel(condition, fontsize=5)
-                if row is axes[0]:
-                    ax.set_title(name)
+        for ax, name in zip(axes[0], names, strict=True):
+            ax.set_title(name, fontsize=6)
 
 
 if __name__ == "__main__":
