@@ -127,22 +127,23 @@ def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> N
 
     The shapes are (K, M), (K, r) and (r, M), of one type, the vectors C-contiguous.
     """
+    chunks = -(-rows.shape[1] // CHUNK)
 
     def subtract(part: tuple[int, int]) -> None:
         _subtract(vectors, coefficients, rows, *part)
 
-    if len(vectors) == VECTORS:
-        subtract((0, VECTORS))
+    if rows.size < SMALL:
+        subtract((0, chunks))
     else:
-        in_parallel(subtract, ranges(len(vectors)))
+        in_parallel(subtract, ranges(chunks))
 
 
 @compiled_reordered
 def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop: int) -> None:
     columns = vectors.shape[1]
-    for first in range(0, columns, 1024):
-        last = min(first + 1024, columns)
-        for k in range(start, stop):
+    for chunk in range(start, stop):
+        first, last = CHUNK * chunk, min(CHUNK * (chunk + 1), columns)
+        for k in range(len(vectors)):
             v = vectors[k, first:last]
             whole = len(rows) // 4 * 4
             for r in range(0, whole, 4):

@@ -7,6 +7,8 @@ images look like. It sees no pixel of the photograph, the coefficients alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,7 +96,7 @@ class Learned(NoiseAware):
             errors=batch(problem.errors)[None],
             start=batch(problem.start),
         )
-        with torch.inference_mode():
+        with torch.inference_mode(), _one_thread():
             image = self._network(problems)[0].numpy().astype(np.float64)
         if self.positive:
             image = np.maximum(image, 0)
@@ -108,3 +110,20 @@ class Learned(NoiseAware):
 
     def standard_errors(self, found: NoiseAwareReconstruction) -> None:  # type: ignore[override]
         """Return nothing: what a network adds has no known standard error."""
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let PyTorch compute in this thread alone.
+
+    So small a network gains nothing from more, which then spin for milliseconds on the cores that
+    the next photograph needs: stills took twice as long.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

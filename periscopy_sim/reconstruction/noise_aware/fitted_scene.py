@@ -222,8 +222,12 @@ class FittedScene(AmbientMethod[np.float64]):
         """Return how much ambient light beyond range(B) the y of an evidence shows, if any."""
         if self._ambient_prior is None:
             return None
-        coordinates = evidence.coefficients[:, self._seen] / np.sqrt(self._curvatures)
-        return self._ambient_prior.estimate(y, coordinates, evidence.noise, means / evidence.level)
+        seen = y, self._coordinates(evidence), evidence.noise
+        return self._ambient_prior.estimate(*seen, means / evidence.level)
+
+    def _coordinates(self, evidence: Evidence) -> Array:
+        """Return the coordinates along the A⊥ W_k/√λ_k of the y of an evidence, (3, N')."""
+        return np.asarray(evidence.coefficients[:, self._seen] / np.sqrt(self._curvatures))
 
     def _light_of(self, image: Image) -> Array:
         """Return A⊥ f, (3, M'), of an image, (R, C, 3)."""

@@ -348,7 +348,7 @@ class NoiseAware(FittedScene):
         tried = min(FIRST, self.max_iterations // 2)
         first, split = self.recover(evidence, self._schedule(tried))
         image = first.image.reshape(-1, 3).T / evidence.level
-        gain = wall_gain.estimate(y, evidence.noise, image)
+        gain = wall_gain.estimate(y, self._coordinates(evidence), evidence.noise, image)
         if gain.accepted:
             evidence, y = self._without(evidence, y, gain.added * evidence.level)
         rest = self._schedule(self.max_iterations - first.iterations)

@@ -209,19 +209,17 @@ class AmbientPrior:
         # Over φ σ², of κ = 1.
         unit = np.outer((ambient / σ) ** 2 / φ, y.shape[1] / np.maximum(self._sizes, 1))
 
-        def variances(strengths: list[float]) -> Array:
-            return np.repeat(unit * np.square(strengths), self._sizes, axis=1)
-
-        strengths = [STRENGTHS[-1]] * len(self._sizes)
+        strengths, likelihood = np.full(len(self._sizes), STRENGTHS[-1]), -np.inf
         for group in range(len(strengths)):
-            tried = [[*strengths[:group], κ, *strengths[group + 1 :]] for κ in STRENGTHS]
-            strengths = max(tried, key=lambda each: terms.evidence(variances(each), φ))
-        v = variances(strengths)
-        if not terms.evidence(v, φ) > DECISIVE:
+            tried = np.tile(strengths, (len(STRENGTHS), 1))
+            tried[:, group] = STRENGTHS
+            variances = np.repeat(unit * tried[:, None] ** 2, self._sizes, axis=2)
+            likelihoods = terms.evidence(variances, φ)
+            best = int(np.argmax(likelihoods))
+            strengths, likelihood, v = tried[best], likelihoods[best], variances[best]
+        if not likelihood > DECISIVE:
             return None
-        return AmbientEstimate(
-            np.zeros_like(v), self._rows, np.array(strengths), φ * σ[:, None] ** 2 * v, φ
-        )
+        return AmbientEstimate(np.zeros_like(v), self._rows, strengths, φ * σ[:, None] ** 2 * v, φ)
 
     def response(self, transport: Image, found: AmbientEstimate, noise: Array) -> Array:
         """Return A⊥ᵀ D L, (3 r, 3, N), L Lᵀ the covariance of each channel's e in turn.
@@ -255,20 +253,18 @@ class _Terms:
         solved = np.linalg.solve(self._H, self._q[..., None])[..., 0]
         return float(np.sum(self._q * solved) / self._q.size)
 
-    def evidence(self, v: Array, φ: float) -> float:
-        """Return the log likelihood of prior variances, (3, r) over φ σ², but for a constant."""
-        whole = 0.0
-        for C, half in self._factors(v):
-            whole += 0.5 * float(half @ half) / φ - float(np.sum(np.log(np.diag(C))))
-        return whole
+    def evidence(self, v: Array, φ: float) -> Array:
+        """Return the log likelihood of prior variances, (..., 3, r) over φ σ², but for a constant.
 
-    def _factors(self, v: Array) -> list[tuple[Array, Array]]:
-        """Return C of C Cᵀ = I + √v H √v, and C⁻¹ √v q, of each channel."""
-        found = []
-        for H, q, roots in zip(self._H, self._q, np.sqrt(v), strict=True):
-            C = np.linalg.cholesky(np.eye(len(q)) + roots[:, None] * H * roots)
-            found.append((C, linalg.solve_triangular(C, roots * q, lower=True)))
-        return found
+        It is ½ qᵀ√v (I + √v H √v)⁻¹ √v q/φ − ½ log |I + √v H √v|.
+        """
+        roots = np.sqrt(v)
+        C = np.linalg.cholesky(
+            np.eye(v.shape[-1]) + roots[..., None] * self._H * roots[..., None, :]
+        )
+        half = np.linalg.solve(C, (roots * self._q)[..., None])[..., 0]
+        logarithms = np.log(np.diagonal(C, axis1=-2, axis2=-1))
+        return np.asarray(np.sum(0.5 * half**2 / φ - logarithms, axis=(-2, -1)))
 
 
 def _definite(H: Array) -> Array:

@@ -122,38 +122,40 @@ class WallGain:
         kinds = [compared] if whole is None else [compared, whole]
         self._compared = [self._unexplained(each, self._ambient) for each in kinds]
 
-    def estimate(self, y: Array, noise: Array, image: Image) -> GainEstimate:
+    def estimate(self, y: Array, coordinates: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
 
-        y, (3, M'), has range(B) projected out and is near 1 in size; its noise has standard
-        deviation σ, (3,). The image is the first one, f₀, (3, N), in units of y over those of A.
+        y, (3, M'), has range(B) projected out and is near 1 in size; its coordinates along the
+        A⊥ W_k/√λ_k are (3, N'), its noise has standard deviation σ, (3,). The image is the first
+        one, f₀, (3, N), in units of y over those of A.
         """
-        count = len(self._terms)
-        signal = combine_rows(image.astype(np.float32), self._transport)
-        light = np.concatenate([self._used_terms[:, None] * signal, y[None]]) / noise[:, None]
-        vectors = self._without_background(light.reshape(-1, y.shape[1]).astype(np.float32))
-        terms, rest = vectors[:-3], vectors[-3:]
-        coordinates = self._coordinates(vectors)
-        images = (coordinates * self._scales) @ self._basis
+        count, σ = len(self._terms), noise[:, None]
+        explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
+        both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
+        signal, explained = combine_rows(both, self._transport).reshape(2, 3, -1) / σ
+        light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
+        terms = self._without_background(light.astype(np.float32))
+        shown = self._coordinates(terms)
         whole = products(terms)
-        H = whole - products(coordinates[:-3]) - products(times_rows(terms, self._ambient))
+        H = whole - products(shown) - products(times_rows(terms, self._ambient))
         # From what is left of y, not as a difference of sums of squares: single precision suffices.
-        r = self._unexplained_light(rest, images[-3:])
+        r = self._unexplained_light(y / σ, explained)
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
         compared = max((times_rows(r, each) for each in self._compared), key=_mean_square)
         c, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
             c = np.asarray(np.linalg.solve(H, q), np.float64)
-            errors = self._errors_of_transport(r, images[:-3], image / noise[:, None])
+            images = (shown * self._scales) @ self._basis
+            errors = self._errors_of_transport(r, images, image / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
-            least = 2 * optimize.lsq_linear(*white, bounds=(0, 1)).cost
+            least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
             ratio = (least / count) / (_mean_square(compared) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (c @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
-        added = np.tensordot(c, terms.reshape(count, 3, -1), 1) * noise[:, None]
+        added = np.tensordot(c, terms.reshape(count, 3, -1), 1) * σ
         return GainEstimate(
             coefficients=c,
             probability=probability,
@@ -162,9 +164,9 @@ class WallGain:
             added=added,
         )
 
-    def _unexplained_light(self, y: Image, images: Image) -> Array:
-        """Return r, what hidden images and smooth ambient light leave of y, (3, M')."""
-        r = y - self._without_background(combine_rows(images, self._transport))
+    def _unexplained_light(self, y: Array, light: Array) -> Array:
+        """Return r, what the hidden images' light and smooth ambient light leave of y, (3, M')."""
+        r = (y - self._without_background(light)).astype(np.float32)
         return np.asarray(rejected(r, self._ambient), np.float64)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
