@@ -23,6 +23,7 @@ from periscopy_sim.cli import (
     analyze,
     dataset,
     demo,
+    design,
     doctor,
     photograph,
     reconstruct,
@@ -67,6 +68,7 @@ app.command("prepare")(prepare.prepare)
 app.command("ambient")(ambient.ambient)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("analyze")(analyze.analyze)
+app.command("design")(design.design)
 app.command("calibrate")(calibrate.calibrate)
 app.command("sweep")(sweep.sweep)
 app.command("video")(video.video)

@@ -1,0 +1,1 @@
+"""Which scene tells the hidden image best: the merit of scenes over their parameters."""
