@@ -1,0 +1,139 @@
+"""One occluder on trial: its bound, and its images from photographs that were rendered apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import periscopy_sim as ps
+from experiments.design.masks import Candidate, silhouette, write_scene
+from periscopy_sim.evaluation.design.conditions import Conditions
+from periscopy_sim.evaluation.design.merit import Assessment, assessment_of
+from periscopy_sim.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+SEED = 18
+"""Of the rendered light and the noise."""
+
+RAYS = 36, 4
+"""To places of a patch, from places of a pixel."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Sizes, light and noise of a trial: what all occluders have in common.
+
+    Attributes
+    ----------
+    hidden
+        (R, C) of the hidden image.
+    resolution
+        Pixels along each side of the photograph.
+    images, places
+        Names of shipped images that the monitor shows, the first of which is drawn, and of shipped
+        places whose ambient light falls on the wall.
+    conditions
+        The SNR and the SBR of each photograph.
+    bounces
+        Most reflections of the monitor's light in photographs; None of any number.
+    """
+
+    hidden: tuple[int, int] = (15, 18)
+    resolution: int = 63
+    images: Sequence[str] = ("mushroom", "letters", "still_life", "digits", "bars")
+    places: Sequence[str] = ("overcast", "window_left")
+    conditions: Conditions = Conditions()  # noqa: RUF009 (it is frozen)
+    bounces: int | None = None
+
+    def load(self, scene: str | Path) -> Scenario:
+        """Return the scenario of a scene."""
+        return ps.load_scenario(scene, self.hidden, {"resolution": self.resolution})
+
+    def assessment(self) -> Assessment:
+        """Return the way to assess occluders beside the shipped plate."""
+        scenario = self.load("plate")
+        A, B = modelled(scenario), ps.point_light_backgrounds(scenario)
+        return assessment_of(scenario, A, B, self.conditions, self.shown(), SEED)[0]
+
+    def shown(self) -> dict[str, Array]:
+        """Return the images, (R, C, 3), by name."""
+        return {n: ps.read_hidden_image(ps.find_image(n), self.hidden) for n in self.images}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a trial found.
+
+    `bound`, `told` and `time` are those of a `Merit`; `errors`, (methods, images, places), mean
+    squared errors of the reconstructions, gain-matched; `image`, (R, C, 3), the first image by the
+    noise-aware method at the first place; `outline` the silhouette.
+    """
+
+    kind: str
+    name: str
+    bound: float
+    told: float
+    time: float
+    errors: Array
+    image: Array
+    outline: NDArray[np.bool_]
+
+
+METHODS = ("noise-aware", "preconditioned")
+"""Those that reconstruct, the first the package's default, the second the paper's."""
+
+
+def carried_out(
+    candidate: Candidate,
+    stage: Stage,
+    assessment: Assessment,
+    ambient: Mapping[str, Array],
+    folder: Path,
+) -> Outcome:
+    """Assess an occluder, photograph the images behind it, and recover them.
+
+    The photographs' light is traced anew, by random rays, with what bounces: not by the matrix that
+    the methods are given.
+    """
+    scenario = stage.load(write_scene(candidate, folder))
+    A, B = modelled(scenario), ps.point_light_backgrounds(scenario)
+    merit = assessment.merit(scenario, A, B)
+    light = ps.render_transport(
+        scenario, samples=RAYS[0], pixel_samples=RAYS[1], bounces=stage.bounces, seed=SEED
+    )
+    methods = (
+        ps.NoiseAware.for_scene(scenario, A, B),
+        ps.Periscope.for_scene(scenario, A, B),
+    )
+    truths = stage.shown()
+    errors = np.empty((len(methods), len(truths), len(ambient)))
+    drawn = None
+    for i, truth in enumerate(truths.values()):
+        signal = np.asarray(light @ truth.reshape(-1, 3)) * scenario.channel_gain
+        signal = signal.reshape(*scenario.photograph_shape, 3)
+        for j, background in enumerate(ambient.values()):
+            exposed = ps.composite(signal, background, stage.conditions.sbr)
+            # Of one seed for all occluders.
+            y = ps.add_noise(exposed, stage.conditions.snr, SEED + 100 * i + j)
+            for k, method in enumerate(methods):
+                image = method.reconstruct(y)
+                errors[k, i, j] = ps.mean_squared_error(image, truth)
+                drawn = ps.gain_matched(image, truth) if drawn is None else drawn
+    assert drawn is not None and merit.told_error is not None and merit.exposure_time is not None
+    outline, _ = silhouette(candidate.mesh, scenario)
+    return Outcome(
+        candidate.kind, candidate.name, merit.bound, merit.told_error, merit.exposure_time, errors,
+        drawn, outline[::4, ::4],
+    )  # fmt: skip
+
+
+def modelled(scenario: Scenario) -> NDArray[np.float32]:
+    """Return A without noise of its own, which the bound would take for information."""
+    return ps.render_transport(
+        scenario, samples=RAYS[0], pixel_samples=RAYS[1], strata="gauss", seed=SEED
+    )
