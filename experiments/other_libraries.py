@@ -199,7 +199,7 @@ def main(
         keep(name, lambda solver=solver, weight=weight: solver(weight), weight=weight)
     draw(given.truth, images, numbers, out)
     with staged_file(out / "other_libraries.json") as file:
-        file.write_text(json.dumps(numbers, indent=1) + "\n")
+        file.write_text(json.dumps(numbers, indent=1) + "\n", "utf-8")
     print(f"wrote {out / 'other_libraries.png'}, {out / 'other_libraries.json'}")
 
 

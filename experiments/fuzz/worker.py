@@ -128,7 +128,7 @@ def _origin(error: BaseException) -> str:
 
 def status(entry: str) -> int:
     """Read an entry of this process's memory in bytes."""
-    with Path("/proc/self/status").open() as lines:
+    with Path("/proc/self/status").open(encoding="ascii") as lines:
         return next(int(line.split()[1]) << 10 for line in lines if line.startswith(f"{entry}:"))
 
 
@@ -145,7 +145,7 @@ def open_files() -> int:
 
 def reset_peak() -> int:
     """Start the measurement of the largest resident size anew, and give the size now."""
-    Path("/proc/self/clear_refs").write_text("5")
+    Path("/proc/self/clear_refs").write_text("5", "ascii")
     return status("VmRSS")
 
 

@@ -256,7 +256,7 @@ def main(
     file = out / f"{network}.safetensors"
     write_weights(weights, file)
     told_curves = {**asdict(curves), "noise_aware": starts[True], "noise_aware_told": starts[False]}
-    (out / f"{network}.json").write_text(json.dumps(told_curves))
+    (out / f"{network}.json").write_text(json.dumps(told_curves), "utf-8")
     draw(network, curves, starts, out / f"{network}.png")
     print(f"wrote {file} ({weights.digest[:12]}), {out / network}.png")
 

@@ -174,7 +174,7 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     trial = make_trial(ps.load_scenario(ps.find_scene("chair"), (height, width)))
     measured = []
-    with (out / "sparse_preconditioner.csv").open("w", newline="") as file:
+    with (out / "sparse_preconditioner.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, [field.name for field in fields(Row)])
         table.writeheader()
         for row in rows(trial):

@@ -216,7 +216,7 @@ def main(
             found[name] = CHECKS[name]()
             print(f"{name}: {(CHECKS[name].__doc__ or '').strip().splitlines()[0]}")
             failed += _show(found[name], 1)
-        file.write_text(json.dumps(found, indent=2) + "\n")
+        file.write_text(json.dumps(found, indent=2) + "\n", "utf-8")
     if failed:
         raise SystemExit(f"{failed} checks failed")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -63,7 +62,8 @@ def with_defaults(path: Path, values: Mapping[str, str], folder: Path, remark: s
     ]
     home, folder = path.parent.resolve(), folder.resolve()
     if home != folder and len(read_document(path, values).files) > 1:
-        place = os.fspath(home.relative_to(folder) if home.is_relative_to(folder) else home)
+        # Forward slashes, which all systems take: a scene may travel.
+        place = (home.relative_to(folder) if home.is_relative_to(folder) else home).as_posix()
         dollars_escaped = place.replace("$", "\\$")
         added.insert(0, f"<path value={quoteattr(dollars_escaped)}/>")
     if remark:

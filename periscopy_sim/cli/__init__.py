@@ -5,6 +5,7 @@ Exit codes: 0; 2 with one clear line for what a user can fix; 130 after Ctrl-C.
 
 from __future__ import annotations
 
+import _thread
 import io
 import os
 import signal
@@ -100,7 +101,7 @@ def main() -> None:
     except OSError as error:
         if error.errno not in OUT_OF_SPACE:
             raise
-        sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115  Python flushes it at its end
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115  Python flushes it at its end
         fail(f"cannot print: {error.strerror}; free some space", 2)
     except Exception as error:
         # What the option parser refuses: an unknown option, a missing argument.
@@ -138,9 +139,17 @@ def _interrupts_kept() -> Iterator[None]:
 def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:
     """Interrupt again where a callback from compiled code, such as numba's compiler, ignored it."""
     if issubclass(lost.exc_type, KeyboardInterrupt):
-        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        threading.Timer(0.2, _interrupt_again).start()
     else:
         otherwise(lost)
+
+
+def _interrupt_again() -> None:
+    """Send this process what Ctrl-C sends."""
+    if sys.platform == "win32":  # there `os.kill` would end it at once
+        _thread.interrupt_main()
+    else:
+        os.kill(os.getpid(), signal.SIGINT)
 
 
 def _one_line_warning(message: Warning | str, *_: Any, **__: Any) -> None:

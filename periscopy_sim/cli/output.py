@@ -196,4 +196,4 @@ def as_json(values: Mapping[str, Any]) -> str:
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """Write a JSON file; see `as_json`."""
-    path.write_text(as_json(values))
+    path.write_text(as_json(values), "utf-8")

@@ -76,7 +76,7 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
                          relative_error=held.relative_error)  # fmt: skip
                 told["bounced_sha256"] = _sha256(held.over_wall, held.of_patches)
                 record = {**record, "bounced_relative_error": held.relative_error}
-            staged_record.write_text(json.dumps({**record, **told}, indent=2) + "\n")
+            staged_record.write_text(json.dumps({**record, **told}, indent=2) + "\n", "utf-8")
 
         yield write
     if bounces == DIRECT:
@@ -130,7 +130,7 @@ def _checked_record(path: Path, scenario: Scenario) -> dict[str, Any]:
             raise PhotographError(f"{record_file}: is missing, and {bounced_of(path)} needs it")
         return {}
     try:
-        record: dict[str, Any] = json.loads(record_file.read_text())
+        record: dict[str, Any] = json.loads(record_file.read_text("utf-8"))
         held = {name: record[name] for name in ("scene_sha256", "parameters", "hidden_shape")}
     except (ValueError, KeyError, TypeError, OSError):
         raise PhotographError(f"{record_file}: is damaged; {AGAIN}") from None

@@ -41,7 +41,10 @@ def write_report(
         tables=[_table(outcomes)],
     )
     rows = [numbers_of(outcome) for outcome in outcomes]
-    with staged_file(out / "silhouettes.csv") as staged, staged.open("w", newline="") as file:
+    with (
+        staged_file(out / "silhouettes.csv") as staged,
+        staged.open("w", encoding="utf-8", newline="") as file,
+    ):
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
         table.writerows(rows)

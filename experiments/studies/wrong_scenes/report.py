@@ -53,7 +53,10 @@ def write_report(
         tables=[_summary(outcomes), _table(outcomes)],
     )
     rows = [numbers_of(outcome) for outcome in outcomes]
-    with staged_file(out / "wrong_scenes.csv") as staged, staged.open("w", newline="") as file:
+    with (
+        staged_file(out / "wrong_scenes.csv") as staged,
+        staged.open("w", encoding="utf-8", newline="") as file,
+    ):
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
         table.writerows(rows)

@@ -137,7 +137,9 @@ def subjects(folder: Path) -> dict[str, Subject]:
         for part in parts:
             shutil.copyfile(SCENES / part, staged / part)
         includes = "".join(f'\n    <include filename="{part}"/>' for part in parts)
-        (staged / "furnished.xml").write_text(f'<scene version="3.0.0">{includes}\n</scene>\n')
+        (staged / "furnished.xml").write_text(
+            f'<scene version="3.0.0">{includes}\n</scene>\n', "utf-8"
+        )
     known = (
         Subject("chair", chair, chair, (29, 36), "mushroom", "overcast"),
         Subject("plate", plate, plate, (29, 36), "still_life", "window_left"),

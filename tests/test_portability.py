@@ -1,0 +1,144 @@
+"""Nothing here is known to break on Windows or macOS, or by another locale than the author's."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("periscopy_sim", "experiments", "benchmarks", "scenes")
+SOURCES = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+
+# Modules and names that only POSIX has, or that mean something else elsewhere.
+POSIX_MODULES = {"fcntl", "termios", "pwd", "grp", "resource", "posix", "pty", "syslog"}
+POSIX_NAMES = {
+    "os": {"fork", "getuid", "geteuid", "getpgid", "killpg", "mkfifo", "setsid", "uname", "wait"},
+    "signal": {"SIGKILL", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGPIPE", "alarm", "pause"},
+}
+# What only Linux tells, by scripts that measure memory or are run on purpose.
+MEASURING = {
+    "experiments/fuzz",
+    "experiments/benchmarks/large.py",
+    "experiments/studies/dataset_kills.py",
+    "benchmarks/entry.py",
+}
+RESERVED = {"con", "prn", "aux", "nul", *(f"{n}{k}" for n in ("com", "lpt") for k in range(1, 10))}
+
+
+def place(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def unencoded(tree):
+    """Lines that read or write text in whichever encoding the machine has."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        called = node.func
+        name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+        owner = getattr(getattr(called, "value", None), "id", "")
+        told = any(keyword.arg == "encoding" for keyword in node.keywords)
+        constants = [arg.value for arg in node.args if isinstance(arg, ast.Constant)]
+        if name == "read_text" and not (told or node.args):
+            yield node.lineno
+        if name == "write_text" and not told and len(node.args) < 2:
+            yield node.lineno
+        if name == "open" and owner not in ("Image", "os", "zarr", "archive", "webbrowser"):
+            mode = [c for c in constants if isinstance(c, str) and set(c) <= set("rwaxbt+")]
+            mode += [k.value.value for k in node.keywords if k.arg == "mode"]
+            is_binary = any("b" in each for each in mode)
+            if not (told or is_binary):
+                yield node.lineno
+
+
+def posix_only(tree):
+    """Names that another system has not, but where a branch asks for the system first."""
+    asked = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If | ast.IfExp)
+        and ("platform" in ast.unparse(node.test) or "hasattr" in ast.unparse(node.test))
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if id(node) in asked:
+            continue
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            modules = [alias.name for alias in node.names]
+            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            yield from (f"{node.lineno}: {name}" for name in modules if name in POSIX_MODULES)
+        if isinstance(node, ast.Attribute):
+            owner = getattr(node.value, "id", "")
+            if node.attr in POSIX_NAMES.get(owner, ()):
+                yield f"{node.lineno}: {owner}.{node.attr}"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=place)
+def test_text_is_read_and_written_in_a_named_encoding(path):
+    found = list(unencoded(ast.parse(path.read_text("utf-8"))))
+    assert not found, f"{place(path)}: lines {found} leave the encoding to the machine"
+
+
+def test_nothing_of_posix_alone_is_used_where_the_system_is_not_asked():
+    found = {
+        place(path): names
+        for path in SOURCES
+        if not any(place(path).startswith(each) for each in MEASURING)
+        and (names := list(posix_only(ast.parse(path.read_text("utf-8")))))
+    }
+    assert not found
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "path.read_text()",
+        "path.write_text('é')",
+        "open('file', 'w')",
+        "path.open()",
+        "path.open('a', newline='')",
+    ],
+)
+def test_an_encoding_left_open_is_noticed(source):
+    assert list(unencoded(ast.parse(source))) == [1]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "path.read_text('utf-8')",
+        "path.write_text('é', encoding='utf-8')",
+        "open('file', 'rb')",
+        "path.open(mode='wb')",
+        "Image.open(path)",
+        "path.open('w', encoding='utf-8')",
+    ],
+)
+def test_a_named_encoding_passes(source):
+    assert not list(unencoded(ast.parse(source)))
+
+
+def test_what_posix_alone_has_is_noticed():
+    assert list(posix_only(ast.parse("import fcntl"))) == ["1: fcntl"]
+    assert list(posix_only(ast.parse("os.fork()"))) == ["1: os.fork"]
+    assert not list(posix_only(ast.parse("if sys.platform != 'win32':\n    os.fork()")))
+
+
+def test_names_of_files_can_lie_on_every_disk():
+    folders = (*FOLDERS, "docs", "tests")
+    names = [
+        path.relative_to(ROOT)
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if "__pycache__" not in path.parts
+    ]
+    assert len(names) > 500
+    folded = {}
+    for name in names:
+        other = folded.setdefault(name.as_posix().lower(), name)
+        assert other == name, f"{name} and {other} are one file on Windows and macOS"
+        for part in name.parts:
+            assert not set(part) & set('<>:"|?*\\'), name
+            assert part.split(".")[0].lower() not in RESERVED, name
+            assert not part.endswith((".", " ")), name
+        assert len(name.as_posix()) < 180, f"{name}: Windows takes 260 characters with its folder"
