@@ -2,7 +2,8 @@
 
 `python release/check.py [--python EXE ...] [--out DIR]` builds both, checks them by `twine check`,
 installs each into a clean environment of each Python, and uses it from a folder outside of the
-sources: the import, `periscopy doctor`, a small `periscopy demo`, the shipped scenes. It needs pip's way to a package index. The exit code is 1 if anything fails.
+sources: the import, `periscopy doctor`, a small `periscopy demo`, the shipped scenes. It needs
+pip's way to a package index. The exit code is 1 if anything fails.
 """
 
 from __future__ import annotations

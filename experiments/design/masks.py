@@ -115,23 +115,26 @@ def silhouette(mesh: TriangleMesh, stage: Scenario) -> tuple[Cells, float]:
 
     It is projected to the plate's plane along the line from the monitor's middle to the wall's.
     """
-    from matplotlib.path import Path as Outline
-
     way = stage.wall_points.mean(axis=0) - stage.patch_centers.mean(axis=0)
     offset = mesh.vertices - CENTRE
     flat = (offset - offset[:, 1:2] / way[1] * way)[:, [0, 2]]
     half = 1.02 * float(np.abs(flat).max())
-    place = half * (2 * (np.arange(FINE) + 0.5) / FINE - 1)
-    grid = np.stack(np.meshgrid(place, -place), axis=-1).reshape(-1, 2)
-    inside = np.zeros(len(grid), bool)
-    for triangle in flat[mesh.faces]:
-        near = np.flatnonzero(
-            ((grid >= triangle.min(axis=0)) & (grid <= triangle.max(axis=0))).all(axis=1)
-        )
-        a, b, c = triangle
-        if len(near) and abs((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0]) > 0:
-            inside[near] |= Outline(triangle).contains_points(grid[near])
-    return inside.reshape(FINE, FINE), float(inside.mean()) * (2 * half) ** 2
+    # In points of the grid, rows down.
+    points = (flat * (1, -1) / half + 1) * FINE / 2 - 0.5
+    inside = np.zeros((FINE, FINE), bool)
+    for corners in points[mesh.faces]:
+        low = np.maximum(np.ceil(corners.min(axis=0)), 0).astype(int)
+        high = np.minimum(np.floor(corners.max(axis=0)), FINE - 1).astype(int) + 1
+        if (high <= low).any():
+            continue
+        x, y = np.arange(low[0], high[0]), np.arange(low[1], high[1])[:, None]
+        sides = [
+            (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        ]
+        within = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
+        inside[low[1] : high[1], low[0] : high[0]] |= within
+    return inside, float(inside.mean()) * (2 * half) ** 2
 
 
 def write_scene(candidate: Candidate, folder: Path) -> Path:
