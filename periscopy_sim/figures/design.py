@@ -25,6 +25,10 @@ DRAWN = (
 """Numbers of a merit that are drawn, their names, and their factors."""
 
 FAILED = "0.85"
+MARKS = "circle: as it stands; star: best; grey: no scene, or some patches are not told"
+MOST_DRAWN = 300.0
+"""Percent of white: of errors beyond, nothing is to be seen in an image."""
+
 STANDS: dict[str, Any] = {"marker": "o", "mfc": "none", "mec": "black", "ms": 7, "mew": 1.4}
 BEST: dict[str, Any] = {"marker": "*", "mfc": "white", "mec": "black", "ms": 13, "mew": 1.0}
 
@@ -52,8 +56,7 @@ def draw_design(
         _draw_maps(figure, variation, rows, best, shown)
     else:
         _draw_ranking(figure, variation, rows, best, shown)
-    if caption:
-        figure.supxlabel(caption, fontsize=8)
+    figure.supxlabel("\n".join(filter(None, (caption, MARKS))), fontsize=8)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 
@@ -67,8 +70,9 @@ def _draw_curves(
     (name,) = variation.names
     figure.set_size_inches(5.6, 5.2)
     errors, time = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    tried = sorted(rows[1:], key=lambda row: float(row.values[name]))
+    tried = sorted(rows, key=lambda row: float(row.values[name]))
     x = np.array([float(row.values[name]) for row in tried])
+    cells = np.unique([float(row.values[name]) for row in rows[1:]])
     for (number, label, factor), colour in zip(shown, OKABE_ITO, strict=False):
         ax = time if number == "exposure_time" else errors
         y = factor * _figures(tried, number)
@@ -79,7 +83,7 @@ def _draw_curves(
                 ax.plot(float(row.values[name]), factor * value, ls="", **mark)
     for ax in (errors, time):
         for row in (row for row in tried if row.merit is None):
-            ax.axvspan(*_cell(x, float(row.values[name])), color=FAILED, lw=0, zorder=0)
+            ax.axvspan(*_cell(cells, float(row.values[name])), color=FAILED, lw=0, zorder=0)
         _plain_log(ax.yaxis)
         ax.grid(True, which="major", color="0.9", lw=0.5)
         ax.tick_params(labelsize=8, which="both")
@@ -97,21 +101,23 @@ def _draw_maps(
     shown: Sequence[tuple[str, str, float]],
 ) -> None:
     from matplotlib.colors import LogNorm
+    from matplotlib.ticker import MaxNLocator
 
     across, up = variation.names
     size = len(variation.values(across))
-    figure.set_size_inches(3.7 * len(shown), 3.6)
-    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    lines = -(-len(shown) // 2)
+    figure.set_size_inches(7.6, 0.5 + 3.1 * lines)
+    axes = figure.subplots(lines, 2, sharex=True, sharey=True, squeeze=False)
     x, y = (_edges(variation.values(name)) for name in (across, up))
-    for ax, (number, label, factor) in zip(axes, shown, strict=True):
+    for ax, (number, label, factor) in zip(axes.ravel(), shown, strict=True):
         values = factor * _figures(rows[1:], number)
         grid = np.full(variation.count, np.nan)
         grid[: len(values)] = values
         finite = grid[np.isfinite(grid)]
         ax.set_facecolor(FAILED)
         ax.set_title(label, fontsize=9)
-        ax.set_xlabel(across, fontsize=9)
         ax.tick_params(labelsize=8)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
         if not finite.size:
             continue
         norm = LogNorm(finite.min(), max(finite.max(), 1.001 * finite.min()))
@@ -126,7 +132,10 @@ def _draw_maps(
             place = [float(row.values[name]) for name in (across, up)]
             if x[0] <= place[0] <= x[-1] and y[0] <= place[1] <= y[-1]:
                 ax.plot(*place, ls="", clip_on=False, **mark)
-    axes[0].set_ylabel(up, fontsize=9)
+    for ax in axes[-1]:
+        ax.set_xlabel(across, fontsize=9)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(up, fontsize=9)
 
 
 def _draw_ranking(
@@ -137,6 +146,8 @@ def _draw_ranking(
     shown: Sequence[tuple[str, str, float]],
 ) -> None:
     errors = [each for each in shown if each[0] != "exposure_time"]
+    from matplotlib.ticker import MaxNLocator
+
     names, columns = variation.names, 3
     lines = -(-(len(names) + 1) // columns)
     figure.set_size_inches(3.2 * columns, 0.4 + 2.5 * lines)
@@ -152,6 +163,7 @@ def _draw_ranking(
                 if value is not None and np.isfinite(value):
                     ax.plot(float(row.values[name]), factor * value, ls="", **mark)
             ax.set_xlabel(name, fontsize=9)
+            ax.xaxis.set_major_locator(MaxNLocator(5))
     axes[0].set_xlabel("rank by the bound", fontsize=9)
     for ax in axes[: len(names) + 1]:
         _plain_log(ax.yaxis)
@@ -199,6 +211,8 @@ def _plain_log(axis: Any, *, scale: bool = True) -> None:
 
     if scale:
         axis.axes.set_yscale("log")
+        low, high = axis.get_view_interval()
+        axis.axes.set_ylim(low, min(high, max(MOST_DRAWN, 2 * low)))
     low, high = axis.get_view_interval()
     span = np.log10(max(high, 1e-300) / max(low, 1e-300))
     plain = FuncFormatter(lambda value, _: f"{value:g}")

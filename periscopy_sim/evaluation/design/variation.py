@@ -14,6 +14,9 @@ from periscopy_sim.errors import PeriscopyError
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-12
+"""Of a range: values nearer to 0 are meant to be 0."""
+
 MOST_POINTS = 20_000
 """Of one design: at a second each some hours."""
 
@@ -79,7 +82,10 @@ class Variation:
         assert self.grid is not None
         if self.grid == 1:
             return np.array([np.mean(self.ranges[name])])
-        return np.linspace(*self.ranges[name], self.grid)
+        low, high = self.ranges[name]
+        values = np.linspace(low, high, self.grid)
+        values[np.abs(values) < ROUNDING * (high - low)] = 0
+        return values
 
     def points(self) -> list[dict[str, str]]:
         """Return the points in order: the value of each parameter as a scene file has it."""
