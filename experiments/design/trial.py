@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.design.masks import Candidate, silhouette, write_scene
-from periscopy_sim.evaluation.design.conditions import Conditions
+from periscopy_sim.evaluation.design.comparison import Comparison
 from periscopy_sim.evaluation.design.merit import Assessment, assessment_of
 from periscopy_sim.scenario import Scenario
 
@@ -37,7 +37,7 @@ class Stage:
     images, places
         Names of shipped images that the monitor shows, the first of which is drawn, and of shipped
         places whose ambient light falls on the wall.
-    conditions
+    comparison
         The SNR and the SBR of each photograph.
     bounces
         Most reflections of the monitor's light in photographs; None of any number.
@@ -47,7 +47,7 @@ class Stage:
     resolution: int = 63
     images: Sequence[str] = ("mushroom", "letters", "still_life", "digits", "bars")
     places: Sequence[str] = ("overcast", "window_left")
-    conditions: Conditions = Conditions()  # noqa: RUF009 (it is frozen)
+    comparison: Comparison = Comparison()  # noqa: RUF009 (it is frozen)
     bounces: int | None = None
 
     def load(self, scene: str | Path) -> Scenario:
@@ -58,7 +58,7 @@ class Stage:
         """Return the way to assess occluders beside the shipped plate."""
         scenario = self.load("plate")
         A, B = modelled(scenario), ps.point_light_backgrounds(scenario)
-        return assessment_of(scenario, A, B, self.conditions, self.shown(), SEED)[0]
+        return assessment_of(scenario, A, B, self.comparison, self.shown(), SEED)[0]
 
     def shown(self) -> dict[str, Array]:
         """Return the images, (R, C, 3), by name."""
@@ -117,9 +117,9 @@ def carried_out(
         signal = np.asarray(light @ truth.reshape(-1, 3)) * scenario.channel_gain
         signal = signal.reshape(*scenario.photograph_shape, 3)
         for j, background in enumerate(ambient.values()):
-            exposed = ps.composite(signal, background, stage.conditions.sbr)
+            exposed = ps.composite(signal, background, stage.comparison.sbr)
             # Of one seed for all occluders.
-            y = ps.add_noise(exposed, stage.conditions.snr, SEED + 100 * i + j)
+            y = ps.add_noise(exposed, stage.comparison.snr, SEED + 100 * i + j)
             for k, method in enumerate(methods):
                 image = method.reconstruct(y)
                 errors[k, i, j] = ps.mean_squared_error(image, truth)

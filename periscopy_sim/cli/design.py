@@ -26,7 +26,7 @@ from periscopy_sim.cli.output import (
     write_json,
 )
 from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
-from periscopy_sim.evaluation.design.conditions import Conditions, Equal
+from periscopy_sim.evaluation.design.comparison import Comparison, Equal
 from periscopy_sim.evaluation.design.search import By
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -131,7 +131,7 @@ def design(
     inputs.refuse_measurements(scene)
     path, given, size = find_scene(scene), parse_definitions(define), parse_size(hidden)
     variation = _variation(vary, path, given, grid, draws, seed)
-    conditions = Conditions(snr, sbr, equal)
+    comparison = Comparison(snr, sbr, equal)
     shown = {} if images == "none" else {n: n for n in parse_list("--images", images)}
     if by is By.told and not shown:
         raise PeriscopyError("--by told needs images of which errors are told; leave --images out")
@@ -142,7 +142,7 @@ def design(
         hidden=size,
         parameters=given,
         variation=variation,
-        conditions=conditions,
+        comparison=comparison,
         transport=lambda scenario: _transport(scenario, samples, model, seed),
         prototypes=prototypes.matrix,
         images={name: inputs.hidden_image(name, size) for name in shown},
@@ -160,7 +160,7 @@ def design(
             rows = run_design(whole, out / TABLE, report)
         order = ranked(rows, by)
         best = order[0] if order else None
-        caption = _caption(conditions, hidden)
+        caption = _caption(comparison, hidden)
         with staged_file(out / PICTURE) as file:
             text = as_text(provenance)
             draw_design(file, variation, rows, best, caption=caption, metadata=text)
@@ -247,9 +247,9 @@ def _settings(
         **{name: value for name, value in provenance.items() if name not in left_out},
         "hidden_shape": list(design.hidden),
         **design.variation.settings(),
-        "snr": design.conditions.snr,
-        "sbr": str(design.conditions.sbr),
-        "equal": design.conditions.equal.value,
+        "snr": design.comparison.snr,
+        "sbr": str(design.comparison.sbr),
+        "equal": design.comparison.equal.value,
         "images": [[name, image_sha256(design.images[name])] for name in images],
         "samples": samples,
         "model": model.value,
@@ -275,10 +275,10 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
             )
 
 
-def _caption(conditions: Conditions, hidden: str) -> str:
-    light = f"SBR {conditions.sbr:g}" if conditions.has_ambient_light else "no ambient light"
-    alike = {Equal.level: "at an equal level", Equal.time: "in equal time"}[conditions.equal]
-    return f"{hidden} patches, {conditions.snr:g} dB, {light}, {alike}"
+def _caption(comparison: Comparison, hidden: str) -> str:
+    light = f"SBR {comparison.sbr:g}" if comparison.has_ambient_light else "no ambient light"
+    alike = {Equal.level: "at an equal level", Equal.time: "in equal time"}[comparison.equal]
+    return f"{hidden} patches, {comparison.snr:g} dB, {light}, {alike}"
 
 
 def _write_best(path: Path, design: Design, best: Row, remark: str) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.evaluation.design.conditions import Conditions, Equal
+from periscopy_sim.evaluation.design.comparison import Comparison, Equal
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
@@ -79,12 +79,12 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """The way to assess scenes: the conditions, the images shown, (R, C, 3) each, and the seed.
+    """The way to assess scenes: the comparison, the images shown, (R, C, 3) each, and the seed.
 
     Make one by `assessment_of`, which assesses the scene as it stands.
     """
 
-    conditions: Conditions
+    comparison: Comparison
     images: Mapping[str, Array] = field(default_factory=dict)
     seed: int = 0
     reference: Reference | None = None
@@ -97,7 +97,7 @@ class Assessment:
         return self._merit(scenario, A, B)[0]
 
     def _merit(self, scenario: Scenario, A: Image, B: Image) -> tuple[Merit, Reference]:
-        ambient = self.conditions.has_ambient_light
+        ambient = self.comparison.has_ambient_light
         sizes = scenario.hidden_shape, scenario.channel_gain, None, scenario.photograph_shape
         seen = observation_of(A, *sizes)
         B = B if ambient else np.zeros((len(A), 0))
@@ -113,11 +113,11 @@ class Assessment:
 
         def noise(equal: Equal) -> float:
             """Return σ of a white screen's photograph, each channel divided by its gain."""
-            conditions = replace(self.conditions, equal=equal)
-            _, σ = conditions.measured(white, light, known.white, pixels)
+            comparison = replace(self.comparison, equal=equal)
+            _, σ = comparison.measured(white, light, known.white, pixels)
             return σ * float(np.sqrt(np.mean(1 / gain**2)))
 
-        here, timed = noise(self.conditions.equal), noise(Equal.time) * whole
+        here, timed = noise(self.comparison.equal), noise(Equal.time) * whole
         first = timed if self.reference is None else self.reference.bound
         merit = Merit(
             light=level / known.white,
@@ -134,7 +134,7 @@ class Assessment:
                     signal = (used @ image.reshape(-1, 3)) * gain
                     signals[name] = float(signal.mean())
                     reference = known.signals.get(name, signals[name])
-                    y, σ = self.conditions.measured(signal, light, reference, pixels)
+                    y, σ = self.comparison.measured(signal, light, reference, pixels)
                     rng = np.random.default_rng([self.seed, number])
                     photograph = np.zeros((len(A), 3))
                     photograph[... if seen.mask is None else seen.mask.ravel()] = rng.normal(y, σ)
@@ -155,7 +155,7 @@ def assessment_of(
     scenario: Scenario,
     A: Image,
     B: Image,
-    conditions: Conditions,
+    comparison: Comparison,
     images: Mapping[str, Array] | None = None,
     seed: int = 0,
 ) -> tuple[Assessment, Merit]:
@@ -166,14 +166,14 @@ def assessment_of(
     scenario, A, B
         The scene as it stands, its transport matrix, (M, N), and its prototypes of ambient light,
         (M, L).
-    conditions
+    comparison
         Noise and ambient light.
     images
         Hidden images by name, (R, C, 3) in [0, 1], for the errors; none leaves these out.
     seed
         Of the noise, the same for all scenes.
     """
-    alone = Assessment(conditions, dict(images or {}), seed)
+    alone = Assessment(comparison, dict(images or {}), seed)
     merit, reference = alone._merit(scenario, A, B)
     return replace(alone, reference=reference), merit
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError, SceneError, VariantError
-from periscopy_sim.evaluation.design.conditions import Conditions
+from periscopy_sim.evaluation.design.comparison import Comparison
 from periscopy_sim.evaluation.design.merit import assessment_of
 from periscopy_sim.evaluation.design.table import AS_IT_STANDS, Row, read_table, write_table
 from periscopy_sim.evaluation.design.variation import Variation, as_text
@@ -53,7 +53,7 @@ class Design:
         Values of its ``<default>``s as it stands.
     variation
         What varies.
-    conditions
+    comparison
         Noise and ambient light.
     transport, prototypes
         Return A, (M, N), and B, (M, L), of a scenario.
@@ -65,7 +65,7 @@ class Design:
     hidden: tuple[int, int]
     parameters: Mapping[str, str]
     variation: Variation
-    conditions: Conditions
+    comparison: Comparison
     transport: Callable[[Scenario], Image]
     prototypes: Callable[[Scenario], Image]
     images: Mapping[str, Array]
@@ -126,7 +126,7 @@ def run_design(
         return rows
     scenario = design.scenario({})
     seen = design.transport(scenario), design.prototypes(scenario)
-    assessment, merit = assessment_of(scenario, *seen, design.conditions, design.images)
+    assessment, merit = assessment_of(scenario, *seen, design.comparison, design.images)
     rows = rows or [Row(AS_IT_STANDS, points[0], merit)]
     progress(len(rows), len(points))
     while len(rows) < len(points):

@@ -7,11 +7,11 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.design.conditions import Conditions, Equal
+from periscopy_sim.evaluation.design.comparison import Comparison, Equal
 from periscopy_sim.evaluation.design.merit import Assessment, assessment_of
 
 HIDDEN, SIDE = (3, 4), 12
-LEVEL, TIME = (Conditions(equal=equal) for equal in (Equal.level, Equal.time))
+LEVEL, TIME = (Comparison(equal=equal) for equal in (Equal.level, Equal.time))
 
 
 @pytest.fixture(scope="module")
@@ -69,10 +69,10 @@ def test_light_counts_in_equal_time(scenario, A, B):
     assert brighter.exposure_time == pytest.approx(1 / 4, rel=1e-4)
 
 
-@pytest.mark.parametrize("conditions", [LEVEL, TIME])
-def test_nothing_is_won_by_cutting_pixels_in_two(scenario, A, B, conditions):
+@pytest.mark.parametrize("comparison", [LEVEL, TIME])
+def test_nothing_is_won_by_cutting_pixels_in_two(scenario, A, B, comparison):
     """Each half has half of the electrons: the same information."""
-    assessment, first = assessment_of(scenario, A, B, conditions)
+    assessment, first = assessment_of(scenario, A, B, comparison)
     finer = ps.load_scenario("chair", HIDDEN, {}, photograph=(2 * SIDE, SIDE))
     cut = assessment.merit(finer, np.repeat(A, 2, axis=0), np.repeat(B, 2, axis=0))
     assert cut.bound == pytest.approx(first.bound, rel=1e-9)
@@ -104,7 +104,7 @@ def test_patches_that_are_not_told_have_an_infinite_bound(scenario, A, B):
 def test_errors_are_of_the_noise_aware_method_and_the_same_again(scenario):
     A, B = ps.render_transport(scenario, samples=4), ps.point_light_backgrounds(scenario)
     images = {"half": np.full((*HIDDEN, 3), 0.5), "one": np.eye(3, 4)[..., None] * np.ones(3)}
-    quiet, loud = (Conditions(snr=snr) for snr in (80.0, 40.0))
+    quiet, loud = (Comparison(snr=snr) for snr in (80.0, 40.0))
     merits = [assessment_of(scenario, A, B, each, images)[1] for each in (quiet, quiet, loud)]
     assert merits[0] == merits[1]
     assert 0 < merits[0].error < merits[2].error
@@ -117,4 +117,4 @@ def test_errors_are_of_the_noise_aware_method_and_the_same_again(scenario):
 )
 def test_conditions_that_are_none_are_refused(given, words):
     with pytest.raises(PeriscopyError, match=words):
-        Conditions(**given)
+        Comparison(**given)

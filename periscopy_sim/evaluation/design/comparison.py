@@ -32,7 +32,7 @@ class Equal(StrEnum):
 
 
 @dataclass(frozen=True)
-class Conditions:
+class Comparison:
     """The noise and the ambient light of photographs.
 
     Attributes
