@@ -63,7 +63,7 @@ def analyze(
     from periscopy_sim.reconstruction.observation import observation_of
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
-    asked = AskedTransport(samples, seed, model, parse_bounces(bounces))
+    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), strata="gauss")
     prototypes = AskedPrototypes.of(backgrounds, seed)
     with told_folder(out) as folder:
         scenario = inputs.load(scene, hidden, define)

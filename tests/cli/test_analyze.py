@@ -45,7 +45,7 @@ def folder(analyzed):
 def model():
     """A and B of the same scene."""
     scenario = ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
-    A = ps.render_transport(scenario, samples=4, seed=3).astype(np.float64)
+    A = ps.render_transport(scenario, samples=4, strata="gauss", seed=3).astype(np.float64)
     return A, ps.point_light_backgrounds(scenario)
 
 

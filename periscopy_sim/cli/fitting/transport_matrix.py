@@ -18,6 +18,7 @@ from periscopy_sim.errors import PeriscopyError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from periscopy_sim.rendering.transport.kernel import Strata
     from periscopy_sim.scenario import Scenario
     from periscopy_sim.storage.transport_matrix import Transport
 
@@ -57,13 +58,18 @@ def parse_bounces(text: str) -> int | None:
 
 @dataclass(frozen=True)
 class AskedTransport:
-    """How a command was asked to get A: from a file, or how it is rendered."""
+    """How a command was asked to get A: from a file, or how it is rendered.
+
+    Where noise in A would count as information, as in a bound, its `strata` should be ``"gauss"``:
+    that of random rays makes patches look told apart.
+    """
 
     samples: int
     seed: int
     model: Model = Model.rendered
     bounces: int | None = 1
     file: Path | None = None
+    strata: Strata = "jittered"
 
     @property
     def is_direct(self) -> bool:
@@ -110,7 +116,11 @@ class AskedTransport:
 
         with progress("rendering the transport matrix") as report:
             return shadow_rays.render_transport(
-                scenario, samples=self.samples, seed=self.seed, progress=report
+                scenario,
+                samples=self.samples,
+                strata=self.strata,
+                seed=self.seed,
+                progress=report,
             )
 
 
