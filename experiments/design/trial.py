@@ -20,8 +20,11 @@ Array = NDArray[np.float64]
 SEED = 18
 """Of the rendered light and the noise."""
 
-RAYS = 36, 4
-"""To places of a patch, from places of a pixel."""
+RAYS = 64, 9
+"""To places of a patch, from places of a pixel, for photographs and for the methods' A."""
+
+ROUGH_RAYS = 16, 1
+"""The same by default: from a pixel's middle. A is then in error by some tenths of a percent."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +87,8 @@ class Outcome:
     outline: NDArray[np.bool_]
 
 
-METHODS = ("noise-aware", "preconditioned")
-"""Those that reconstruct, the first the package's default, the second the paper's."""
+METHODS = ("noise-aware", "preconditioned", "noise-aware, rough A")
+"""Those that reconstruct: the package's default, the paper's, and the default by a rougher A."""
 
 
 def carried_out(
@@ -97,18 +100,19 @@ def carried_out(
 ) -> Outcome:
     """Assess an occluder, photograph the images behind it, and recover them.
 
-    The photographs' light is traced anew, by random rays, with what bounces: not by the matrix that
+    The photographs' light is traced anew, by other rays, with what bounces: not by the matrix that
     the methods are given.
     """
     scenario = stage.load(write_scene(candidate, folder))
     A, B = modelled(scenario), ps.point_light_backgrounds(scenario)
     merit = assessment.merit(scenario, A, B)
     light = ps.render_transport(
-        scenario, samples=RAYS[0], pixel_samples=RAYS[1], bounces=stage.bounces, seed=SEED
+        scenario, samples=RAYS[0], pixel_samples=RAYS[1], bounces=stage.bounces, seed=SEED + 1
     )
     methods = (
         ps.NoiseAware.for_scene(scenario, A, B),
         ps.Periscope.for_scene(scenario, A, B),
+        ps.NoiseAware.for_scene(scenario, modelled(scenario, ROUGH_RAYS), B),
     )
     truths = stage.shown()
     errors = np.empty((len(methods), len(truths), len(ambient)))
@@ -132,8 +136,6 @@ def carried_out(
     )  # fmt: skip
 
 
-def modelled(scenario: Scenario) -> NDArray[np.float32]:
-    """Return A without noise of its own, which the bound would take for information."""
-    return ps.render_transport(
-        scenario, samples=RAYS[0], pixel_samples=RAYS[1], strata="gauss", seed=SEED
-    )
+def modelled(scenario: Scenario, rays: tuple[int, int] = RAYS) -> NDArray[np.float32]:
+    """Return the A of the bound and of a method, by so many rays."""
+    return ps.render_transport(scenario, samples=rays[0], pixel_samples=rays[1], seed=SEED)
