@@ -148,6 +148,9 @@ def draw(
     stage: Stage,
 ) -> None:
     """Draw the best of each kind with its image, and the two rankings against each other."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
     kinds = list(dict.fromkeys(found[k].kind for k in order))
     best = {kind: next(k for k in order if found[k].kind == kind) for kind in kinds}
     truth = next(iter(stage.shown().values()))
@@ -174,7 +177,11 @@ def draw(
             ax.set_yscale("log")
             ax.set_xlabel("Cramér-Rao bound, % of white")
             agreed = held[f"the bound and the error, {name}"]
-            ax.set_title(f"{name}\nrank correlation {agreed}")
+            ax.set_title(f"{name}\nrank correlation\n{agreed}")
+            for axis in (ax.xaxis, ax.yaxis):
+                axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                axis.set_major_formatter(plain)
+                axis.set_minor_formatter(NullFormatter())
             ax.grid(True, which="major", color="0.92", lw=0.5)
         panels[0].set_ylabel("mean squared error")
         plots.legend(
