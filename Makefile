@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs clean
+.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
@@ -59,6 +59,10 @@ learned: $(VENV)/installed-experiments
 # The pages and the gallery, whose scripts run: out/docs/index.html. A warning is an error.
 docs: $(VENV)/installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d out/docs/.doctrees docs out/docs
+
+# Wheel and source distribution, each used where it is installed alone.
+release:
+	$(PYTHON) release/check.py
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
