@@ -17,6 +17,7 @@ from experiments.report import Picture, Section, Table, write_page
 _TITLES = {"psnr": "PSNR, dB", "registered": "registered PSNR, dB", "ssim": "SSIM"}
 _OTHERS = ("#56B4E9", "#E69F00", "#999999", "#000000", "#F0E442")
 _GIBIBYTE = 2**30
+_REFERENCE = "noise-aware"
 
 INTRODUCTION = (
     f"Passive non-line-of-sight imaging, suites version {VERSION}. Each method recovers the hidden "
@@ -32,7 +33,8 @@ def write_leaderboard(out: Path, rows: Any, provenance: dict[str, str]) -> Path:
     """Write the page of all rows, as `benchmarks.running.read_rows` returns them; return its path.
 
     A method's rank in a suite is that of its mean PSNR; cells that failed are counted beside it and
-    left out of its means, so that a method with failures stands below those without.
+    left out of its means, and a method with failures stands below those without. Over all suites, a
+    suite without any cell counts 0 dB.
     """
     suites = [name for name in SUITES if (rows.suite == name).any()]
     labels = sorted(rows.label.unique(), key=lambda label: -_mean(rows, suites, label))
@@ -47,6 +49,19 @@ def write_leaderboard(out: Path, rows: Any, provenance: dict[str, str]) -> Path:
 def command(label: str, suite: str) -> str:
     """Return the command that makes one row again."""
     return f"python -m benchmarks run --methods {label} --suites {suite} --out out/leaderboard"
+
+
+def gain(rows: Any, label: str) -> str:
+    """Return a method's registered PSNR less the reference's, cell by cell, in the mean."""
+    values = [
+        rows[(rows.label == name) & (rows.failure == "")].set_index(["geometry", "cell"]).registered
+        for name in (label, _REFERENCE)
+    ]
+    gains = (values[0] - values[1]).dropna()
+    if label == _REFERENCE or not len(gains):
+        return "-"
+    mean, low, high = interval(gains, list(gains.index.get_level_values("geometry")))
+    return f"{mean:+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def _mean(rows: Any, suites: Sequence[str], label: str) -> float:
@@ -117,17 +132,19 @@ def _suite(out: Path, rows: Any, suite: str, labels: Sequence[str]) -> Section:
     present = [label for label in labels if (rows.label == label).any()]
     present.sort(key=lambda label: _rank(rows[rows.label == label]))
     table = Table(
-        "Fit: seconds to fit a method to a scene. Still: median seconds of an image. Memory: GiB "
-        "by which the process's peak rises while it fits and reconstructs, A and B not counted.",
+        f"Over {_REFERENCE}: registered PSNR less {_REFERENCE}'s, cell by cell. Fit: seconds to "
+        "fit a method to a scene. Still: median seconds of an image. Memory: GiB by which the "
+        "process's peak rises while it fits and reconstructs, A and B not counted.",
         (
             "method",
             *(_TITLES[metric] for metric in METRICS),
+            f"over {_REFERENCE}, dB",
             "fit, s",
             "still, s",
             "memory",
             "failed",
         ),
-        [_row(label, rows[rows.label == label]) for label in present],
+        [_row(rows, label) for label in present],
     )
     commands = Table(
         "Each row again:", ("method", "command"), [(name, command(name, suite)) for name in present]
@@ -148,12 +165,14 @@ def _rank(cells: Any) -> tuple[bool, float]:
     return bool((cells.failure != "").any()), -float(np.nan_to_num(cells.psnr.mean()))
 
 
-def _row(label: str, cells: Any) -> tuple[str, ...]:
+def _row(rows: Any, label: str) -> tuple[str, ...]:
+    cells = rows[rows.label == label]
     good = cells[cells.failure == ""]
     failed = len(cells) - len(good)
     return (
         label,
         *(_told(cells, metric) for metric in METRICS),
+        gain(rows, label),
         f"{good.fit_seconds.median():.2f}" if len(good) else "-",
         f"{good.seconds.median():.3f}" if len(good) else "-",
         f"{good.memory.median() / _GIBIBYTE:.2f}" if len(good) else "-",

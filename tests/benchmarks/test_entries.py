@@ -12,7 +12,7 @@ import pandas
 from benchmarks.cases import Case
 from benchmarks.entry import Entry, outcome
 from benchmarks.objective import Objective
-from benchmarks.page import write_leaderboard
+from benchmarks.page import gain, write_leaderboard
 from benchmarks.running import checked, known_methods
 from benchmarks.solvers.least_squares import Solver as LeastSquares
 from benchmarks.suites import SUITES
@@ -123,6 +123,20 @@ def test_the_page_is_offline_and_tells_failures(case, tmp_path, blank_figures): 
     assert "returned shape (2, 9, 3) instead of (8, 9, 3)" in page
     assert "python -m benchmarks run --methods least-squares --suites still" in page
     assert "http" not in page
+
+
+def test_gains_are_of_the_same_cells_and_leave_failures_out():
+    def cell(label, number, registered, failure=""):
+        own = {"geometry": number % 2, "cell": f"image {number}", "failure": failure}
+        return {"label": label, "registered": registered, **own}
+
+    levels = 10.0, 20.0, 30.0, 40.0
+    rows = [cell("noise-aware", number, level) for number, level in enumerate(levels)]
+    rows += [cell("mine", number, level + 1) for number, level in enumerate(levels[1:], 1)]
+    rows.append(cell("mine", 0, np.nan, "returned NaN"))
+    table = pandas.DataFrame(rows[::-1])
+    assert gain(table, "mine") == "+1.00 [+1.00, +1.00]"  # the levels themselves vary by 10 dB
+    assert gain(table, "noise-aware") == gain(table, "absent") == "-"
 
 
 def test_unknown_names_are_told_with_a_guess():
