@@ -26,8 +26,7 @@ from periscopy_sim.cli.output import (
     write_json,
 )
 from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
-from periscopy_sim.evaluation.design.comparison import Comparison, Equal
-from periscopy_sim.evaluation.design.search import By
+from periscopy_sim.evaluation.design.comparison import By, Comparison, Equal
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import alone_in, check_settings
@@ -120,7 +119,7 @@ def design(
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
 ) -> None:
-    """Find out where to look, which occluder to take, how long to expose.
+    """Find where to look, which occluder to take, and how long.
 
     Scenes are compared over their <default>s: a curve of one, a map of two, a ranking of more. The
     best scene is written. A design that was stopped goes on by the same command.

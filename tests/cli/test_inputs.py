@@ -215,12 +215,15 @@ def test_every_command_says_that_no_shadow_falls_into_view(
     np.save(tmp_path / "y.npy", light)
     np.save(tmp_path / "stack.npy", np.stack([light, light + 0.1]))
     outcome = periscopy(*command)
-    assert outcome.code == 0
+    # Without shadows and without noise of its own, A tells no patches apart.
+    refused = command[0] == "analyze"
+    assert outcome.code == (2 if refused else 0)
+    assert ("not full column rank" in outcome.err) == refused
     (line,) = [line for line in outcome.err.splitlines() if NO_SHADOW in line]
     assert line.startswith(f"periscopy: warning: chair: {NO_SHADOW}")
     assert "'chair_seat' is 0.075 m large" in line and line.endswith("4 more")
     assert line.count("m: behind the monitor") == 3
-    for folder in ("r", "v", "a"):
+    for folder in ("r", "v"):
         if (tmp_path / folder).is_dir():
             told = json.loads((tmp_path / folder / "summary.json").read_text())["warnings"]
             assert any(NO_SHADOW in warning for warning in told)

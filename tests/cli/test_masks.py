@@ -201,10 +201,11 @@ def test_video_leaves_out_what_the_mask_does(
     assert (~ps.read_mask(tmp_path / "dead" / "mask.png", (24, 24))).sum() == 1
 
 
-def test_analysis_is_that_of_the_rows_used(succeeds, transport, tmp_path):
+def test_analysis_is_that_of_the_rows_used(succeeds, scenario, tmp_path):
     Image.fromarray(MASK).save(tmp_path / "mask.png")
     succeeds("analyze", "chair", *TINY, "--mask", "mask.png", "--out", "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    transport = ps.render_transport(scenario, samples=4, strata="gauss")
     A = transport[MASK.ravel()].astype(np.float64)
     assert summary["condition_A"] == pytest.approx(np.linalg.cond(A), rel=1e-6)
     assert (summary["mask"], summary["pixels_left_out"]) == ("mask.png", LEFT_OUT)

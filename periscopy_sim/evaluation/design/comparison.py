@@ -24,6 +24,20 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 
+class By(StrEnum):
+    """What ranks the points: the names of these numbers of a `Merit` follow."""
+
+    bound = "bound"
+    told = "told"
+    time = "time"
+
+    @property
+    def number(self) -> str:
+        """The number of a merit."""
+        names = {By.bound: "bound", By.told: "told_error", By.time: "exposure_time"}
+        return names[self]
+
+
 class Equal(StrEnum):
     """What all scenes of a comparison have in common."""
 

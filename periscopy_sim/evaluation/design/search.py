@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError, SceneError, VariantError
-from periscopy_sim.evaluation.design.comparison import Comparison
+from periscopy_sim.evaluation.design.comparison import By, Comparison
 from periscopy_sim.evaluation.design.merit import assessment_of
 from periscopy_sim.evaluation.design.table import AS_IT_STANDS, Row, read_table, write_table
 from periscopy_sim.evaluation.design.variation import Variation, as_text
@@ -23,20 +22,6 @@ from periscopy_sim.scenario import Scenario
 
 Image = NDArray[np.floating[Any]]
 Array = NDArray[np.float64]
-
-
-class By(StrEnum):
-    """What ranks the points: the names of these numbers of a `Merit` follow."""
-
-    bound = "bound"
-    told = "told"
-    time = "time"
-
-    @property
-    def number(self) -> str:
-        """The number of a merit."""
-        names = {By.bound: "bound", By.told: "told_error", By.time: "exposure_time"}
-        return names[self]
 
 
 @dataclass(frozen=True, eq=False)
