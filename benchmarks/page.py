@@ -15,7 +15,7 @@ from experiments.drawing import COLORS, PAGE, drawn
 from experiments.report import Picture, Section, Table, write_page
 
 _TITLES = {"psnr": "PSNR, dB", "registered": "registered PSNR, dB", "ssim": "SSIM"}
-_OTHERS = ("#56B4E9", "#E69F00", "#999999", "#000000", "#F0E442")
+_OTHERS = ("#56B4E9", "#E69F00", "#999999", "#000000", "#F0E442", "#8C564B")
 _GIBIBYTE = 2**30
 _REFERENCE = "noise-aware"
 
