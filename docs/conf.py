@@ -7,6 +7,8 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
+from sphinx.ext import autosummary
+
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
 sys.path.insert(0, str(DOCS / "extensions"))
@@ -49,6 +51,7 @@ pages_of_the_repository = {
 default_role = "py:obj"  # a docstring's `name` is a link where there is such a name
 autosummary_generate = True
 autosummary_imported_members = True
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("Sec.", "Eq.", "Fig.")  # no summary ends there
 autodoc_typehints = "none"  # the docstrings give shapes and units, the signature its types
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
