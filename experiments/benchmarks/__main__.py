@@ -9,6 +9,7 @@ measured in one run, carry over. `--only large`, 180 x 144 patches, takes a quar
 import typer
 
 from experiments.benchmarks.large import large
+from experiments.benchmarks.learned import learned
 from experiments.benchmarks.machine_limits import machine
 from experiments.benchmarks.operators import operators
 from experiments.benchmarks.scale import scale, transport
@@ -24,6 +25,7 @@ BENCHMARKS: dict[str, Experiment] = {
     "video": video,
     "transport": transport,
     "operators": operators,
+    "learned": learned,
     "large": large,
 }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
@@ -11,23 +10,12 @@ import numpy as np
 
 from experiments.report import Section, Table
 from experiments.setting import Setting
+from experiments.timing import interleaved_seconds
 from periscopy_sim.adapters.linear_operator import transport_operator
 from periscopy_sim.adapters.torch_transport import TorchTransport
 
 RUNS = 41
 PIXELS, PATCHES = (126, 126), (29, 36)  # the chair's, at README's resolution
-
-
-def interleaved_seconds(tasks: dict[str, Callable[[], Any]], runs: int = RUNS) -> dict[str, float]:
-    """Return the median of each task's seconds; every round runs all of them once."""
-    seconds: dict[str, list[float]] = {name: [] for name in tasks}
-    for turn in range(runs + 1):
-        for name, task in tasks.items():
-            start = time.perf_counter()
-            task()
-            if turn:  # the first warms
-                seconds[name].append(time.perf_counter() - start)
-    return {name: float(np.median(each)) for name, each in seconds.items()}
 
 
 def overheads(runs: int = RUNS) -> dict[str, float]:
