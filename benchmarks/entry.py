@@ -128,10 +128,11 @@ def outcome(entry: Entry, case: Case) -> Outcome:
             start = time.perf_counter()
             try:
                 image, failure = recover(photograph.copy()), ""
+                image = None if image is None else np.asarray(image)
             except MethodError as error:
                 image, failure = None, _told(error)
             done.seconds.append(time.perf_counter() - start)
-            done.images.append(None if image is None else np.asarray(image))
+            done.images.append(image)
             done.failures.append(failure or ("returned nothing" if image is None else ""))
     return done
 

@@ -62,10 +62,13 @@ def freeze(rendered: Path) -> Path:
     Raises
     ------
     PeriscopyError
-        If this version is frozen with another digest.
+        If this version is frozen.
     """
     if FROZEN.is_file() and recorded()["version"] == VERSION:
         check_frozen()
+        raise PeriscopyError(
+            f"version {VERSION} is frozen: raise VERSION in benchmarks/suites.py to freeze another"
+        )
     record = {
         "version": VERSION,
         "digest": digest(),

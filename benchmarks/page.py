@@ -24,8 +24,8 @@ INTRODUCTION = (
     "images of geometries drawn by seed, none of which is a shipped scene. Every metric uses the "
     "truth: each channel is scaled by the factor that fits it best; registered means after the "
     "best shift of at most two patches. Brackets hold 95 % confidence intervals by a bootstrap "
-    "over geometries and the cells within them. All methods run on one thread of linear algebra, "
-    "with their own defaults, the same in every suite."
+    "over geometries and the cells within them. All methods run with their own defaults, the same "
+    "in every suite; BLAS has one thread, the package's own compiled products have every core."
 )
 
 

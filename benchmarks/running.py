@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from benchmarks.suites import SUITES, VERSION
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.storage.outputs.staging import staged_file
 
 HERE = Path(__file__).parent
 
@@ -57,9 +57,8 @@ def run_suite(suite: str, methods: Sequence[str], results: Path) -> None:
             others = ~held.objective_label.isin(set(rows.objective_label))
             rows = pandas.concat([held[others & (held.objective_version == VERSION)], rows])
         results.mkdir(parents=True, exist_ok=True)
-        staged = Path(folder) / "all.parquet"
-        rows.to_parquet(staged)
-        shutil.move(staged, file)
+        with staged_file(file) as staged:
+            rows.to_parquet(staged)
 
 
 def read_rows(results: Path) -> Any:

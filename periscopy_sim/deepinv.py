@@ -117,6 +117,14 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         self.register_buffer("_Q", Q, persistent=False)
         self.to(device)
 
+    def forward(self, x: Any, **parameters: Any) -> Any:
+        """Return the photographs of hidden images as measured, then backgrounds projected out.
+
+        SBR and SNR are of the photograph, not of what is left of it.
+        """
+        self.update(**parameters)
+        return self.sensor(self.noise(self._transport()(x), **parameters))
+
     def A(self, x: Any, **_: Any) -> Any:  # noqa: N802
         """Return the photographs of hidden images, backgrounds projected out, without noise."""
         return self.reject_backgrounds(self._transport()(x))

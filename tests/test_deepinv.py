@@ -64,6 +64,18 @@ def test_light_and_noise_are_at_their_ratios(make):
 
 
 @pytest.mark.torch
+def test_light_and_noise_are_of_the_photograph_before_backgrounds_are_projected_out(make):
+    import torch
+
+    ambient = np.random.default_rng(1).random((8, 9, 3))
+    x = torch.rand(500, 3, 3, 4).double()
+    whole, left = make(B=None, snr=20, ambient=ambient, sbr=0.5), make(snr=20, ambient=ambient)
+    y = left(x)
+    assert torch.allclose(y, left.reject_backgrounds(whole(x)))  # the same noise, of the same seed
+    assert float(left.reject_backgrounds(y).sub(y).abs().max()) < 1e-12
+
+
+@pytest.mark.torch
 @pytest.mark.parametrize("given", [{"sbr": 0.0}, {"snr": np.inf}, {"ambient": np.ones((2, 2, 3))}])
 def test_bad_numbers_are_refused(make, given):
     with pytest.raises(ValueError, match=r"must be|ambient light is"):

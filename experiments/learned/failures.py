@@ -20,10 +20,12 @@ import typer
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.conditions import CONDITIONS, Array, Condition, Trial, trial
+from experiments.learned.resuming import digest_of, hold_settings
 from experiments.learned.samples import HIDDEN, Samples
 from experiments.setting import Setting
 from periscopy_sim.figures.panels import displayable
 from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.storage.outputs.staging import staged_file
 
 NOISE_AWARE, ADAPTED = "noise-aware", "adapted"
 NAMES = ("preconditioned", "unet", "plug-and-play", "unrolled")
@@ -48,7 +50,11 @@ def main(
     real: Annotated[Path | None, typer.Option(help="A real photograph of the chair scene.")] = None,
 ) -> None:
     """Reconstruct, or go on where a run was stopped; print and draw."""
-    out.mkdir(parents=True, exist_ok=True)
+    given = {"samples": samples, "real": real}
+    files = {name: [] if path is None else sorted(path.glob("*.npz")) if path.is_dir() else [path]
+             for name, path in given.items()}  # fmt: skip
+    settings = {f"{name}_sha256": digest_of(each) for name, each in files.items()}
+    hold_settings(out, "*.csv", "table of failures", settings)
     setting = Setting(out, real)
     setting.rendered.mkdir(exist_ok=True)
     images = [] if samples is None else training_images(samples)
@@ -179,7 +185,7 @@ def read_images(out: Path, rows: list[Row]) -> dict[str, dict[str, Array]]:
 
 def write_rows(table: Path, rows: list[Row]) -> None:
     """Write all rows."""
-    with table.open("w", encoding="utf-8", newline="") as opened:
+    with staged_file(table) as staged, staged.open("w", encoding="utf-8", newline="") as opened:
         writer = csv.DictWriter(opened, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

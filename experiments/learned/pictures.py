@@ -19,6 +19,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from experiments.learned.resuming import digest_of, hold_settings
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Picture = NDArray[np.float64]
@@ -137,7 +138,9 @@ def main(
     """Write the pictures to learn from, or those that are missing."""
     from PIL import Image
 
-    out.mkdir(parents=True, exist_ok=True)
+    others = [] if also is None else sorted(file for file in also.iterdir() if file.is_file())
+    settings = {"seed": seed, "crops": crops, "leaves": leaves, "also_sha256": digest_of(others)}
+    hold_settings(out, "*.png", "set of pictures", settings)
     photographs = {name: photograph(name) for name in (*COLOURED, *GREY)}
     if also is not None:
         photographs |= photographs_of(also)

@@ -10,6 +10,7 @@ where the noise-aware image has it.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,6 +20,7 @@ import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from experiments.learned.resuming import hold_settings
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.rendering.scene.document import read_document
@@ -139,8 +141,9 @@ def main(
     seed: Annotated[int, typer.Option(help="Of the ruler's errors.")] = 0,
 ) -> None:
     """Solve the photographs of every geometry, in the true scene and in a told one."""
-    out.mkdir(parents=True, exist_ok=True)
     data = ps.open_dataset(photographs)
+    settings = {"seed": seed, "photographs": json.loads(json.dumps(dict(data.attrs)))}
+    hold_settings(out, "*.npz", "set of samples", settings)
     first, _, of = part.partition("/")
     geometries = np.unique(data.geometry.values)[int(first) :: int(of)]
     for number in geometries:

@@ -14,7 +14,6 @@ validation error.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from dataclasses import asdict, dataclass, field
@@ -27,6 +26,7 @@ import typer
 from torch.nn.utils import clip_grad_norm_
 
 from experiments.drawing import PAGE, drawn, styled
+from experiments.learned.resuming import digest_of
 from experiments.learned.samples import HIDDEN, Samples
 from periscopy_sim.reconstruction.learned.plug_and_play import (
     PlugAndPlay,
@@ -162,15 +162,6 @@ def read_geometries(folder: Path, split: str) -> list[Geometry]:
             if each.split == split]  # fmt: skip
 
 
-def digest_of(folder: Path) -> str:
-    """Return the SHA-256 of all samples."""
-    found = hashlib.sha256()
-    for file in sorted(folder.glob("*.npz")):
-        with file.open("rb") as opened:
-            found.update(hashlib.file_digest(opened, "sha256").digest())
-    return found.hexdigest()
-
-
 def main(
     samples: Annotated[Path, typer.Argument(help="What experiments.learned.samples wrote.")],
     out: Annotated[Path, typer.Option(help="Folder for the weights and the curves.")],
@@ -190,12 +181,14 @@ def main(
     optimizer = torch.optim.Adam(learner.parameters(), RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
     curves, best, least, first = Curves(), learner.state_dict(), np.inf, 0
-    state = out / f"{network}.pt"
+    state, samples_sha256 = out / f"{network}.pt", digest_of(sorted(samples.glob("*.npz")))
     if state.is_file():
         held = torch.load(state, weights_only=True)
         if held["steps"] != steps or held["seed"] != seed:
             raise SystemExit(f"{state}: is of {held['steps']} steps and seed {held['seed']}; give "
                              "these, or another --out")  # fmt: skip
+        if held["samples_sha256"] != samples_sha256:
+            raise SystemExit(f"{state}: learned from other samples; name another --out")
         learner.load_state_dict(held["network"])
         optimizer.load_state_dict(held["optimizer"])
         schedule.load_state_dict(held["schedule"])
@@ -240,6 +233,7 @@ def main(
                     "network": learner.state_dict(), "optimizer": optimizer.state_dict(),
                     "schedule": schedule.state_dict(), "curves": asdict(curves), "best": best,
                     "at": (least, step + 1), "steps": steps, "seed": seed,
+                    "samples_sha256": samples_sha256,
                 }, staged)  # fmt: skip
             print(f"step {step + 1} of {steps}, {curves.seconds:.0f} s: training "
                   f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, told scenes "
@@ -248,7 +242,7 @@ def main(
     if isinstance(learner, PlugAndPlay):
         tune_turns(learner, validate)
     provenance = {
-        "data": "experiments/learned/training.yaml", "samples_sha256": digest_of(samples),
+        "data": "experiments/learned/training.yaml", "samples_sha256": samples_sha256,
         "photographs": sum(len(g.truth) for g in train), "seed": seed, "training_steps": steps,
         "torch": torch.__version__.partition("+")[0],
     }  # fmt: skip

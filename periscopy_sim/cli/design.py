@@ -163,7 +163,9 @@ def design(
         with staged_file(out / PICTURE) as file:
             text = as_text(provenance)
             draw_design(file, variation, rows, best, caption=caption, metadata=text)
-        if best is not None:
+        if best is None:
+            (out / BEST).unlink(missing_ok=True)  # of another --by
+        else:
             remark = f"periscopy design: best of {len(order)} by {by.value}; {caption}"
             _write_best(out / BEST, whole, best, remark)
         edges = [] if best is None else at_border(variation, best)
@@ -338,7 +340,15 @@ def _say(rows: list[Row], order: list[Row], by: By, edges: list[str]) -> None:
         errors = "  ".join(f"{100 * (row.figure(name) or 0):<5.3g}" for name in names)
         time = row.figure("exposure_time")
         say(f"{errors}  {'-' if time is None else f'{time:.3g}':<6}  {_place(row)}")
-    if not order:
+    tried = [row for row in rows[1:] if not row.failure]
+    if not tried:
+        warn("every point failed, so that none is best")
+    elif by is By.time and rows[0].figure("bound") == float("inf"):
+        warn(
+            "the scene as it stands does not tell all patches, so that no time equals its bound: "
+            "rank --by bound"
+        )
+    elif not order:
         other = "" if by is By.told else ", or rank --by told"
         warn(
             "no point tells all patches, so that none is best: ask for fewer patches by "

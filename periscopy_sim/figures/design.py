@@ -84,7 +84,7 @@ def _draw_curves(
     for ax in (errors, time):
         for row in (row for row in tried if row.merit is None):
             ax.axvspan(*_cell(cells, float(row.values[name])), color=FAILED, lw=0, zorder=0)
-        _plain_log(ax.yaxis)
+        _plain_log(ax.yaxis, most=MOST_DRAWN if ax is errors else np.inf)
         ax.grid(True, which="major", color="0.9", lw=0.5)
         ax.tick_params(labelsize=8, which="both")
     errors.set_ylabel("standard error of a patch,\n% of white", fontsize=9)
@@ -166,7 +166,7 @@ def _draw_ranking(
             ax.xaxis.set_major_locator(MaxNLocator(5))
     axes[0].set_xlabel("rank by the bound", fontsize=9)
     for ax in axes[: len(names) + 1]:
-        _plain_log(ax.yaxis)
+        _plain_log(ax.yaxis, most=MOST_DRAWN)
         ax.grid(True, which="major", color="0.9", lw=0.5)
         ax.tick_params(labelsize=8, which="both")
     for ax in axes[::columns]:
@@ -205,14 +205,14 @@ def _cell(values: Array, value: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _plain_log(axis: Any, *, scale: bool = True) -> None:
-    """Tick a logarithmic axis with plain numbers, as many as there is room for."""
+def _plain_log(axis: Any, *, scale: bool = True, most: float = np.inf) -> None:
+    """Tick a logarithmic axis, up to `most`, with plain numbers, as many as there is room for."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     if scale:
         axis.axes.set_yscale("log")
         low, high = axis.get_view_interval()
-        axis.axes.set_ylim(low, min(high, max(MOST_DRAWN, 2 * low)))
+        axis.axes.set_ylim(low, min(high, max(most, 2 * low)))
     low, high = axis.get_view_interval()
     span = np.log10(max(high, 1e-300) / max(low, 1e-300))
     plain = FuncFormatter(lambda value, _: f"{value:g}")

@@ -47,12 +47,15 @@ def test_a_change_without_a_version_is_refused(monkeypatch, change):
         freezing.check_frozen()
 
 
-def test_a_frozen_version_is_never_written_over(monkeypatch, tmp_path):
-    record = {**freezing.recorded(), "digest": "another"}
+@pytest.mark.parametrize(
+    ("changed", "message"), [({"digest": "another"}, "have changed"), ({}, "is frozen")]
+)
+def test_a_frozen_version_is_never_written_over(monkeypatch, tmp_path, changed, message):
+    record = {**freezing.recorded(), **changed}
     file = tmp_path / "frozen.json"
     file.write_text(json.dumps(record))
     monkeypatch.setattr(freezing, "FROZEN", file)
-    with pytest.raises(PeriscopyError, match="have changed"):
+    with pytest.raises(PeriscopyError, match=message):
         freezing.freeze(tmp_path)
     assert json.loads(file.read_text()) == record
 

@@ -148,3 +148,21 @@ def test_scene_that_tells_nothing_has_no_best(periscopy, tmp_path):
 
 def test_ranking_leaves_out_what_failed():
     assert search.ranked([], search.By.bound) == []
+
+
+def test_best_scene_of_another_ranking_does_not_stay(periscopy, tmp_path):
+    # Of some patches the wall tells nothing here, while the method still tells its errors.
+    coarse = ("design", "chair", "--hidden", "6x7", "-D", "resolution=16", "--samples", "4")
+    coarse += ("-D", "occluder_dx=-0.12", "--vary", "occluder_dz=0:0.02", "--grid", "2")
+    coarse += ("--images", "bars", "--out", "out")
+    assert periscopy(*coarse, "--by", "told").code == 0
+    assert (tmp_path / "out" / "best.xml").is_file()
+    ended = periscopy(*coarse, "--by", "time")
+    assert ended.code == 0 and "no time equals its bound: rank --by bound" in ended.err
+    assert not (tmp_path / "out" / "best.xml").exists()
+
+
+def test_points_that_all_fail_are_told(periscopy):
+    ended = periscopy(*design("--vary", "resolution=12.1:12.9", "--grid", "2", "--images", "none"))
+    assert ended.code == 0 and "every point failed, so that none is best" in ended.err
+    assert "as it stands" in ended.out and "no point is better" not in ended.out

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import lapla
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 Array = NDArray[np.float64]
+
+_THREADS = Lock()
+"""Of PyTorch's number of threads, which is the process's."""
 
 
 class Learned(NoiseAware):
@@ -121,9 +125,10 @@ def _one_thread() -> Iterator[None]:
     """
     import torch
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+    with _THREADS:
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)

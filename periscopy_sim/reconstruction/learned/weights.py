@@ -1,7 +1,7 @@
 """What a network learned, as a file: safetensors, with what it learned from.
 
 The file's metadata holds which network it is, its settings, the hidden images' size, the SHA-256
-of the tensors' bytes, and the provenance of the training: data and their digest, seed, steps.
+of these and the tensors, and the provenance of the training: data and their digest, seed, steps.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
 
 NETWORKS: Mapping[str, str] = {
@@ -65,11 +65,15 @@ class Weights:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the tensors' names and bytes."""
-        found = hashlib.sha256()
+        """SHA-256 of what the network is and of its tensors: names, types, shapes and bytes."""
+        import torch
+
+        kinds = {name: (str(each.dtype), list(each.shape)) for name, each in self.tensors.items()}
+        head = [self.network, list(self.hidden_shape), dict(self.settings), kinds]
+        found = hashlib.sha256(json.dumps(head, sort_keys=True).encode())
         for name in sorted(self.tensors):
-            found.update(name.encode())
-            found.update(self.tensors[name].detach().contiguous().cpu().numpy().tobytes())
+            values = self.tensors[name].detach().contiguous().cpu().reshape(-1)
+            found.update(values.view(torch.uint8).numpy().tobytes())
         return found.hexdigest()
 
     def trained(self, file: str | Path) -> Any:
@@ -125,7 +129,10 @@ def read_weights(file: str | Path) -> Weights:
     safetensors = require("safetensors")
     file = Path(file)
     if not file.is_file():
-        raise PeriscopyError(f"{file}: no such file of weights")
+        guess = did_you_mean(str(file), NETWORKS)
+        raise PeriscopyError(
+            f"{file}: no such file of weights; {guess} {', '.join(NETWORKS)} ship with the package"
+        )
     try:
         with safetensors.safe_open(file, framework="pt") as opened:
             metadata = opened.metadata() or {}
@@ -140,11 +147,11 @@ def read_weights(file: str | Path) -> Weights:
             metadata["network"],
             tensors,
             (int(rows), int(columns)),
-            json.loads(metadata["settings"]),
-            json.loads(metadata["provenance"]),
+            dict(json.loads(metadata["settings"])),
+            dict(json.loads(metadata["provenance"])),
         )
         recorded = metadata["sha256"]
-    except (KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise PeriscopyError(f"{file}: is damaged: its head lacks {error}") from error
     if weights.network not in NETWORKS:
         raise PeriscopyError(
@@ -153,7 +160,7 @@ def read_weights(file: str | Path) -> Weights:
         )
     if weights.digest != recorded:
         raise PeriscopyError(
-            f"{file}: is damaged: its tensors' SHA-256 begins with {weights.digest[:12]}, recorded "
+            f"{file}: is damaged: its SHA-256 begins with {weights.digest[:12]}, recorded "
             f"is {recorded[:12]}; get the file anew"
         )
     return weights

@@ -6,6 +6,7 @@ import pytest
 pytest.importorskip("skimage")
 
 from experiments.learned import pictures
+from periscopy_sim.errors import OutputError
 
 
 def test_crops_and_leaves_are_of_one_size_and_in_range():
@@ -34,3 +35,20 @@ def test_grey_crops_are_tinted_and_coloured_ones_keep_their_values():
 
 def test_no_photograph_is_both_learned_from_and_tested_with():
     assert not {*pictures.COLOURED, *pictures.GREY} & {*pictures.WITHHELD}
+
+
+def test_a_folder_holds_pictures_of_one_run(tmp_path):
+    from PIL import Image
+
+    pictures.main(tmp_path / "out", crops=2, leaves=0)
+    before = (tmp_path / "out" / "00001.png").read_bytes()
+    pictures.main(tmp_path / "out", crops=2, leaves=0)
+    assert (tmp_path / "out" / "00001.png").read_bytes() == before
+    (tmp_path / "also").mkdir()
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(0, 255, (300, 400, 3), np.uint8)).save(tmp_path / "also" / "a.png")
+    with pytest.raises(OutputError, match=r"holds another set of pictures \(also_sha256"):
+        pictures.main(tmp_path / "out", also=tmp_path / "also", crops=2, leaves=0)
+    (tmp_path / "out" / "settings.json").unlink()
+    with pytest.raises(OutputError, match="of settings that are not known"):
+        pictures.main(tmp_path / "out", crops=2, leaves=0)

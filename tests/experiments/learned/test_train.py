@@ -103,6 +103,9 @@ def test_training_learns_resumes_and_writes_weights_with_their_provenance(
     assert (tmp_path / "whole" / "unrolled.png").is_file()
     with pytest.raises(SystemExit, match="is of 6 steps and seed 3"):
         train.main(samples, tmp_path / "whole", steps=7, threads=1, seed=3)
+    next(samples.glob("*.npz")).unlink()
+    with pytest.raises(SystemExit, match="learned from other samples"):
+        train.main(samples, tmp_path / "whole", steps=6, threads=1, seed=3)
 
 
 @pytest.mark.parametrize("network", ["unet", "plug-and-play"])
