@@ -14,6 +14,7 @@ EXTRA_OF = {
     "cv2": "tags",
     **dict.fromkeys(("torch", "safetensors"), "torch"),
     "deepinv": "deepinv",
+    "viser": "live",
 }
 """The extra that brings each library."""
 

@@ -40,17 +40,13 @@ Points = Mapping[str, Array]
 
 @dataclass(frozen=True)
 class Movable:
-    """A number that a scene declares, and the range in which a person moves it."""
+    """A number that a scene declares, and the range and the steps in which a person moves it."""
 
     name: str
     value: float
     low: float
     high: float
-
-    @property
-    def step(self) -> float:
-        """The step of a slider."""
-        return (self.high - self.low) / (2 * STEPS)
+    step: float
 
     def within(self, value: float) -> float:
         """Return the value nearest to one that is within the range."""
@@ -211,10 +207,17 @@ def _movable(name: str, value: float, error: float, farthest: float) -> Movable:
         half = FAR / farthest
     else:
         half = abs(value) / 2 or 1.0
-    low = value - half
-    if value > 0 and low <= 0 and farthest < 1 - RIGID:  # a size, not a place
-        low = value / 10
-    return Movable(name, value, low, value + half)
+    step = _round(half / STEPS)
+    below = STEPS
+    if 0 < value <= STEPS * step and farthest < 1 - RIGID:  # a size, not a place
+        below = max(1, int(0.9 * value / step))
+    return Movable(name, value, value - below * step, value + STEPS * step, step)
+
+
+def _round(step: float) -> float:
+    """Return the round number nearest to a positive one: 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(min((1, 2, 5, 10), key=lambda n: abs(np.log(n * power / step))) * power)
 
 
 def _handles(
