@@ -22,7 +22,16 @@ LEARNED = "periscopy_sim.reconstruction.learned.weights"
 FLOORS = [
     {"experiments"},
     {"__main__", "cli"},
-    {"figures", "evaluation", "dataset", "calibration", "laboratory", "live", "adapters", "deepinv"},
+    {
+        "figures",
+        "evaluation",
+        "dataset",
+        "calibration",
+        "laboratory",
+        "live",
+        "adapters",
+        "deepinv",
+    },
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"scenario", "shipped", "extras"},

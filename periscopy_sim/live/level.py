@@ -80,8 +80,11 @@ class Pictures:
     ----------
     choice
         What was set.
-    scenario, survey
+    scenario
         The scene at these values, which the method believes.
+    rays
+        (4, 2, 3) the camera's rays through the picture's corners, clockwise from the top left:
+        where they come from, and where they meet the wall.
     is_coarse
         Whether this is the coarse size.
     truth
@@ -108,7 +111,7 @@ class Pictures:
 
     choice: Choice
     scenario: Scenario
-    survey: Survey
+    rays: Array
     is_coarse: bool
     truth: Array | None
     photograph: Array
@@ -128,7 +131,7 @@ class _Transport:
     """A scene and its light transport."""
 
     scenario: Scenario
-    survey: Survey
+    rays: Array
     A: NDArray[np.float32]
 
 
@@ -170,6 +173,7 @@ class Level:
         self._transports: dict[tuple[float, ...], _Transport] = {}
         self._images: dict[str, Array] = {}
         self._fitted: tuple[tuple[object, ...], Any] | None = None
+        self._rays: tuple[Array, Array] | None = None
         self._backgrounds: tuple[Array, Array] | None = None
 
     def scenario(self, given: Mapping[str, str]) -> Scenario:
@@ -220,7 +224,7 @@ class Level:
         return Pictures(
             choice=choice,
             scenario=seen.scenario,
-            survey=seen.survey,
+            rays=seen.rays,
             is_coarse=self.is_coarse,
             truth=truth,
             photograph=shot.values,
@@ -241,8 +245,6 @@ class Level:
         if key not in self._transports:
             given = self._given | {name: f"{value:.9g}" for name, value in values.items()}
             scenario = self.scenario(given)
-            with RENDERING:
-                survey = Survey(scenario)
             if has_areas(scenario):
                 A = area_transport(scenario)
             else:
@@ -251,10 +253,20 @@ class Level:
             require_light(A, scenario)
             while len(self._transports) > 1:
                 del self._transports[next(iter(self._transports))]
-            self._transports[key] = _Transport(scenario, survey, A)
+            self._transports[key] = _Transport(scenario, self._rays_to(scenario), A)
         found = self._transports.pop(key)
         self._transports[key] = found  # the last to be forgotten
         return found
+
+    def _rays_to(self, scenario: Scenario) -> Array:
+        """Return the camera's rays; those of before while it sees the same of the wall."""
+        points = scenario.wall_points
+        if self._rays is None or not np.array_equal(self._rays[0], points):
+            with RENDERING:
+                survey = Survey(scenario)
+            rays = np.stack([survey.view_origins[:4], survey.view_points[:4]], axis=1)
+            self._rays = points, rays
+        return self._rays[1]
 
     def _truth(self, name: str) -> Array:
         """Return a hidden image, (R, C, 3)."""
@@ -262,9 +274,7 @@ class Level:
             self._images[name] = read_hidden_image(find_image(name), self.hidden_shape)
         return self._images[name]
 
-    def _taken(
-        self, choice: Choice, truth: Array | None, seen: _Transport
-    ) -> tuple[Shot, bool]:
+    def _taken(self, choice: Choice, truth: Array | None, seen: _Transport) -> tuple[Shot, bool]:
         """Take a photograph, y = A f + b + noise; return it, and whether its b is still missing."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")

@@ -33,7 +33,7 @@ class AmbientLight:
 
     The scene is given by its path, its ``<default>``s and the size of its hidden image. Where its
     camera moves, the light is taken as it was: lamps are far away. `arrived` is called, in a thread
-    of its own, with the name of each place whose light has come, or why there is none.
+    of its own, with the name of each place whose light has come, or cannot be had.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class AmbientLight:
         path: Path,
         given: Mapping[str, str],
         hidden: tuple[int, int],
-        arrived: Callable[[str, str], None],
+        arrived: Callable[[str], None],
     ) -> None:
         self._scene = path, dict(given), hidden
         self._arrived = arrived
@@ -92,7 +92,7 @@ class AmbientLight:
                 self._failed[place] = found
             else:
                 self._photographs[place] = found
-        self._arrived(place, found if isinstance(found, str) else "")
+        self._arrived(place)
 
 
 def _render(

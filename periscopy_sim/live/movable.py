@@ -115,9 +115,11 @@ def find_movables(
         if scenario.photograph_shape != here.photograph_shape:
             continue
         moved = _moved(before, _things(scenario), apart)
-        movables.append(_movable(name, value, errors.get(name, 0.0), _farthest(moved)))
         if (shift := _shift(moved)) is not None:
             moves[name] = (frozenset(moved), shift)
+        movables.append(
+            _movable(name, value, errors.get(name, 0.0), _farthest(moved), is_place=name in moves)
+        )
     if not movables:
         raise SceneError(
             f"scene '{path}' declares nothing that can be moved; declare a number, such as "
@@ -199,34 +201,40 @@ def _shift(moved: Points) -> Array | None:
     return np.asarray(length * exact / np.linalg.norm(exact))
 
 
-def _movable(name: str, value: float, error: float, farthest: float) -> Movable:
+def _movable(name: str, value: float, error: float, farthest: float, *, is_place: bool) -> Movable:
     """Return a parameter with its range, from a ruler's error or from how far things move."""
+    half = FAR / farthest if farthest > 0 else abs(value) / 2 or 1.0
     if np.isfinite(error) and error > 0:
         half = REACH * error
-    elif farthest > 0:
-        half = FAR / farthest
-    else:
-        half = abs(value) / 2 or 1.0
+    elif value and not is_place:  # a size, a factor, an exponent
+        half = min(half, abs(value) / 2)
     step = _round(half / STEPS)
     below = STEPS
-    if 0 < value <= STEPS * step and farthest < 1 - RIGID:  # a size, not a place
+    if 0 < value <= STEPS * step and not is_place:
         below = max(1, int(0.9 * value / step))
-    return Movable(name, value, value - below * step, value + STEPS * step, step)
+    low, high = (float(f"{value + n * step:.12g}") for n in (-below, STEPS))
+    return Movable(name, value, low, high, step)
 
 
 def _round(step: float) -> float:
-    """Return the round number nearest to a positive one: 1, 2 or 5 times a power of ten."""
+    """Return the round number next above a positive one: 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(step))
-    return float(min((1, 2, 5, 10), key=lambda n: abs(np.log(n * power / step))) * power)
+    return float(next(n for n in (1, 2, 5, 10) if n * power >= 0.999 * step) * power)
 
 
 def _handles(
     movables: Sequence[Movable], moves: Mapping[str, tuple[frozenset[str], Array]], things: Points
 ) -> list[Handle]:
-    """Return a handle for each set of things that some parameters move as one."""
+    """Return a handle for each set of things that some parameters move as one.
+
+    What is but a part of such a set has none: it would stand in the other's way.
+    """
     values = {each.name: each.value for each in movables}
     handles = []
-    for which in dict.fromkeys(group for group, _ in moves.values()):
+    sets = dict.fromkeys(group for group, _ in moves.values())
+    for which in sets:
+        if any(which < other for other in sets):
+            continue
         names: list[str] = []
         directions: list[Array] = []
         for name, (group, shift) in moves.items():

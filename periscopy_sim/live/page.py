@@ -79,7 +79,8 @@ class Page:
         self._dragged: Handle | None = None
         self.want: Want = lambda choice, rest: None
         self.save: Callable[[], None] = lambda: None
-        self._server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
+        with _silence():
+            self._server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
         self._gui = self._server.gui
         self._room = Room(self._server, scenario)
         self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
@@ -124,7 +125,7 @@ class Page:
 
     def close(self) -> None:
         """End the page for all who look at it."""
-        with contextlib.redirect_stdout(io.StringIO()):  # it says so at length
+        with _silence():
             self._server.stop()
 
     # -- what stands beside the scene --------------------------------------------------------------
@@ -134,7 +135,9 @@ class Page:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
-        self._sheet = gui.add_image(np.full((8, 8, 3), 255, np.uint8), format="jpeg", jpeg_quality=90)
+        self._sheet = gui.add_image(
+            np.full((8, 8, 3), 255, np.uint8), format="jpeg", jpeg_quality=90
+        )
         self._trouble = gui.add_markdown("computing the first pictures")
         self._choose("Method", offered.methods, first.method, lambda name: {"method": name})
         if is_given:
@@ -230,6 +233,11 @@ class Page:
         with self._lock:
             self._choice = replace(self._choice, **changes)
             self.want(self._choice, rest)
+
+
+def _silence() -> contextlib.redirect_stdout[io.StringIO]:
+    """Keep the server from printing what the command says in a line."""
+    return contextlib.redirect_stdout(io.StringIO())
 
 
 def grouped(

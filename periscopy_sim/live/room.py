@@ -9,20 +9,22 @@ from numpy.typing import NDArray
 
 from periscopy_sim.live.level import Pictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
-from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.scenario import Array, Occluder, Scenario, WallFrame, wall_frame
 
 AHEAD = 2e-3
 """Metres by which pictures stand before what they lie on."""
 
-WALL, CASE, WOOD, RAYS = (222, 222, 218), (40, 42, 46), (150, 111, 78), (0, 114, 178)
+WALL, CASE, WOOD, RAYS = (236, 236, 232), (40, 42, 46), (150, 111, 78), (0, 114, 178)
+FRAME = 0.1
+"""Width of the monitor's frame, both sides together, over the shorter side of its image."""
+
 MARGIN = 0.12
 """Of the wall that is drawn, about what stands before it."""
 
 AROUND, ABOVE = 38.0, 24.0
 """Degrees of the first view, from looking at the wall, and downwards."""
 
-FRAMED = 1.05
+FRAMED = 0.85
 """Distance of the first view over the laboratory's size."""
 
 
@@ -56,15 +58,13 @@ class Room:
         self._show_monitor(scenario, monitor_pixels(pictures))
         for occluder in scenario.occluders:
             self._show_occluder(occluder)
-        self._show_view(pictures.survey)
+        self._show_view(pictures.rays)
 
     def _place_wall(self, corners: Array, frame: WallFrame) -> None:
         """Draw the wall behind all that stands before it, seen along its normal."""
         across, up = ((corners - frame.center) @ axis for axis in (frame.across, frame.up))
         wider = MARGIN * max(np.ptp(across), np.ptp(up))
-        ends = [
-            (each.min() - wider, each.max() + wider) for each in (across, up)
-        ]  # fmt: skip
+        ends = [(each.min() - wider, each.max() + wider) for each in (across, up)]
         points = [
             frame.center + s * frame.across + t * frame.up - AHEAD * frame.normal
             for s in ends[0]
@@ -107,15 +107,13 @@ class Room:
         center = scenario.patch_centers.mean(axis=0)
         size = np.array([np.linalg.norm(across), np.linalg.norm(up)])
         self._show_image("/monitor", pixels, size, center + AHEAD * normal, across, up)
-        case = 1 + 0.08 * size.min() / size
-        corners = np.array(
-            [
-                center - AHEAD * normal + s * case[0] * across / 2 + t * case[1] * up / 2
-                for s in (-1, 1)
-                for t in (-1, 1)
-            ]
-        )
-        self._show_mesh("/case", corners, np.array([[0, 2, 1], [2, 3, 1]]), CASE)
+        # Only a frame: from behind, where most of the laboratory is seen, the image shines through.
+        outer = 1 + FRAME * size.min() / size
+        ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
+        corners = [center + s * across + t * up for s, t in np.concatenate([ring, ring * outer])]
+        around = [(k, (k + 1) % 4) for k in range(4)]
+        faces = [f for a, b in around for f in ((a, b, a + 4), (b, b + 4, a + 4))]
+        self._show_mesh("/frame", np.array(corners), np.array(faces), CASE)
 
     def _show_occluder(self, occluder: Occluder) -> None:
         """Show a mesh; of another shape the box about it."""
@@ -128,11 +126,10 @@ class Room:
             vertices, faces = np.asarray(around.vertices), np.asarray(around.faces)
         self._show_mesh(f"/occluders/{occluder.name}", vertices, faces, WOOD)
 
-    def _show_view(self, survey: Survey) -> None:
+    def _show_view(self, rays: Array) -> None:
         """Show the rays through the picture's corners, and its border on the wall."""
-        origins, points = survey.view_origins[:4], survey.view_points[:4]
+        points = rays[:, 1]
         border = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
-        rays = np.stack([origins, points], axis=1)
         self._show_lines("/camera", np.concatenate([rays, border]))
 
     # -- what is sent, only where it has changed ---------------------------------------------------

@@ -54,7 +54,7 @@ def draw_sheet(pictures: Pictures) -> Pixels:
 
     tiles = [_photograph(pictures), _reconstruction(pictures), _second(pictures), _errors(pictures)]
     width, height = TILE
-    sheet = Image.new("RGB", (2 * width + GAP, 2 * (height + LINE) + GAP), PAPER)
+    sheet = Image.new("RGB", (2 * (width + GAP), 2 * (height + LINE) + GAP), PAPER)
     draw = ImageDraw.Draw(sheet)
     for k, (title, note, pixels) in enumerate(tiles):
         row, column = divmod(k, 2)

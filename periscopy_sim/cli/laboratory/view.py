@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +19,7 @@ from periscopy_sim.reconstruction.registry import DEFAULT
 if TYPE_CHECKING:
     from periscopy_sim.live.level import Pictures, Shot
     from periscopy_sim.live.page import Offered
+    from periscopy_sim.scenario import Scenario
 
 PORT = 8080
 HERE = "127.0.0.1"
@@ -60,7 +60,9 @@ def view(
     host: Annotated[
         str, option("ADDRESS", "Where to listen; 0.0.0.0 lets other computers look and set.")
     ] = HERE,
-    port: Annotated[int, option("NUMBER", "The port; 0 takes a free one.", min=0, max=65535)] = PORT,
+    port: Annotated[
+        int, option("NUMBER", "The port; 0 takes a free one.", min=0, max=65535)
+    ] = PORT,
     define: arguments.Define = None,
 ) -> None:
     """Show a laboratory in the browser, with handles that move what its scene declares.
@@ -68,70 +70,49 @@ def view(
     Photograph, reconstruction and standard error follow. Ctrl-C ends it.
     """
     require("viser")
+    given = parse_definitions(define)
+    first = Choice({}, _first_image(image, photo), ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
-        from periscopy_sim.evaluation.methods import find_method
-        from periscopy_sim.live.laboratory import LiveLaboratory
-        from periscopy_sim.live.level import Level, coarse_sizes
-        from periscopy_sim.live.light import AmbientLight
-        from periscopy_sim.live.movable import find_movables
-        from periscopy_sim.live.page import Page, refuse_taken
-        from periscopy_sim.storage.ambient_library import find_condition
+        # Takes seconds, in which a user would see nothing.
+        from periscopy_sim.live.session import Session
 
-        find_method(method)
-        if port:
-            refuse_taken(host, port)
-        if ambient is not None:
-            find_condition(ambient)
-        if photo is not None and ambient is not None:
-            raise PeriscopyError("--ambient is of synthetic photographs; leave it or PHOTO out")
-        if image is not None or photo is None:
-            inputs.hidden_image(image or IMAGE, parse_size(hidden))
+        _check(first, photo, hidden)
         scenario = inputs.load(scene, hidden, define)
-        used = inputs.read_mask(mask, scenario)
-        shot = _shot(photo, scenario, used)
-        path, given = scenario.path, parse_definitions(define)
-        share = 1.0 if shot is None or shot.used is None else float(shot.used.mean())
-        small = coarse_sizes(scenario.photograph_shape, scenario.hidden_shape, share)
-        sizes = scenario.photograph_shape, scenario.hidden_shape
-        light = AmbientLight(path, given, scenario.hidden_shape, lambda place, why: arrived())
-        coarse = Level(path, given, *small, light.photograph, shot, is_coarse=True)
-        full = Level(path, given, *sizes, light.photograph, shot, is_coarse=False)
-        movables, handles = find_movables(path, given, coarse.scenario)
-    first = Choice(
-        values={each.name: each.value for each in movables},
-        image=(image or IMAGE) if photo is None else (image or ""),
-        place=ambient or "",
-        sbr=sbr,
-        snr=snr,
-        method=method,
-    )
-    page = Page(
-        host, port, scenario, movables, handles, _offered(), first, is_given=photo is not None
-    )
-    laboratory = LiveLaboratory(coarse, full, page.show, page.tell)
+        shot = _shot(photo, scenario, inputs.read_mask(mask, scenario))
 
-    def arrived() -> None:
-        laboratory.want(page.choice)
+        def save(pictures: Pictures) -> str:
+            write_view(out, pictures, given, photo)
+            return f"wrote {out}"
 
-    def save(pictures: Pictures) -> None:
-        write_view(out, pictures, given, hidden, photo)
-        page.tell(f"wrote {out}")
-
-    page.want, page.save = laboratory.want, lambda: laboratory.save(save)
-    say(f"http://{host}:{page.port} shows {path.name}; Ctrl-C ends it")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of pictures that are gone in a moment
-            laboratory.want(first)
-            laboratory.run()
-    except KeyboardInterrupt:
-        say("closed")
-    finally:
-        light.close()
-        page.close()
+        session = Session(scenario, first, _offered(), save, shot=shot, host=host, port=port)
+    with session:
+        say(f"http://{host}:{session.page.port} shows {scenario.path.name}; Ctrl-C ends it")
+        try:
+            session.run()
+        except KeyboardInterrupt:
+            say("closed")
 
 
-def _shot(photo: Path | None, scenario: Any, used: Any) -> Shot | None:
+def _first_image(image: str | None, photo: Path | None) -> str:
+    """Return what the monitor shows at first; nothing is known of a photograph."""
+    return image or (IMAGE if photo is None else "")
+
+
+def _check(first: Choice, photo: Path | None, hidden: str) -> None:
+    """Refuse what can be refused before anything is loaded."""
+    from periscopy_sim.evaluation.methods import find_method
+    from periscopy_sim.storage.ambient_library import find_condition
+
+    find_method(first.method)
+    if first.place:
+        if photo is not None:
+            raise PeriscopyError("--ambient is of synthetic photographs; leave it or PHOTO out")
+        find_condition(first.place)
+    if first.image:
+        inputs.hidden_image(first.image, parse_size(hidden))
+
+
+def _shot(photo: Path | None, scenario: Scenario, used: inputs.Mask | None) -> Shot | None:
     """Read the photograph, and leave out what measures no light of the wall."""
     from periscopy_sim.live.level import Shot
 

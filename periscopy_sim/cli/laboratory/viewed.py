@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import parse_size
 from periscopy_sim.cli.output import as_json, say_written
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_folder
@@ -19,9 +18,7 @@ if TYPE_CHECKING:
     from periscopy_sim.live.level import Pictures
 
 
-def write_view(
-    out: Path, pictures: Pictures, given: Mapping[str, str], hidden: str, photo: Path | None
-) -> None:
+def write_view(out: Path, pictures: Pictures, given: Mapping[str, str], photo: Path | None) -> None:
     """Write the scene with the values that the pictures are of, and these, to a folder.
 
     A PeriscopyError says what cannot be written; nothing is written then.
@@ -52,7 +49,7 @@ def write_view(
     }
     with staged_folder(out) as folder:
         write_copy(scenario.path, values, folder / "scene.xml")
-        load_scenario(folder / "scene.xml", parse_size(hidden))
+        load_scenario(folder / "scene.xml", scenario.hidden_shape)
         if photo is None:
             write_exr(folder / "photograph.exr", pictures.photograph, text)
         np.save(folder / "reconstruction.npy", pictures.image)
