@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from threading import Condition, Thread
 
 from periscopy_sim.errors import PeriscopyError
@@ -85,7 +86,7 @@ class LiveLaboratory:
                         self._save = None
                 if number == done:
                     assert save is not None and pictures is not None
-                    self._attempt(lambda: save(pictures))
+                    self._attempt(partial(save, pictures))
                     continue
                 assert choice is not None
                 try:

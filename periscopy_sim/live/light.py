@@ -27,6 +27,9 @@ smooth, too, so that methods reject it with the rest."""
 RAYS = 16
 """Of light that has bounced, see `render_background`."""
 
+PIXELS = 48
+"""Along the longer side of what is rendered; between them the light is interpolated."""
+
 
 class AmbientLight:
     """Photographs of a scene's wall by the light of ambient places, as the scene was at first.
@@ -100,12 +103,23 @@ def _render(
 ) -> None:
     """Render the light of a place, and send it; or send why it cannot be."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this ends it
+    from periscopy_sim.calibration.explanation.resolution_level import fitted
     from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
-        scenario = load_scenario(path, hidden, given)
+        shape = load_scenario(path, hidden, given).photograph_shape
+        scenario = load_scenario(path, (1, 1), given, photograph=fitted(shape, PIXELS))
         found = render_background(place, scenario, target=TARGET, rays=RAYS)
-        out.send(np.asarray(found.photograph))
+        out.send(_enlarged(found.photograph, shape))
     except PeriscopyError as error:
         out.send(str(error))
+
+
+def _enlarged(photograph: Array, shape: tuple[int, int]) -> Array:
+    """Return a photograph of more pixels, by cubic splines; nowhere darker than it was."""
+    from scipy import ndimage
+
+    factors = [more / fewer for more, fewer in zip(shape, photograph.shape[:2], strict=True)]
+    wider: Array = ndimage.zoom(photograph, [*factors, 1], mode="nearest", grid_mode=True)
+    return np.asarray(np.maximum(wider, photograph.min()))

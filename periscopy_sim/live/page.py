@@ -77,7 +77,7 @@ class Page:
         self._choice, self._movables = first, {each.name: each for each in movables}
         self._lock = RLock()
         self._dragged: Handle | None = None
-        self.want: Want = lambda choice, rest: None
+        self.want: Want = lambda *_: None
         self.save: Callable[[], None] = lambda: None
         with _silence():
             self._server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
@@ -205,6 +205,11 @@ class Page:
         gizmo = self._server.scene.add_transform_controls(
             f"/handles/{handle.name}", scale=GIZMO, active_axes=(x, y, z), disable_rotations=True,
             depth_test=False, position=tuple(handle.center),
+        )  # fmt: skip
+
+        self._server.scene.add_label(
+            f"/handles/{handle.name}/label", handle.name, position=(0.0, 0.0, 1.3 * GIZMO),
+            anchor="bottom-center",
         )  # fmt: skip
 
         async def dragged(event: Any) -> None:

@@ -15,6 +15,10 @@ AHEAD = 2e-3
 """Metres by which pictures stand before what they lie on."""
 
 WALL, CASE, WOOD, RAYS = (236, 236, 232), (40, 42, 46), (150, 111, 78), (0, 114, 178)
+FLOOR = (214, 214, 214)
+CELLS = 10
+"""Of the floor's grid in a metre."""
+
 FRAME = 0.1
 """Width of the monitor's frame, both sides together, over the shorter side of its image."""
 
@@ -43,13 +47,15 @@ class Room:
         self._place_wall(corners, frame)
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle = (low + high) / 2
+        size = float(np.linalg.norm(high - low))
+        self._show_lines("/floor", _grid(middle, size, float(low[2])), FLOOR)
         forth = -frame.normal * [1, 1, 0]
         forth = forth / (np.linalg.norm(forth) or 1.0)
         side = np.array([forth[1], -forth[0], 0.0])
         a, h = np.radians([AROUND, ABOVE])
         back = np.cos(h) * (-np.cos(a) * forth + np.sin(a) * side) + np.sin(h) * np.eye(3)[2]
         server.initial_camera.look_at = tuple(middle)
-        server.initial_camera.position = tuple(middle + FRAMED * np.linalg.norm(high - low) * back)
+        server.initial_camera.position = tuple(middle + FRAMED * size * back)
 
     def show(self, pictures: Pictures) -> None:
         """Show a scene, the photograph on its wall and the image on its monitor."""
@@ -103,10 +109,9 @@ class Room:
                 (scenario.patch_across, columns), (scenario.patch_up, rows)
             )
         )  # fmt: skip
-        normal = scenario.patch_normals.mean(axis=0)
         center = scenario.patch_centers.mean(axis=0)
         size = np.array([np.linalg.norm(across), np.linalg.norm(up)])
-        self._show_image("/monitor", pixels, size, center + AHEAD * normal, across, up)
+        self._show_image("/monitor", pixels, size, center, across, up)
         # Only a frame: from behind, where most of the laboratory is seen, the image shines through.
         outer = 1 + FRAME * size.min() / size
         ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
@@ -130,7 +135,7 @@ class Room:
         """Show the rays through the picture's corners, and its border on the wall."""
         points = rays[:, 1]
         border = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
-        self._show_lines("/camera", np.concatenate([rays, border]))
+        self._show_lines("/camera", np.concatenate([rays, border]), RAYS)
 
     # -- what is sent, only where it has changed ---------------------------------------------------
 
@@ -160,15 +165,25 @@ class Room:
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def _show_lines(self, name: str, lines: Array) -> None:
+    def _show_lines(self, name: str, lines: Array, color: tuple[int, int, int]) -> None:
         before = self._shapes.get(name)
         points = np.asarray(lines, np.float32)
         if before is not None and np.array_equal(before.points, points):
             return
         self._shapes[name] = self._scene.add_line_segments(
-            name, points, np.broadcast_to(np.array(RAYS, np.uint8), points.shape),
+            name, points, np.broadcast_to(np.array(color, np.uint8), points.shape),
             thickness=2.0, thickness_units="screen",
         )  # fmt: skip
+
+
+def _grid(middle: Array, size: float, height: float) -> Array:
+    """Return the lines, (n, 2, 3), of a horizontal grid about a middle, of metres over `CELLS`."""
+    half = np.ceil(size * CELLS) / CELLS
+    x, y = np.round(middle[:2] * CELLS) / CELLS
+    at = np.arange(-half, half + 0.5 / CELLS, 1 / CELLS)
+    along_x = [[(x - half, y + a, height), (x + half, y + a, height)] for a in at]
+    along_y = [[(x + a, y - half, height), (x + a, y + half, height)] for a in at]
+    return np.array([*along_x, *along_y])
 
 
 def _frame_of(scenario: Scenario) -> WallFrame:

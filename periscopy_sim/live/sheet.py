@@ -21,10 +21,10 @@ Pixels = NDArray[np.uint8]
 TILE = 348, 300
 """Width and height of a tile, in pixels."""
 
-LINE = 46
+LINE = 62
 """Height of what is written above a tile: two lines."""
 
-GAP = 12
+GAP = 16
 PAPER, INK, PALE = (255, 255, 255), (33, 37, 41), (120, 128, 136)
 
 
@@ -73,8 +73,8 @@ def draw_sheet(pictures: Pictures) -> Pixels:
 def _write(draw: ImageDraw, x: int, y: int, title: str, note: str) -> None:
     from PIL import ImageFont
 
-    draw.text((x, y), title, INK, font=ImageFont.load_default(18))
-    draw.text((x, y + 23), note, PALE, font=ImageFont.load_default(15))
+    draw.text((x, y), title, INK, font=ImageFont.load_default(25))
+    draw.text((x, y + 31), note, PALE, font=ImageFont.load_default(21))
 
 
 Tile = tuple[str, str, Pixels | None]
@@ -87,7 +87,7 @@ def _photograph(pictures: Pictures) -> Tile:
     if pictures.residual is None:
         told += f", SNR {choice.snr:g} dB"
     if choice.place and pictures.residual is None:
-        told += f", SBR {choice.sbr:g}" if not pictures.is_dark else ", light is on its way"
+        told += f", SBR {choice.sbr:g}" if not pictures.is_dark else ", light comes"
     return "Photograph", told, photograph_pixels(pictures)
 
 
