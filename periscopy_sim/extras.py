@@ -15,6 +15,7 @@ EXTRA_OF = {
     **dict.fromkeys(("torch", "safetensors"), "torch"),
     "deepinv": "deepinv",
     "viser": "live",
+    "av": "video",
 }
 """The extra that brings each library."""
 
