@@ -45,7 +45,7 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
         assert f"127.0.0.1:{port}" in refused("view", "plate", *SIZE, "--port", port)
     np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
     told = refused("view", "plate", "small.npy", *SIZE)
-    assert "20x30" in told and "126x126" in told
+    assert "20 x 30 pixels" in told and "126 x 126" in told
     assert "leave it or PHOTO out" in refused(
         "view", "plate", "small.npy", *SIZE, "--ambient", "overcast"
     )
