@@ -22,16 +22,8 @@ LEARNED = "periscopy_sim.reconstruction.learned.weights"
 FLOORS = [
     {"experiments"},
     {"__main__", "cli"},
-    {
-        "figures",
-        "evaluation",
-        "dataset",
-        "calibration",
-        "laboratory",
-        "live",
-        "adapters",
-        "deepinv",
-    },
+    {"live"},
+    {"figures", "evaluation", "dataset", "calibration", "laboratory", "adapters", "deepinv"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"scenario", "shipped", "extras"},

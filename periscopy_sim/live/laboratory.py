@@ -14,13 +14,13 @@ from threading import Condition, Thread
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.level import Level, Overtaken, Pictures
+from periscopy_sim.live.level import Level, LivePictures, Overtaken
 
 HELD = 1.0
 """Seconds without a move after which what is being dragged counts as let go of, as it is when a tab
 closes."""
 
-Save = Callable[[Pictures], None]
+Save = Callable[[LivePictures], None]
 
 
 class LiveLaboratory:
@@ -35,7 +35,7 @@ class LiveLaboratory:
         self,
         coarse: Level,
         full: Level,
-        show: Callable[[Pictures], None],
+        show: Callable[[LivePictures], None],
         tell: Callable[[str], None],
     ) -> None:
         self._coarse, self._full, self._show, self._tell = coarse, full, show, tell
@@ -100,7 +100,7 @@ class LiveLaboratory:
         if self._broken is not None:
             raise self._broken
 
-    def _is_due(self, done: int, pictures: Pictures | None) -> bool:
+    def _is_due(self, done: int, pictures: LivePictures | None) -> bool:
         """Return whether there is something to do in full."""
         if self._number == done:
             if self._save is not None and pictures is None:
@@ -134,13 +134,13 @@ class LiveLaboratory:
             self._pictures(self._coarse, choice, number)
             done = number
 
-    def _pictures(self, level: Level, choice: Choice, number: int) -> Pictures | None:
+    def _pictures(self, level: Level, choice: Choice, number: int) -> LivePictures | None:
         """Compute and show pictures; coarse ones are finished even if they are overtaken."""
 
         def is_overtaken() -> bool:
             return self._stopped or (not level.is_coarse and number != self._number)
 
-        found: list[Pictures] = []
+        found: list[LivePictures] = []
         try:
             self._attempt(lambda: found.append(level.pictures(choice, is_overtaken)), number)
         except Overtaken:

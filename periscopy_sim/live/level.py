@@ -73,7 +73,7 @@ class Shot:
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
+class LivePictures:
     """What a laboratory shows: its photograph, and what a method makes of that.
 
     Attributes
@@ -183,7 +183,7 @@ class Level:
                 self._path, self.hidden_shape, given, photograph=self.photograph_shape
             )
 
-    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Pictures:
+    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> LivePictures:
         """Compute the pictures of what is set.
 
         Raises
@@ -221,7 +221,7 @@ class Level:
             remark, doubt = str(method.remark(found)), str(method.doubt(found))
             unless_overtaken()
             residual = None if self._shot is None else method.residual(shot.values, found)
-        return Pictures(
+        return LivePictures(
             choice=choice,
             scenario=seen.scenario,
             rays=seen.rays,

@@ -19,7 +19,7 @@ import numpy as np
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.level import Pictures
+from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.movable import Handle, Movable
 from periscopy_sim.live.room import Room
 from periscopy_sim.live.sheet import draw_sheet
@@ -98,7 +98,7 @@ class Page:
         with self._lock:
             return self._choice
 
-    def show(self, pictures: Pictures) -> None:
+    def show(self, pictures: LivePictures) -> None:
         """Show pictures, and what they are of, but for what is being dragged."""
         sheet = draw_sheet(pictures)
         with self._server.atomic():
@@ -115,9 +115,8 @@ class Page:
         self._server.flush()
         notes = [each for each in (pictures.doubt, pictures.remark) if each]
         self._note.content = "  \n".join(notes)
-        self._pace.content = (
-            f"{'coarse' if pictures.is_coarse else 'full'}, {1000 * pictures.seconds:.0f} ms"
-        )
+        size = "coarse" if pictures.is_coarse else "full"
+        self._pace.content = f"{size} pictures in {pictures.seconds:.2g} s"
 
     def tell(self, text: str) -> None:
         """Show why there are no pictures of what is set; empty where there are."""
@@ -148,12 +147,18 @@ class Page:
             )  # fmt: skip
         else:
             self._choose("Hidden image", offered.images, first.image, lambda n: {"image": n})
-            self._choose(
+            places = self._choose(
                 "Ambient light", [NOTHING, *offered.places], first.place or NOTHING,
                 lambda name: {"place": "" if name == NOTHING else name},
             )  # fmt: skip
             ratios = [f"{sbr:g}" for sbr in sorted({*SBRS, first.sbr})]
-            self._choose("SBR", ratios, f"{first.sbr:g}", lambda text: {"sbr": float(text)})
+            sbr = self._choose("SBR", ratios, f"{first.sbr:g}", lambda text: {"sbr": float(text)})
+
+            def allow_sbr(_: object = None) -> None:
+                sbr.disabled = places.value == NOTHING
+
+            places.on_update(allow_sbr)
+            allow_sbr()
             low, high = min(SNRS[0], first.snr), max(SNRS[1], first.snr)
             snr = gui.add_slider("SNR (dB)", low, high, 1.0, first.snr)
             snr.on_update(lambda event: self._change(SLIDING, snr=float(event.target.value)))
@@ -167,7 +172,8 @@ class Page:
         for title, names, is_open in groups:
             with gui.add_folder(title, expand_by_default=is_open):
                 for name in names:
-                    self._sliders[name] = self._add_slider(self._movables[name])
+                    label = name.removeprefix(f"{title}_")
+                    self._sliders[name] = self._add_slider(self._movables[name], label)
         back = gui.add_button("Back to the file's values")
         back.on_click(lambda _: self._set({n: m.value for n, m in self._movables.items()}, 0.0))
         write = gui.add_button("Write scene and pictures", color="green")
@@ -181,14 +187,15 @@ class Page:
         options: Iterable[str],
         first: str,
         change: Callable[[str], Mapping[str, Any]],
-    ) -> None:
+    ) -> Any:
         names = list(dict.fromkeys([*options, first]))
         box = self._gui.add_dropdown(label, names, initial_value=first)
         box.on_update(lambda event: self._change(0.0, **change(event.target.value)))
+        return box
 
-    def _add_slider(self, movable: Movable) -> Any:
+    def _add_slider(self, movable: Movable, label: str) -> Any:
         slider = self._gui.add_slider(
-            movable.name, movable.low, movable.high, movable.step, movable.value
+            label, movable.low, movable.high, movable.step, movable.value, hint=movable.name
         )
 
         def slid(event: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.live.level import Pictures
+from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
 from periscopy_sim.scenario import Array, Occluder, Scenario, WallFrame, wall_frame
 
@@ -15,7 +15,7 @@ AHEAD = 2e-3
 """Metres by which pictures stand before what they lie on."""
 
 WALL, CASE, WOOD, RAYS = (236, 236, 232), (40, 42, 46), (150, 111, 78), (0, 114, 178)
-FLOOR = (214, 214, 214)
+FLOOR = (222, 222, 222)
 CELLS = 10
 """Of the floor's grid in a metre."""
 
@@ -23,7 +23,7 @@ FRAME = 0.1
 """Width of the monitor's frame, both sides together, over the shorter side of its image."""
 
 MARGIN = 0.12
-"""Of the wall that is drawn, about what stands before it."""
+"""Of wall and floor that are drawn, about what stands there."""
 
 AROUND, ABOVE = 38.0, 24.0
 """Degrees of the first view, from looking at the wall, and downwards."""
@@ -45,19 +45,17 @@ class Room:
         frame = _frame_of(scenario)
         corners = _everything(scenario)
         self._place_wall(corners, frame)
+        self._show_lines("/floor", _floor(corners, frame), FLOOR)
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle = (low + high) / 2
         size = float(np.linalg.norm(high - low))
-        self._show_lines("/floor", _grid(middle, size, float(low[2])), FLOOR)
-        forth = -frame.normal * [1, 1, 0]
-        forth = forth / (np.linalg.norm(forth) or 1.0)
-        side = np.array([forth[1], -forth[0], 0.0])
+        side, away = _level_axes(frame)
         a, h = np.radians([AROUND, ABOVE])
-        back = np.cos(h) * (-np.cos(a) * forth + np.sin(a) * side) + np.sin(h) * np.eye(3)[2]
+        back = np.cos(h) * (np.cos(a) * away + np.sin(a) * side) + np.sin(h) * np.eye(3)[2]
         server.initial_camera.look_at = tuple(middle)
         server.initial_camera.position = tuple(middle + FRAMED * size * back)
 
-    def show(self, pictures: Pictures) -> None:
+    def show(self, pictures: LivePictures) -> None:
         """Show a scene, the photograph on its wall and the image on its monitor."""
         scenario = pictures.scenario
         self._show_photograph(scenario, photograph_pixels(pictures))
@@ -67,18 +65,19 @@ class Room:
         self._show_view(pictures.rays)
 
     def _place_wall(self, corners: Array, frame: WallFrame) -> None:
-        """Draw the wall behind all that stands before it, seen along its normal."""
+        """Draw the wall behind all that stands before it, from the lowest of that upwards.
+
+        As an image, which no lamp shades.
+        """
         across, up = ((corners - frame.center) @ axis for axis in (frame.across, frame.up))
         wider = MARGIN * max(np.ptp(across), np.ptp(up))
-        ends = [(each.min() - wider, each.max() + wider) for each in (across, up)]
-        points = [
-            frame.center + s * frame.across + t * frame.up - AHEAD * frame.normal
-            for s in ends[0]
-            for t in ends[1]
-        ]
-        self._scene.add_mesh_simple(
-            "/wall", np.array(points), np.array([[0, 2, 1], [2, 3, 1]]), color=WALL, side="double",
-            flat_shading=True, cast_shadow=False, receive_shadow=False,
+        low = np.array([across.min() - wider, up.min()])
+        high = np.array([across.max() + wider, up.max() + wider])
+        middle = (low + high) / 2
+        center = frame.center + middle[0] * frame.across + middle[1] * frame.up
+        self._show_image(
+            "/wall", np.full((8, 8, 3), WALL, np.uint8), high - low,
+            center - AHEAD * frame.normal, frame.across, frame.up,
         )  # fmt: skip
 
     def _show_photograph(self, scenario: Scenario, pixels: Pixels) -> None:
@@ -176,14 +175,28 @@ class Room:
         )  # fmt: skip
 
 
-def _grid(middle: Array, size: float, height: float) -> Array:
-    """Return the lines, (n, 2, 3), of a horizontal grid about a middle, of metres over `CELLS`."""
-    half = np.ceil(size * CELLS) / CELLS
-    x, y = np.round(middle[:2] * CELLS) / CELLS
-    at = np.arange(-half, half + 0.5 / CELLS, 1 / CELLS)
-    along_x = [[(x - half, y + a, height), (x + half, y + a, height)] for a in at]
-    along_y = [[(x + a, y - half, height), (x + a, y + half, height)] for a in at]
-    return np.array([*along_x, *along_y])
+def _floor(corners: Array, frame: WallFrame) -> Array:
+    """Return the lines, (n, 2, 3), of a level grid below all corners, up to the wall."""
+    side, away = _level_axes(frame)
+    s, t = ((corners - frame.center) @ axis for axis in (side, away))
+    wider = MARGIN * np.ptp(s)
+    ends = np.array([(s.min() - wider, min(t.min(), 0.0)), (s.max() + wider, t.max() + wider)])
+    cells = np.ceil(CELLS * np.ptp(ends, axis=0)).astype(int)
+    (s0, t0), (s1, t1) = ends[0], ends[0] + cells / CELLS
+    at = np.arange(cells.max() + 1) / CELLS
+    along = [[(s0, t0 + a), (s1, t0 + a)] for a in at[: cells[1] + 1]]
+    across = [[(s0 + a, t0), (s0 + a, t1)] for a in at[: cells[0] + 1]]
+    lines = frame.center + np.array([*along, *across]) @ np.stack([side, away])
+    lines[..., 2] = corners[:, 2].min()
+    return np.asarray(lines)
+
+
+def _level_axes(frame: WallFrame) -> tuple[Array, Array]:
+    """Return two level directions: to the right of who looks at the wall, and away from it."""
+    flat = [axis * [1, 1, 0] for axis in (frame.normal, frame.up)]  # the latter for a ceiling
+    away = next(axis for axis in flat if np.linalg.norm(axis) > 1 / 2)
+    away = away / np.linalg.norm(away)
+    return np.array([-away[1], away[0], 0.0]), away
 
 
 def _frame_of(scenario: Scenario) -> WallFrame:

@@ -9,7 +9,7 @@ from typing import Self
 
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.laboratory import LiveLaboratory
-from periscopy_sim.live.level import Level, Pictures, Shot, coarse_sizes
+from periscopy_sim.live.level import Level, LivePictures, Shot, coarse_sizes
 from periscopy_sim.live.light import AmbientLight
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Offered, Page
@@ -45,7 +45,7 @@ class Session:
         scenario: Scenario,
         first: Choice,
         offered: Offered,
-        save: Callable[[Pictures], str],
+        save: Callable[[LivePictures], str],
         *,
         shot: Shot | None = None,
         host: str = "127.0.0.1",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable
 from periscopy_sim.figures.residual import LEAST_RANGE
-from periscopy_sim.live.level import Pictures
+from periscopy_sim.live.level import LivePictures
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
@@ -33,7 +33,7 @@ def eight_bit(image: Array) -> Pixels:
     return np.asarray(np.rint(255 * srgb_encode(image)), np.uint8)
 
 
-def photograph_pixels(pictures: Pictures) -> Pixels:
+def photograph_pixels(pictures: LivePictures) -> Pixels:
     """Return the photograph for display, (rows, columns, 3), grey where it is not used."""
     shown = eight_bit(displayable(pictures.photograph))
     if pictures.used is not None:
@@ -41,14 +41,14 @@ def photograph_pixels(pictures: Pictures) -> Pixels:
     return shown
 
 
-def monitor_pixels(pictures: Pictures) -> Pixels:
+def monitor_pixels(pictures: LivePictures) -> Pixels:
     """Return what the monitor shows, (R, C, 3); the reconstruction where nobody knows."""
     if pictures.truth is not None:
         return eight_bit(displayable(pictures.truth, white=1))
     return eight_bit(displayable(pictures.image))
 
 
-def draw_sheet(pictures: Pictures) -> Pixels:
+def draw_sheet(pictures: LivePictures) -> Pixels:
     """Return the sheet, (rows, columns, 3)."""
     from PIL import Image, ImageDraw
 
@@ -80,42 +80,42 @@ def _write(draw: ImageDraw, x: int, y: int, title: str, note: str) -> None:
 Tile = tuple[str, str, Pixels | None]
 
 
-def _photograph(pictures: Pictures) -> Tile:
+def _photograph(pictures: LivePictures) -> Tile:
     rows, columns = pictures.photograph.shape[:2]
     choice = pictures.choice
-    told = f"{rows} x {columns} pixels"
+    told = f"{rows} x {columns}"
     if pictures.residual is None:
-        told += f", SNR {choice.snr:g} dB"
-    if choice.place and pictures.residual is None:
-        told += f", SBR {choice.sbr:g}" if not pictures.is_dark else ", light comes"
+        if choice.place:
+            told += ", light comes" if pictures.is_dark else f", SBR {choice.sbr:g}"
+        told += f", {choice.snr:g} dB"
     return "Photograph", told, photograph_pixels(pictures)
 
 
-def _reconstruction(pictures: Pictures) -> Tile:
+def _reconstruction(pictures: LivePictures) -> Tile:
     R, C = pictures.image.shape[:2]
-    told = f"{R} x {C} patches" + (", coarse" if pictures.is_coarse else "")
+    told = f"{R} x {C}" + (", coarse" if pictures.is_coarse else "")
     if pictures.psnr is not None:
         told += f", PSNR {pictures.psnr:.1f} dB"
     return "Reconstruction", told, eight_bit(displayable(pictures.image))
 
 
-def _second(pictures: Pictures) -> Tile:
+def _second(pictures: LivePictures) -> Tile:
     """Return what the scene leaves of a given photograph, or else what was hidden."""
     left = pictures.residual
     if left is None:
         if pictures.truth is None:
             return "Hidden image", "not known", None
         return "Hidden image", "what the monitor shows", monitor_pixels(pictures)
-    told = f"{100 * left.unexplained:.2f} % of the photograph"
+    told = f"{100 * left.unexplained:.2f} %"
     if left.noise_alone is not None:
-        told += f"; noise: {100 * left.noise_alone:.2f} %"
+        told += f", noise alone {100 * left.noise_alone:.2f} %"
     light = left.light.mean(axis=2)
     noise = None if left.noise is None else float(np.sqrt(np.sum(left.noise.σ**2))) / 3
     bound = max(float(np.nanpercentile(np.abs(light), 99)), LEAST_RANGE * (noise or 0)) or 1.0
     return "Unexplained", told, _colours("RdBu_r", light / bound / 2 + 0.5)
 
 
-def _errors(pictures: Pictures) -> Tile:
+def _errors(pictures: LivePictures) -> Tile:
     errors = pictures.standard_errors
     if errors is None:
         return "Standard error", f"{pictures.choice.method} tells none", None

@@ -17,7 +17,7 @@ from periscopy_sim.live.choice import SBR, SNR, Choice
 from periscopy_sim.reconstruction.registry import DEFAULT
 
 if TYPE_CHECKING:
-    from periscopy_sim.live.level import Pictures, Shot
+    from periscopy_sim.live.level import LivePictures, Shot
     from periscopy_sim.live.page import Offered
     from periscopy_sim.scenario import Scenario
 
@@ -32,7 +32,7 @@ def view(
     photo: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[PHOTO]",
+            metavar="PHOTO",
             help="A photograph, as reconstruct takes it: the page then shows what the scene leaves "
             "of it. Without one, photographs are synthetic.",
         ),
@@ -50,7 +50,14 @@ def view(
         option("PLACE", "Ambient light at first: a shipped place or a Mitsuba XML file."),
     ] = None,
     sbr: Annotated[
-        float, option("RATIO", "Signal-to-background ratio at first.", min=1e-6, max=1e6)
+        float,
+        option(
+            "RATIO",
+            "Signal-to-background ratio at first.",
+            min=1e-6,
+            max=1e6,
+            callback=arguments.not_nan,
+        ),
     ] = SBR,
     snr: arguments.Snr = SNR,
     method: Annotated[
@@ -65,8 +72,9 @@ def view(
     ] = PORT,
     define: arguments.Define = None,
 ) -> None:
-    """Show a laboratory in the browser, with handles that move what its scene declares.
+    """Move a laboratory by hand, in the browser.
 
+    Its scene stands there in 3-D, with handles and sliders for what its <default>s declare.
     Photograph, reconstruction and standard error follow. Ctrl-C ends it.
     """
     require("viser")
@@ -80,7 +88,7 @@ def view(
         scenario = inputs.load(scene, hidden, define)
         shot = _shot(photo, scenario, inputs.read_mask(mask, scenario))
 
-        def save(pictures: Pictures) -> str:
+        def save(pictures: LivePictures) -> str:
             write_view(out, pictures, given, photo)
             return f"wrote {out}"
 

@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.cli import inputs
-from periscopy_sim.cli.output import as_json, say_written
+from periscopy_sim.cli.output import say_written, write_json
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 if TYPE_CHECKING:
-    from periscopy_sim.live.level import Pictures
+    from periscopy_sim.live.level import LivePictures
 
 
-def write_view(out: Path, pictures: Pictures, given: Mapping[str, str], photo: Path | None) -> None:
+def write_view(
+    out: Path, pictures: LivePictures, given: Mapping[str, str], photo: Path | None
+) -> None:
     """Write the scene with the values that the pictures are of, and these, to a folder.
 
     A PeriscopyError says what cannot be written; nothing is written then.
@@ -61,6 +63,6 @@ def write_view(out: Path, pictures: Pictures, given: Mapping[str, str], photo: P
             )
         if residual is not None:
             draw_residual(folder / "residual.png", pictures.photograph, residual, text)
-        (folder / "view.json").write_text(as_json(told))
+        write_json(folder / "view.json", told)
         names = sorted(file.name for file in folder.iterdir())
     say_written(*(out / name for name in names))
