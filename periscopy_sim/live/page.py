@@ -57,7 +57,8 @@ class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
     What is set is given to `want`, with the seconds after which it counts as at rest; `save` is
-    called by a button. A PeriscopyError says that the extra is not installed, or the port is taken.
+    called by a button; `server` is viser's. A PeriscopyError says that the extra is not installed,
+    or the port is taken.
     """
 
     def __init__(
@@ -80,9 +81,9 @@ class Page:
         self.want: Want = lambda *_: None
         self.save: Callable[[], None] = lambda: None
         with _silence():
-            self._server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
-        self._gui = self._server.gui
-        self._room = Room(self._server, scenario)
+            self.server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
+        self._gui = self.server.gui
+        self._room = Room(self.server, scenario)
         self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
         self._sliders: dict[str, Any] = {}
         self._lay_out(offered, first, is_given)
@@ -90,7 +91,11 @@ class Page:
     @property
     def port(self) -> int:
         """The port that it listens on."""
-        return int(self._server.get_port())
+        return int(self.server.get_port())
+
+    def handle(self, name: str) -> Handle:
+        """Return one of its handles."""
+        return self._handles[name][0]
 
     @property
     def choice(self) -> Choice:
@@ -101,7 +106,7 @@ class Page:
     def show(self, pictures: LivePictures) -> None:
         """Show pictures, and what they are of, but for what is being dragged."""
         sheet = draw_sheet(pictures)
-        with self._server.atomic():
+        with self.server.atomic():
             self._room.show(pictures)
             self._sheet.image = sheet
             with self._lock:
@@ -112,7 +117,7 @@ class Page:
                 for handle, gizmo in self._handles.values():
                     if handle is not self._dragged:
                         gizmo.position = tuple(handle.position(self._choice.values))
-        self._server.flush()
+        self.server.flush()
         notes = [each for each in (pictures.doubt, pictures.remark) if each]
         self._note.content = "  \n".join(notes)
         size = "coarse" if pictures.is_coarse else "full"
@@ -125,7 +130,7 @@ class Page:
     def close(self) -> None:
         """End the page for all who look at it."""
         with _silence():
-            self._server.stop()
+            self.server.stop()
 
     # -- what stands beside the scene --------------------------------------------------------------
 
@@ -209,12 +214,12 @@ class Page:
 
     def _add_handle(self, handle: Handle) -> Any:
         x, y, z = handle.axes
-        gizmo = self._server.scene.add_transform_controls(
+        gizmo = self.server.scene.add_transform_controls(
             f"/handles/{handle.name}", scale=GIZMO, active_axes=(x, y, z), disable_rotations=True,
             depth_test=False, position=tuple(handle.center),
         )  # fmt: skip
 
-        self._server.scene.add_label(
+        self.server.scene.add_label(
             f"/handles/{handle.name}/label", handle.name, position=(0.0, 0.0, 1.3 * GIZMO),
             anchor="bottom-center",
         )  # fmt: skip

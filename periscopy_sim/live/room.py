@@ -25,10 +25,10 @@ FRAME = 0.1
 MARGIN = 0.12
 """Of wall and floor that are drawn, about what stands there."""
 
-AROUND, ABOVE = 38.0, 24.0
+AROUND, ABOVE = 42.0, 20.0
 """Degrees of the first view, from looking at the wall, and downwards."""
 
-FRAMED = 0.85
+FRAMED = 0.68
 """Distance of the first view over the laboratory's size."""
 
 
@@ -45,8 +45,10 @@ class Room:
         frame = _frame_of(scenario)
         corners = _everything(scenario)
         self._place_wall(corners, frame)
-        self._show_lines("/floor", _floor(corners, frame), FLOOR)
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        floor = _floor(corners, frame)
+        self._show_lines("/floor", floor, FLOOR, thickness=1.0)
+        framed = np.concatenate([corners, floor.reshape(-1, 3)])
+        low, high = framed.min(axis=0), framed.max(axis=0)
         middle = (low + high) / 2
         size = float(np.linalg.norm(high - low))
         side, away = _level_axes(frame)
@@ -164,14 +166,16 @@ class Room:
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def _show_lines(self, name: str, lines: Array, color: tuple[int, int, int]) -> None:
+    def _show_lines(
+        self, name: str, lines: Array, color: tuple[int, int, int], thickness: float = 2.0
+    ) -> None:
         before = self._shapes.get(name)
         points = np.asarray(lines, np.float32)
         if before is not None and np.array_equal(before.points, points):
             return
         self._shapes[name] = self._scene.add_line_segments(
             name, points, np.broadcast_to(np.array(color, np.uint8), points.shape),
-            thickness=2.0, thickness_units="screen",
+            thickness=thickness, thickness_units="screen",
         )  # fmt: skip
 
 

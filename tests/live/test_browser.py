@@ -1,41 +1,25 @@
 """The page in a browser: handles are dragged, what is chosen changes the pictures."""
 
-import os
 import shutil
 import time
-from threading import Thread
 
 import numpy as np
 import psutil
 import pytest
-from scipy.spatial.transform import Rotation
 
+from experiments.benchmarks import live
 from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.page import GIZMO, Offered
+from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import Session
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("viser")
-sync_api = pytest.importorskip("playwright.sync_api")
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium-headless-shell", "chromium", "chromium-browser"))),
-    None,
-)
+pytest.importorskip("playwright")
 pytestmark = [
     pytest.mark.thorough,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
+    pytest.mark.skipif(not any(map(shutil.which, live.CHROMIUM)), reason="needs Chromium"),
 ]
-SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-PATIENCE = 300.0
-UPDATES, FULL = 5.0, 5.0
-"""Pictures a second while dragging, and seconds to the full ones: on two cores that do no more."""
-
-COUNT = """() => {
-    window.pictures = 0;
-    const sheet = [...document.images].find(image => image.naturalWidth > 600);
-    new MutationObserver(() => window.pictures++).observe(
-        sheet, {attributes: true, attributeFilter: ["src"]});
-}"""
+PATIENCE = live.PATIENCE
 
 
 @pytest.fixture(scope="module")
@@ -57,35 +41,22 @@ def session():
             opened.shown.append((time.monotonic(), pictures))
 
         opened._laboratory._show = watched
-        running = Thread(target=opened.run)
-        running.start()
-        yield opened
-        opened.stop()
-        running.join(60)
-        assert not running.is_alive()
+        with live.running(opened):
+            yield opened
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE_GL)
+    with live.chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
 def page(session, browser):
     """The page of one person, and what it asked the network for."""
-    opened = browser.new_page(viewport={"width": 1200, "height": 800})
-    opened.set_default_timeout(1000 * PATIENCE)
-    opened.requests = []
-    opened.on("request", lambda request: opened.requests.append(request.url))
-    opened.on("websocket", lambda websocket: opened.requests.append(websocket.url))
-    opened.goto(f"http://127.0.0.1:{session.page.port}")
-    opened.get_by_text("Write scene and pictures").wait_for()
-    wait_for_full(session)
-    opened.wait_for_function("[...document.images].some(image => image.naturalWidth > 600)")
-    opened.wait_for_timeout(2000)  # the scene's first frames
+    requests = []
+    opened = live.visit(session, browser, requests)
+    opened.requests = requests
     return opened
 
 
@@ -100,42 +71,11 @@ def wait_for_full(session, holds=lambda pictures: True, since=0.0):  # noqa: ARG
         time.sleep(0.02)
 
 
-def on_screen(session, page, point):
-    """Where a point of the scene is drawn, in pixels of the page."""
-    (client,) = session.page._server.get_clients().values()
-    camera = client.camera
-    w, x, y, z = camera.wxyz
-
-    local = Rotation.from_quat([x, y, z, w]).inv().apply(np.asarray(point) - camera.position)
-    box = page.locator("canvas").first.bounding_box()
-    focal = box["height"] / 2 / np.tan(camera.fov / 2)
-    return (
-        box["x"] + box["width"] / 2 + focal * local[0] / local[2],
-        box["y"] + box["height"] / 2 + focal * local[1] / local[2],
-    )
-
-
-def drag(session, page, handle, seconds):
-    """Drag a handle along x for a while; return when it was let go of."""
-    at = handle.position(session.page.choice.values)
-    start = np.array(on_screen(session, page, at + np.array([0.75 * GIZMO, 0, 0])))
-    end = np.array(on_screen(session, page, at + np.array([0.75 * GIZMO + 0.04, 0, 0])))
-    page.mouse.move(*start)
-    page.wait_for_timeout(300)
-    page.mouse.down()
-    begun = time.monotonic()
-    while (now := time.monotonic() - begun) < seconds:
-        page.mouse.move(*(start + np.sin(now) * (end - start)))
-        time.sleep(0.02)
-    page.mouse.up()
-    return time.monotonic()
-
-
 def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
-    handle = session.page._handles["chair"][0]
     before = wait_for_full(session)[1]
     count = len(session.shown)
-    released = drag(session, page, handle, seconds=4.0)
+    live.drag(session, page, "chair", seconds=4.0)
+    released = time.monotonic()
     after = wait_for_full(session, since=released)[1]
     assert any(each.is_coarse for _, each in session.shown[count:])
     moved = session.page.choice.values["occluder_dx"]
@@ -144,28 +84,11 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
     assert np.abs(after.photograph - before.photograph).max() > 0.02
 
 
-def test_pictures_keep_up_with_a_hand(session, page):
-    """The fastest of some counts: other programs take their part of two cores."""
-    handle = session.page._handles["chair"][0]
-    rates, waits = [], []
-    for _ in range(3):
-        page.evaluate(COUNT)
-        released = drag(session, page, handle, seconds=4.0)
-        rates.append(page.evaluate("window.pictures") / 4.0)
-        waits.append(wait_for_full(session, since=released)[0] - released)
-    told = f"{max(rates):.1f} pictures a second, full ones after {min(waits):.1f} s"
-    print(told)
-    if max(rates) < UPDATES or min(waits) > FULL:
-        if (busy := os.getloadavg()[0]) > 2 * os.cpu_count():
-            pytest.skip(f"{told}, on a busy machine (load {busy:.0f})")
-        pytest.fail(told)
-
-
 def test_what_is_chosen_changes_the_pictures(session, page):
     page.get_by_label("Ambient light").or_(page.locator("input[value=none]")).first.click()
     page.get_by_role("option", name="overcast").click()
     _, lit = wait_for_full(session, lambda each: each.choice.place and not each.is_dark)
-    page.evaluate(COUNT)
+    page.evaluate(live.COUNT)
     page.locator("input[value='0.5']").first.click()
     page.get_by_role("option", name="0.05", exact=True).click()
     _, dim = wait_for_full(session, lambda each: each.choice.sbr == 0.05)
@@ -185,11 +108,11 @@ def test_a_second_viewer_sees_the_same_and_leaves_nothing_behind(session, page, 
     second = browser.new_page()
     second.set_default_timeout(1000 * PATIENCE)
     second.goto(page.url)
-    second.wait_for_function("[...document.images].some(image => image.naturalWidth > 600)")
-    assert len(session.page._server.get_clients()) == 2
+    second.wait_for_function(f"!!{live.SHEET}")
+    assert len(session.page.server.get_clients()) == 2
     second.close()
     end = time.monotonic() + 60
-    while len(session.page._server.get_clients()) > 1:
+    while len(session.page.server.get_clients()) > 1:
         assert time.monotonic() < end
         time.sleep(0.1)
     page.get_by_text("Back to the file's values").click()
