@@ -53,6 +53,7 @@ def live(_: Setting) -> Section:
         running(session),
     ):
         page = visit(session, browser)
+        _dragged(session, page)  # the browser compiles its shaders, and loops are compiled here
         rates, waits = zip(*(_dragged(session, page) for _ in range(DRAGS)), strict=True)
     rate, wait = float(np.median(rates)), float(np.median(waits))
     how = (
@@ -127,7 +128,7 @@ def visit(session: Session, browser: Any, requests: list[str] | None = None) -> 
 
 
 def drag(session: Session, page: Any, name: str, seconds: float) -> None:
-    """Drag a handle to and fro along x for some seconds, and let it go."""
+    """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
     at = session.page.handle(name).position(session.page.choice.values)
     grip = at + np.array([0.75 * GIZMO, 0, 0])
     start = np.array(_on_screen(session, page, grip))
@@ -139,6 +140,7 @@ def drag(session: Session, page: Any, name: str, seconds: float) -> None:
     while (now := time.monotonic() - begun) < seconds:
         page.mouse.move(*(start + np.sin(now) * (end - start)))
         time.sleep(0.02)
+    page.mouse.move(*end)
     page.mouse.up()
 
 

@@ -79,7 +79,11 @@ class Session:
 
     def run(self) -> None:
         """Show whatever is set, until `stop` or an interrupt."""
-        with warnings.catch_warnings():
+        from threadpoolctl import threadpool_limits
+
+        # Coarse pictures, full ones and the browser share the cores: products split among threads
+        # would wait for each other, and 0.1 s become seconds.
+        with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
             self._laboratory.want(self.page.choice)
             self._laboratory.run()

@@ -79,7 +79,7 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
     after = wait_for_full(session, since=released)[1]
     assert any(each.is_coarse for _, each in session.shown[count:])
     moved = session.page.choice.values["occluder_dx"]
-    assert abs(moved) > 0.005 and session.page.choice.values["occluder_dz"] == 0
+    assert 0.02 < moved < 0.06 and session.page.choice.values["occluder_dz"] == 0
     assert after.choice.values["occluder_dx"] == pytest.approx(moved)
     assert np.abs(after.photograph - before.photograph).max() > 0.02
 
