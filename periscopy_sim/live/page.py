@@ -6,6 +6,7 @@ All who look at it see and set the same. Nothing is computed here.
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import socket
@@ -282,7 +283,9 @@ def refuse_taken(host: str, port: int) -> None:
             if os.name == "posix":  # as servers do; elsewhere it lets two share a port
                 trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(address)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
+        taken = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
         raise PeriscopyError(
-            f"cannot listen on {host}:{port}: {error.strerror or error}; name another by --port"
+            f"cannot listen on {host}:{port}: {getattr(error, 'strerror', None) or error}; name "
+            f"another by {'--port' if taken else '--host'}"
         ) from None

@@ -29,5 +29,5 @@ def test_a_port_that_is_taken_is_refused():
 
 
 def test_an_address_of_another_computer_is_refused():
-    with pytest.raises(PeriscopyError, match=r"cannot listen on 192\.0\.2\.1:8080"):
+    with pytest.raises(PeriscopyError, match=r"cannot listen on 192\.0\.2\.1:8080: .* --host"):
         refuse_taken("192.0.2.1", 8080)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions, parse_size
+from periscopy_sim.cli.arguments import option, parse_definitions
 from periscopy_sim.cli.laboratory.viewed import write_view
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.errors import PeriscopyError
@@ -84,8 +84,10 @@ def view(
         # Takes seconds, in which a user would see nothing.
         from periscopy_sim.live.session import Session
 
-        _check(first, photo, hidden)
+        _check(first, photo)
         scenario = inputs.load(scene, hidden, define)
+        if first.image:
+            inputs.hidden_image(first.image, scenario.hidden_shape)
         shot = _shot(photo, scenario, inputs.read_mask(mask, scenario))
 
         def save(pictures: LivePictures) -> str:
@@ -106,7 +108,7 @@ def _first_image(image: str | None, photo: Path | None) -> str:
     return image or (IMAGE if photo is None else "")
 
 
-def _check(first: Choice, photo: Path | None, hidden: str) -> None:
+def _check(first: Choice, photo: Path | None) -> None:
     """Refuse what can be refused before anything is loaded."""
     from periscopy_sim.evaluation.methods import find_method
     from periscopy_sim.storage.ambient_library import find_condition
@@ -116,8 +118,6 @@ def _check(first: Choice, photo: Path | None, hidden: str) -> None:
         if photo is not None:
             raise PeriscopyError("--ambient is of synthetic photographs; leave it or PHOTO out")
         find_condition(first.place)
-    if first.image:
-        inputs.hidden_image(first.image, parse_size(hidden))
 
 
 def _shot(photo: Path | None, scenario: Scenario, used: inputs.Mask | None) -> Shot | None:

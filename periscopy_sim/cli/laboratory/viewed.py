@@ -18,12 +18,19 @@ if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
 
 
+AT_TIMES = (
+    "photograph.exr", "standard_error.npy", "certainty.png", "residual.png",
+)  # fmt: skip
+"""What is not written for every photograph or method."""
+
+
 def write_view(
     out: Path, pictures: LivePictures, given: Mapping[str, str], photo: Path | None
 ) -> None:
     """Write the scene with the values that the pictures are of, and these, to a folder.
 
-    A PeriscopyError says what cannot be written; nothing is written then.
+    What was written there before is replaced. A PeriscopyError says what cannot be written; nothing
+    is written then.
     """
     from periscopy_sim.calibration.calibrated_scene import write_copy
     from periscopy_sim.figures.panels import displayable, draw_certainty, draw_panels
@@ -65,4 +72,6 @@ def write_view(
             draw_residual(folder / "residual.png", pictures.photograph, residual, text)
         write_json(folder / "view.json", told)
         names = sorted(file.name for file in folder.iterdir())
+    for name in set(AT_TIMES).difference(names):
+        (out / name).unlink(missing_ok=True)  # of other pictures than those beside it
     say_written(*(out / name for name in names))

@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 
 import numpy as np
 import psutil
@@ -38,6 +39,7 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
     assert "no method 'magic'" in refused("view", "plate", *SIZE, "--method", "magic")
     assert "image 'none' does not exist" in refused("view", "plate", *SIZE, "--image", "none")
     assert "scene 'none' does not exist" in refused("view", "none", *SIZE)
+    assert "0x4" in refused("view", "plate", "--hidden", "0x4")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -97,6 +99,19 @@ def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     assert not (tmp_path / "view" / "photograph.exr").exists()
     told = json.loads((tmp_path / "view" / "view.json").read_text())
     assert told["unexplained"] > 0 and told["photograph"] == "wall.exr"
+
+
+def test_what_other_pictures_left_in_the_folder_is_removed(tmp_path):
+    pictures = pictures_of()
+    write_view(tmp_path / "view", pictures, {"resolution": "24"}, None)
+    (tmp_path / "view" / "notes.txt").write_text("mine", "utf-8")
+    plain = replace(pictures, standard_errors=None)
+    write_view(tmp_path / "view", plain, {"resolution": "24"}, None)
+    written = {file.name for file in (tmp_path / "view").iterdir()}
+    assert written == {
+        "scene.xml", "photograph.exr", "reconstruction.npy", "pictures.png", "view.json",
+        "notes.txt",
+    }  # fmt: skip
 
 
 @pytest.mark.thorough
