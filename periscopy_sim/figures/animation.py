@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import Image
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_bytes
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.pictures import area_average, png_bytes
 
@@ -106,7 +106,7 @@ def _panel(image: Image) -> Pixels:
     factor = max(1, min(round(PANEL[0] / rows), PANEL[1] // columns))
     if rows > 1.5 * PANEL[0]:
         image = area_average(image, (PANEL[0], max(1, round(columns * PANEL[0] / rows))))
-    encoded = np.rint(255 * srgb_encode(np.clip(image, 0, 1))).astype(np.uint8)
+    encoded = srgb_bytes(image)
     return np.repeat(np.repeat(encoded, factor, axis=0), factor, axis=1)
 
 

@@ -16,10 +16,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import Level, LivePictures, Overtaken
 
-HELD = 1.0
-"""Seconds without a move after which what is being dragged counts as let go of, as it is when a tab
-closes."""
-
 Save = Callable[[LivePictures], None]
 
 

@@ -31,7 +31,7 @@ SLIDING = 0.3
 of."""
 
 DRAGGING = 1.0
-"""The same of a handle, which does tell, unless its tab was closed."""
+"""The same of a handle, which does tell when it is let go of."""
 
 SBRS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 SNRS = 20, 80
@@ -88,6 +88,7 @@ class Page:
         self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
         self._sliders: dict[str, Any] = {}
         self._lay_out(offered, first, is_given)
+        self.server.on_client_disconnect(lambda _: self._let_go())
 
     @property
     def port(self) -> int:
@@ -237,6 +238,13 @@ class Page:
         with self._lock:
             self._dragged = None if phase == "end" else handle
             self._set(handle.values(position), 0.0 if phase == "end" else DRAGGING)
+
+    def _let_go(self) -> None:
+        """Let go of what may have been dragged on a page that was closed."""
+        with self._lock:
+            if self._dragged is not None:
+                self._dragged = None
+                self.want(self._choice, 0.0)
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable
-from periscopy_sim.figures.residual import LEAST_RANGE
+from periscopy_sim.figures.residual import residual_map
 from periscopy_sim.live.level import LivePictures
 from periscopy_sim.scenario import Array
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_bytes
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
@@ -28,14 +28,9 @@ GAP = 16
 PAPER, INK, PALE = (255, 255, 255), (33, 37, 41), (120, 128, 136)
 
 
-def eight_bit(image: Array) -> Pixels:
-    """Return linear light in [0, 1], (rows, columns, 3), as 8-bit sRGB."""
-    return np.asarray(np.rint(255 * srgb_encode(image)), np.uint8)
-
-
 def photograph_pixels(pictures: LivePictures) -> Pixels:
     """Return the photograph for display, (rows, columns, 3), grey where it is not used."""
-    shown = eight_bit(displayable(pictures.photograph))
+    shown = srgb_bytes(displayable(pictures.photograph))
     if pictures.used is not None:
         shown[~pictures.used] = 150
     return shown
@@ -44,8 +39,8 @@ def photograph_pixels(pictures: LivePictures) -> Pixels:
 def monitor_pixels(pictures: LivePictures) -> Pixels:
     """Return what the monitor shows, (R, C, 3); the reconstruction where nobody knows."""
     if pictures.truth is not None:
-        return eight_bit(displayable(pictures.truth, white=1))
-    return eight_bit(displayable(pictures.image))
+        return srgb_bytes(displayable(pictures.truth, white=1))
+    return srgb_bytes(displayable(pictures.image))
 
 
 def draw_sheet(pictures: LivePictures) -> Pixels:
@@ -96,7 +91,7 @@ def _reconstruction(pictures: LivePictures) -> Tile:
     told = f"{R} x {C}" + (", coarse" if pictures.is_coarse else "")
     if pictures.psnr is not None:
         told += f", PSNR {pictures.psnr:.1f} dB"
-    return "Reconstruction", told, eight_bit(displayable(pictures.image))
+    return "Reconstruction", told, srgb_bytes(displayable(pictures.image))
 
 
 def _second(pictures: LivePictures) -> Tile:
@@ -109,9 +104,7 @@ def _second(pictures: LivePictures) -> Tile:
     told = f"{100 * left.unexplained:.2f} %"
     if left.noise_alone is not None:
         told += f", noise alone {100 * left.noise_alone:.2f} %"
-    light = left.light.mean(axis=2)
-    noise = None if left.noise is None else float(np.sqrt(np.sum(left.noise.σ**2))) / 3
-    bound = max(float(np.nanpercentile(np.abs(light), 99)), LEAST_RANGE * (noise or 0)) or 1.0
+    light, bound, _ = residual_map(left)
     return "Unexplained", told, _colours("RdBu_r", light / bound / 2 + 0.5)
 
 

@@ -81,7 +81,7 @@ def render_background(
     *,
     target: float = 3e-4,
     max_rounds: int = 64,
-    rays: int = RAYS,
+    rays: int | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Background:
@@ -105,8 +105,8 @@ def render_background(
     max_rounds
         Most rounds of samples for each part of the light.
     rays
-        Of light that has bounced, from each of some pixels in a round. Fewer serve a quick look:
-        the first round then takes a part of the time, and is as much coarser.
+        Of light that has bounced, from each of some pixels in a round; `RAYS` unless given. Fewer
+        serve a quick look: the first round then takes a part of the time, and is as much coarser.
     seed
         Seed of every sampler. The same seed and variant give the same bytes.
     progress
@@ -137,7 +137,7 @@ def render_background(
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
     parts_of = _parts if is_vectorized() else scalar_parts
-    parts = parts_of(scene, points, normals, scenario.photograph_shape, rays)
+    parts = parts_of(scene, points, normals, scenario.photograph_shape, rays or RAYS)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
