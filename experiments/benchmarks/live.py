@@ -28,7 +28,7 @@ UPDATES, FULL = 5.0, 5.0
 """Goals: pictures a second while dragging, and seconds from letting go to the full ones."""
 
 DRAGS, SECONDS = 3, 6.0
-PATIENCE = 300.0
+PATIENCE = 120.0
 CHROMIUM = "chromium-headless-shell", "chromium", "chromium-browser"
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 
