@@ -14,6 +14,8 @@ EXTRA_OF = {
     "cv2": "tags",
     **dict.fromkeys(("torch", "safetensors"), "torch"),
     "deepinv": "deepinv",
+    "viser": "live",
+    "av": "video",
 }
 """The extra that brings each library."""
 

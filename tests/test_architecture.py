@@ -22,6 +22,7 @@ LEARNED = "periscopy_sim.reconstruction.learned.weights"
 FLOORS = [
     {"experiments"},
     {"__main__", "cli"},
+    {"live"},
     {"figures", "evaluation", "dataset", "calibration", "laboratory", "adapters", "deepinv"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},

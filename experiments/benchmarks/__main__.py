@@ -2,14 +2,15 @@
 
 `python -m experiments.benchmarks --out DIR [--only stills,scale]` writes `index.html`,
 `claims.json` and the plot of cost against size. Absolute times belong to one machine; the ratios,
-measured in one run, carry over. `--only large`, 180 x 144 patches, takes a quarter of an hour,
-12 GB of memory and 7 GB of disk, and runs only when asked for.
+measured in one run, carry over. Two run only when asked for: `--only large`, 180 x 144 patches,
+takes a quarter of an hour, 12 GB of memory and 7 GB of disk; `--only live` needs a browser.
 """
 
 import typer
 
 from experiments.benchmarks.large import large
 from experiments.benchmarks.learned import learned
+from experiments.benchmarks.live import live
 from experiments.benchmarks.machine_limits import machine
 from experiments.benchmarks.operators import operators
 from experiments.benchmarks.scale import scale, transport
@@ -27,6 +28,7 @@ BENCHMARKS: dict[str, Experiment] = {
     "operators": operators,
     "learned": learned,
     "large": large,
+    "live": live,
 }
 
 PAGE = Page(
@@ -36,7 +38,7 @@ PAGE = Page(
     names=tuple(BENCHMARKS),
     stated="asked",
     functions=BENCHMARKS,
-    on_demand=("large",),
+    on_demand=("large", "live"),
 )
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from periscopy_sim.cli import (
     video,
 )
 from periscopy_sim.cli.calibration import calibrate
-from periscopy_sim.cli.laboratory import draw, lab, prepare, tutorial
+from periscopy_sim.cli.laboratory import draw, lab, prepare, tutorial, view
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
@@ -64,6 +64,7 @@ app.command("tutorial")(tutorial.tutorial)
 app.command("transport")(transport.transport)
 app.command("draw")(draw.draw)
 app.command("lab")(lab.lab)
+app.command("view")(view.view)
 app.command("photograph")(photograph.photograph)
 app.command("prepare")(prepare.prepare)
 app.command("ambient")(ambient.ambient)

@@ -15,6 +15,7 @@ EXTRAS_OF = {
     "sweep": SWEEP, "dataset": SWEEP, "raw": ("rawpy",), "tags": ("cv2",),
     "torch": (*SWEEP, "torch"),
     "deepinv": (*SWEEP, "torch", "deepinv"),
+    "live": ("viser",), "video": ("av",),
 }  # fmt: skip
 """The modules that each extra brings."""
 

@@ -93,6 +93,14 @@ def video(
             "NUMBER", "Animation's frames a second.", min=0.1, max=1000, callback=arguments.not_nan
         ),
     ] = 16.0,
+    also: Annotated[
+        list[str] | None,
+        option(
+            "mp4|webm",
+            "Write the animation in this format too, as video.mp4 or video.webm, by PyAV (the "
+            "extra video); repeatable.",
+        ),
+    ] = None,
     batch: Annotated[
         int,
         option("NUMBER", "Photographs that P or A is applied to in one product.", min=1, max=4096),
@@ -115,6 +123,7 @@ def video(
     from periscopy_sim.storage.sequences.opening import decoded_photographs, open_frames
     from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
+    formats = _formats(also)
     check_coupling(method, coupling)
     settings = settings_for(method, options, FOR_VIDEOS, coupling)
     entry = METHODS[method]
@@ -193,10 +202,12 @@ def video(
                 )
             with progress("drawing the frames") as report:
                 drawing.draw_frames(folder / "frames", images, white, text, report)
-            with progress("drawing the animation") as report:
-                drawing.draw_video(
-                    folder / "video.png", photographs, images, known, white, rate, text, report
-                )
+            for ending in formats:
+                with progress(f"drawing the animation as {ending}") as report:
+                    drawing.draw_video(
+                        folder / f"video.{ending}",
+                        *(photographs, images, known, white, rate, text, report),
+                    )
         if residual is not None:
             draw_residual(folder / "residual.png", photographs[0], residual, text)
         defects.suggest_mask(folder, text)
@@ -217,6 +228,7 @@ def video(
             "coupling": coupling,
             "batch": batch,
             "rate": rate,
+            "formats": formats,
             "white": white,
             **inputs.mask_record(mask, used),
             "backgrounds": list(dark),
@@ -236,6 +248,15 @@ def video(
     )
     if known is not None:
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
+
+
+def _formats(also: list[str] | None) -> list[str]:
+    """Return the endings of all the files of the animation; refuse one that cannot be written."""
+    from periscopy_sim.figures.movie import require_encoder
+
+    for ending in also or []:
+        require_encoder(ending)
+    return ["png", *dict.fromkeys(also or [])]
 
 
 def _counted(frames: str, doubts: Mapping[str, str]) -> list[str]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import Image
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_bytes
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.pictures import area_average, png_bytes
 
@@ -60,7 +60,7 @@ def draw_animation(
     """
     if count < 1:
         raise ValueError(f"count is {count}: give at least one frame")
-    pictures = (_side_by_side(titles, [_panel(image) for image in frame]) for frame in frames)
+    pictures = (side_by_side(titles, frame) for frame in frames)
     with staged_file(path) as staged, staged.open("wb") as stream:
         stream.write(_SIGNATURE)
         for kind, content in _animation_chunks(pictures, count, rate, metadata or {}):
@@ -106,16 +106,19 @@ def _panel(image: Image) -> Pixels:
     factor = max(1, min(round(PANEL[0] / rows), PANEL[1] // columns))
     if rows > 1.5 * PANEL[0]:
         image = area_average(image, (PANEL[0], max(1, round(columns * PANEL[0] / rows))))
-    encoded = np.rint(255 * srgb_encode(np.clip(image, 0, 1))).astype(np.uint8)
+    encoded = srgb_bytes(image)
     return np.repeat(np.repeat(encoded, factor, axis=0), factor, axis=1)
 
 
-def _side_by_side(titles: Sequence[str], panels: Sequence[Pixels]) -> Pixels:
-    """Return panels on white, each centred under its title, in columns that hold both."""
+def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
+    """Return panels of linear images on white, (rows, columns, 3), each centred under its title.
+
+    Columns hold both. The images are (rows, columns, 3) in [0, 1].
+    """
     from PIL import Image as Pillow
     from PIL import ImageDraw
 
-    font = _font(20)
+    font, panels = _font(20), [_panel(image) for image in images]
     widths = [
         max(panel.shape[1], int(np.ceil(font.getlength(title))))
         for title, panel in zip(titles, panels, strict=True)

@@ -28,16 +28,12 @@ def draw_residual(
     residual_figure(photograph, residual).savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 
-def residual_figure(photograph: Array, residual: Residual) -> Figure:
-    """Return the figure that `draw_residual` saves.
+def residual_map(residual: Residual) -> tuple[Array, float, str]:
+    """Return what is left, (rows, columns), by which value either way colours end, and its unit.
 
-    The map is the mean over the channels, over the standard deviation that noise gives it; where
-    noise is not known, in percent of the photograph's root mean square. Pixels that were left out
-    are grey.
+    It is the mean over the channels, over the standard deviation that noise gives it; where noise
+    is not known, in percent of the photograph's root mean square. Pixels left out are NaN.
     """
-    from matplotlib import colormaps
-    from matplotlib.figure import Figure
-
     left = residual.light.mean(axis=2)
     if residual.noise is None or not residual.noise.σ.any():
         level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1)
@@ -46,7 +42,15 @@ def residual_figure(photograph: Array, residual: Residual) -> Figure:
     else:
         left = left / (np.sqrt(np.sum(residual.noise.σ**2)) / 3)
         least, unit = LEAST_RANGE, "standard deviations of noise"
-    bound = max(least, float(np.nanpercentile(np.abs(left), 99))) or 1.0
+    return left, max(least, float(np.nanpercentile(np.abs(left), 99))) or 1.0, unit
+
+
+def residual_figure(photograph: Array, residual: Residual) -> Figure:
+    """Return the figure that `draw_residual` saves: the map in false colours, grey for no value."""
+    from matplotlib import colormaps
+    from matplotlib.figure import Figure
+
+    left, bound, unit = residual_map(residual)
     colours = colormaps["RdBu_r"].with_extremes(bad="0.6")
     aspect = left.shape[1] / left.shape[0]
     figure = Figure(figsize=(6.4 * aspect + 1.3, 3.6), layout="constrained")

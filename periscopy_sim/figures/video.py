@@ -10,6 +10,7 @@ import numpy as np
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import contact_sheet, panels
 from periscopy_sim.figures.animation import draw_animation
+from periscopy_sim.figures.movie import draw_movie
 from periscopy_sim.figures.panels import Image
 
 SHEET_COLUMNS = 8
@@ -86,7 +87,10 @@ def draw_video(
     text: dict[str, str],
     progress: Callable[[float], None],
 ) -> None:
-    """Draw photograph, reconstruction and, where it is known, the truth side by side in time."""
+    """Draw photograph, reconstruction and, where it is known, the truth side by side in time.
+
+    By the path's ending an animated PNG, or a video of `movie.ENCODINGS`.
+    """
     columns = [
         ("photograph", photographs, white_of(photographs)),
         ("reconstruction", images, white),
@@ -101,4 +105,7 @@ def draw_video(
             progress((k + 1) / count)
 
     titles = [title for title, _, _ in columns]
-    draw_animation(path, titles, moments(), count=count, rate=rate, metadata=text)
+    if path.suffix == ".png":
+        draw_animation(path, titles, moments(), count=count, rate=rate, metadata=text)
+    else:
+        draw_movie(path, titles, moments(), rate=rate, metadata=text)

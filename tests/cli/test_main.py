@@ -20,6 +20,10 @@ OPTIONS = {
     "tutorial": {"--out"},
     "draw": {"SCENE", "--out", "-D"},
     "lab": {"[MEASUREMENTS.yaml]", "--out", "--example"},
+    "view": {
+        *("SCENE", "[PHOTO]", "--hidden", "--out", "--image", "--ambient", "--sbr", "--snr"),
+        *("--method", "--mask", "--host", "--port", "-D"),
+    },
     "transport": {"SCENE", "--hidden", "--out", "--samples", "--model", "--seed", "-D"},
     "photograph": {
         *("SCENE", "IMAGE", "--out", "--hidden", "--samples"),

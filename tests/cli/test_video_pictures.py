@@ -1,5 +1,7 @@
 """The pictures of a reconstructed video, alone and beside the truth, and its errors."""
 
+import sys
+
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
@@ -51,6 +53,33 @@ def test_animation_shows_every_photograph_beside_its_frame(photographs, video, t
         assert np.allclose(wall, np.clip(photograph / white, 0, 1), atol=0.006)
         hidden = linear(picture[34:274, 264:564][30::60, 30::60])
         assert np.allclose(hidden, np.clip(image / summary["white"], 0, 1), atol=0.006)
+
+
+def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
+    av = pytest.importorskip("av")
+    np.save(tmp_path / "y.npy", photographs)
+    _, summary, _ = video("y.npy", "--also", "webm", "--also", "mp4", "--rate", 8)
+    assert summary["formats"] == ["png", "webm", "mp4"]
+    shown, _ = animation(tmp_path / "out" / "video.png")
+    for ending in ("mp4", "webm"):
+        with av.open(str(tmp_path / "out" / f"video.{ending}")) as container:
+            frames = [each.to_ndarray(format="rgb24") for each in container.decode(video=0)]
+            assert float(container.streams.video[0].average_rate) == 8
+        assert len(frames) == len(shown) == 9
+        for frame, picture in zip(frames, shown, strict=True):
+            rows, columns, _ = picture.shape
+            assert np.median(abs(frame[:rows, :columns].astype(int) - picture)) < 4
+
+
+def test_video_of_another_format_is_refused_before_anything_is_read(refused, tiny):
+    line = refused("video", "y.npy", *tiny, "--also", "gif", "--out", "out")
+    assert "no video format 'gif'; use mp4 or webm" in line
+
+
+def test_video_without_its_extra_is_refused_with_what_to_install(refused, tiny, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    line = refused("video", "y.npy", *tiny, "--also", "mp4", "--out", "out")
+    assert "'.[video]'" in line
 
 
 # -- against the truth ---------------------------------------------------------------------------

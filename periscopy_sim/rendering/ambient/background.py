@@ -81,6 +81,7 @@ def render_background(
     *,
     target: float = 3e-4,
     max_rounds: int = 64,
+    rays: int | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Background:
@@ -103,6 +104,9 @@ def render_background(
         Relative error of a pixel, both parts together, at which to stop.
     max_rounds
         Most rounds of samples for each part of the light.
+    rays
+        Of light that has bounced, from each of some pixels in a round; `RAYS` unless given. Fewer
+        serve a quick look: the first round then takes a part of the time, and is as much coarser.
     seed
         Seed of every sampler. The same seed and variant give the same bytes.
     progress
@@ -133,7 +137,7 @@ def render_background(
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
     parts_of = _parts if is_vectorized() else scalar_parts
-    parts = parts_of(scene, points, normals, scenario.photograph_shape)
+    parts = parts_of(scene, points, normals, scenario.photograph_shape, rays or RAYS)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
@@ -155,16 +159,18 @@ def render_background(
     return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
 
 
-def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
+def _parts(
+    scene: Any, points: Array, normals: Array, shape: tuple[int, int], rays: int
+) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
     edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape, SITES)
     direct = [
         partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
         for emitter in scene.emitters()
     ]
-    bounced = BouncedIrradiance(scene, points[sites], normals[sites], RAYS).estimate
+    bounced = BouncedIrradiance(scene, points[sites], normals[sites], rays).estimate
     everywhere = np.arange(len(points))
-    work = len(points) * DIRECT_SAMPLES, len(sites) * RAYS * RAY
+    work = len(points) * DIRECT_SAMPLES, len(sites) * rays * RAY
     return [
         *(Part(each, everywhere, shape, work[0]) for each in direct),
         Part(bounced, sites, shape, work[1]),

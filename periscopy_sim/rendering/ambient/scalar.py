@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.light_paths import scatters_alike
-from periscopy_sim.rendering.ambient.replicas import RAYS, SITES, Part
+from periscopy_sim.rendering.ambient.replicas import SITES, Part
 from periscopy_sim.rendering.scene.load import shape_of
 from periscopy_sim.rendering.wall_cameras import WallCameras
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
@@ -19,7 +19,9 @@ DIRECT_SAMPLES = 64
 """Samples of each pixel in a round."""
 
 
-def scalar_parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
+def scalar_parts(
+    scene: Any, points: Array, normals: Array, shape: tuple[int, int], rays: int
+) -> list[Part]:
     """Estimate direct light at every pixel and bounced light at a few, in scalar variants.
 
     The (M, 3) points lie just off the scene's own wall, row-major. A wall that is not diffuse, is
@@ -39,5 +41,5 @@ def scalar_parts(scene: Any, points: Array, normals: Array, shape: tuple[int, in
     # Rounds of both take about as long.
     return [
         Part(partial(whole.irradiance, 2, DIRECT_SAMPLES), everywhere, shape),
-        Part(partial(few.bounced_irradiance, -1, RAYS), sites, shape),
+        Part(partial(few.bounced_irradiance, -1, rays), sites, shape),
     ]

@@ -22,6 +22,11 @@ def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
     return np.where(linear <= _LINEAR_END, _SLOPE * linear, power)
 
 
+def srgb_bytes(linear: ArrayLike) -> NDArray[np.uint8]:
+    """Return linear light, clipped to [0, 1], as 8-bit sRGB values."""
+    return np.rint(255 * srgb_encode(np.clip(linear, 0, 1))).astype(np.uint8)
+
+
 def srgb_decode(encoded: ArrayLike) -> NDArray[np.float64]:
     """Return the linear light of sRGB values (IEC 61966-2-1:1999, clause 5.2), 1 for 1.
 

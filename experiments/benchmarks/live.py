@@ -1,0 +1,171 @@
+"""How fast the page of `periscopy view` follows a hand, as headless Chromium shows it.
+
+It needs Playwright and a Chromium of the system's (Debian: chromium). On a machine without a GPU
+the browser draws in software, and takes its part of the cores.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Thread
+from typing import Any
+
+import numpy as np
+
+import periscopy_sim as ps
+from experiments.benchmarks.scene import SMALL
+from experiments.report import Claim, Section, Verdict
+from experiments.setting import Setting
+from periscopy_sim.live.choice import SBR, SNR, Choice
+from periscopy_sim.live.page import GIZMO, Offered
+from periscopy_sim.live.session import Session
+
+UPDATES, FULL = 5.0, 5.0
+"""Goals: pictures a second while dragging, and seconds from letting go to the full ones."""
+
+DRAGS, SECONDS = 3, 6.0
+PATIENCE = 120.0
+CHROMIUM = "chromium-headless-shell", "chromium", "chromium-browser"
+SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+
+SHEET = "[...document.images].find(image => image.naturalWidth > 600)"
+"""The pictures on the page, in its own language."""
+
+COUNT = f"""() => {{
+    window.pictures = 0;
+    new MutationObserver(() => window.pictures++).observe(
+        {SHEET}, {{attributes: true, attributeFilter: ["src"]}});
+}}"""
+
+
+def live(_: Setting) -> Section:
+    """Drag the chair on the page, and count the pictures that come."""
+    first = Choice({}, "mushroom", "", SBR, SNR, "noise-aware")
+    offered = Offered(["mushroom"], [], ["noise-aware"])
+    before = os.getloadavg()[0]
+    with (
+        chromium() as browser,
+        Session(ps.load_scenario("chair", SMALL), first, offered, lambda _: "") as session,
+        running(session),
+    ):
+        page = visit(session, browser)
+        _dragged(session, page)  # the browser compiles its shaders, and loops are compiled here
+        rates, waits = zip(*(_dragged(session, page) for _ in range(DRAGS)), strict=True)
+    rate, wait = float(np.median(rates)), float(np.median(waits))
+    how = (
+        f"Medians of {DRAGS} drags of {SECONDS:g} s, browser and laboratory on {os.cpu_count()} "
+        f"cores; load average {before:.1f} before it began. All: "
+        f"{', '.join(f'{each:.1f}' for each in rates)} a second; "
+        f"{', '.join(f'{each:.1f}' for each in waits)} s."
+    )
+    return Section(
+        "live",
+        "The live laboratory, chair, 36 x 29 patches",
+        claims=[
+            Claim(
+                "coarse pictures shown while the chair is dragged",
+                f"at least {UPDATES:g} a second",
+                f"{rate:.1f}",
+                Verdict.of(rate >= UPDATES),
+                how,
+            ),
+            Claim(
+                "from letting go to the full pictures",
+                f"at most {FULL:g} s",
+                f"{wait:.1f} s",
+                Verdict.of(wait <= FULL),
+            ),
+        ],
+    )
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Open a headless Chromium; a PeriscopyError says what is missing."""
+    program = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        raise ps.PeriscopyError("this needs Playwright: pip install playwright") from None
+    if program is None:
+        raise ps.PeriscopyError("this needs Chromium (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(SOFTWARE_GL))
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def running(session: Session) -> Iterator[None]:
+    """Run a session in a thread of its own; at the end nothing of that is left."""
+    thread = Thread(target=session.run)
+    thread.start()
+    try:
+        yield
+    finally:
+        session.stop()
+        thread.join(60)
+        if thread.is_alive():
+            raise RuntimeError("the session did not stop")
+
+
+def visit(session: Session, browser: Any, requests: list[str] | None = None) -> Any:
+    """Open the page, and wait for its full pictures; what it asks the network for is noted."""
+    page = browser.new_page(viewport={"width": 1200, "height": 800})
+    page.set_default_timeout(1000 * PATIENCE)
+    if requests is not None:
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("websocket", lambda websocket: requests.append(websocket.url))
+    page.goto(f"http://127.0.0.1:{session.page.port}")
+    page.wait_for_function(f"!!{SHEET}")
+    page.get_by_text("full pictures").wait_for()
+    page.wait_for_timeout(2000)  # the scene's first frames
+    return page
+
+
+def drag(session: Session, page: Any, name: str, seconds: float) -> None:
+    """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
+    at = session.page.handle(name).position(session.page.choice.values)
+    grip = at + np.array([0.75 * GIZMO, 0, 0])
+    start = np.array(_on_screen(session, page, grip))
+    end = np.array(_on_screen(session, page, grip + np.array([0.04, 0, 0])))
+    page.mouse.move(*start)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    begun = time.monotonic()
+    while (now := time.monotonic() - begun) < seconds:
+        page.mouse.move(*(start + np.sin(now) * (end - start)))
+        time.sleep(0.02)
+    page.mouse.move(*end)
+    page.mouse.up()
+
+
+def _dragged(session: Session, page: Any) -> tuple[float, float]:
+    """Return the pictures a second of a drag, and the seconds from its end to the full ones."""
+    page.evaluate(COUNT)
+    begun = time.monotonic()
+    drag(session, page, "chair", SECONDS)
+    released = time.monotonic()
+    rate = page.evaluate("window.pictures") / (released - begun)
+    page.get_by_text("full pictures").wait_for()
+    return rate, time.monotonic() - released
+
+
+def _on_screen(session: Session, page: Any, point: np.ndarray) -> tuple[float, float]:
+    """Return where a point of the scene, (3,), is drawn, in pixels of the page."""
+    from scipy.spatial.transform import Rotation
+
+    (client,) = session.page.server.get_clients().values()
+    camera = client.camera
+    w, x, y, z = camera.wxyz
+    local = Rotation.from_quat([x, y, z, w]).inv().apply(np.asarray(point) - camera.position)
+    box = page.locator("canvas").first.bounding_box()
+    focal = box["height"] / 2 / np.tan(camera.fov / 2)
+    return (
+        box["x"] + box["width"] / 2 + focal * local[0] / local[2],
+        box["y"] + box["height"] / 2 + focal * local[1] / local[2],
+    )

@@ -1,0 +1,97 @@
+"""A laboratory, its light and its page, from their opening until nothing of them is left."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Self
+
+from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.laboratory import LiveLaboratory
+from periscopy_sim.live.level import Level, LivePictures, Shot, coarse_sizes
+from periscopy_sim.live.light import AmbientLight
+from periscopy_sim.live.movable import find_movables
+from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.scenario import Scenario
+
+
+class Session:
+    """A laboratory on a page; a context, at whose end neither thread nor process is left.
+
+    Parameters
+    ----------
+    scenario
+        The scene as it is at first, at its full sizes.
+    first
+        What is chosen at first, but for the values, which are the scene's.
+    offered
+        What can be chosen.
+    shot
+        A photograph that was given; None for synthetic ones.
+    save
+        Takes the full pictures of what is set, and returns what to tell, when asked by the button.
+    host, port
+        Where to listen; port 0 is a free one.
+
+    Raises
+    ------
+    PeriscopyError
+        If the extra is not installed, the port is taken, or nothing of the scene can be moved.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        first: Choice,
+        offered: Offered,
+        save: Callable[[LivePictures], str],
+        *,
+        shot: Shot | None = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        path, given, hidden = scenario.path, scenario.parameters, scenario.hidden_shape
+        share = 1.0 if shot is None or shot.used is None else float(shot.used.mean())
+        sizes = scenario.photograph_shape, hidden
+        self._light = AmbientLight(path, given, hidden, self._arrived)
+        light = self._light.photograph
+        coarse = Level(path, given, *coarse_sizes(*sizes, share), light, shot, is_coarse=True)
+        full = Level(path, given, *sizes, light, shot, is_coarse=False)
+        movables, handles = find_movables(path, given, coarse.scenario)
+        first = replace(first, values={each.name: each.value for each in movables})
+        self.page = Page(
+            host, port, scenario, movables, handles, offered, first, is_given=shot is not None
+        )
+        self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
+        self.page.want = self._laboratory.want
+        self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
+
+    def __enter__(self) -> Self:
+        """Open nothing more: the page is open already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all."""
+        self._laboratory.stop()
+        self._light.close()
+        self.page.close()
+
+    def run(self) -> None:
+        """Show whatever is set, until `stop` or an interrupt."""
+        from threadpoolctl import threadpool_limits
+
+        # Coarse pictures, full ones and the browser share the cores: products split among threads
+        # would wait for each other, and 0.1 s become seconds.
+        with threadpool_limits(1), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of pictures that are gone in a moment
+            self._laboratory.want(self.page.choice)
+            self._laboratory.run()
+
+    def stop(self) -> None:
+        """End `run`."""
+        self._laboratory.stop()
+
+    def _arrived(self, place: str) -> None:
+        if self.page.choice.place == place:
+            self._laboratory.want(self.page.choice)

@@ -1,0 +1,139 @@
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from dataclasses import replace
+
+import numpy as np
+import psutil
+import pytest
+
+from periscopy_sim.cli.laboratory.viewed import write_view
+from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.level import Level, Shot
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.formats.exr import read_exr
+
+pytestmark = pytest.mark.usefixtures("jit")
+SIZE = ("--hidden", "3x4")
+
+
+@pytest.fixture
+def viser():
+    return pytest.importorskip("viser")
+
+
+def test_missing_extra_is_named(monkeypatch, refused):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    told = refused("view", "plate", *SIZE)
+    assert "viser, which is not installed" in told and "'.[live]'" in told
+
+
+@pytest.mark.usefixtures("viser")
+def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
+    assert "no ambient condition 'mars'" in refused("view", "plate", *SIZE, "--ambient", "mars")
+    assert "no method 'magic'" in refused("view", "plate", *SIZE, "--method", "magic")
+    assert "image 'none' does not exist" in refused("view", "plate", *SIZE, "--image", "none")
+    assert "scene 'none' does not exist" in refused("view", "none", *SIZE)
+    assert "0x4" in refused("view", "plate", "--hidden", "0x4")
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert f"127.0.0.1:{port}" in refused("view", "plate", *SIZE, "--port", port)
+    np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
+    told = refused("view", "plate", "small.npy", *SIZE)
+    assert "20 x 30 pixels" in told and "126 x 126" in told
+    assert "leave it or PHOTO out" in refused(
+        "view", "plate", "small.npy", *SIZE, "--ambient", "overcast"
+    )
+    assert not (tmp_path / "view").exists()
+
+
+@pytest.mark.usefixtures("viser")
+def test_scene_without_anything_to_move_is_refused(refused, tmp_path):
+    source = find_scene("plate")
+    text = source.read_text()
+    defaults = read_document(source).defaults
+    for name in sorted(defaults, key=len, reverse=True):
+        text = text.replace(f'<default name="{name}" value="{defaults[name]}"/>', "")
+        text = text.replace(f"${name}", defaults[name])
+    (tmp_path / "fixed.xml").write_text(text)
+    assert "declares nothing that can be moved" in refused("view", "fixed.xml", *SIZE, "--port", 0)
+
+
+def pictures_of(shot=None, **values):
+    path = find_scene("plate")
+    level = Level(path, {"resolution": "24"}, (24, 24), (3, 4), lambda _: None, shot,
+                  is_coarse=False)  # fmt: skip
+    choice = Choice(values, "" if shot else "mushroom", "", 0.5, 60.0, "noise-aware")
+    return level.pictures(choice, lambda: False)
+
+
+def test_scene_is_written_as_it_is_set(tmp_path, capsys):
+    pictures = pictures_of(occluder_dx=0.0123)
+    write_view(tmp_path / "view", pictures, {"resolution": "24"}, None)
+    written = {file.name for file in (tmp_path / "view").iterdir()}
+    assert written == {
+        "scene.xml", "photograph.exr", "reconstruction.npy", "standard_error.npy",
+        "pictures.png", "certainty.png", "view.json",
+    }  # fmt: skip
+    assert "scene.xml" in capsys.readouterr().out
+    defaults = read_document(tmp_path / "view" / "scene.xml").defaults
+    assert defaults["occluder_dx"] == "0.0123" and defaults["resolution"] == "24"
+    y, metadata = read_exr(tmp_path / "view" / "photograph.exr")
+    np.testing.assert_allclose(y, pictures.photograph, rtol=1e-6)
+    assert "scene_sha256" in metadata
+    told = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert told["values"] == {"occluder_dx": 0.0123} and told["psnr"] == pictures.psnr
+
+
+def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
+    taken = pictures_of(occluder_dx=0.01).photograph
+    write_view(tmp_path / "view", pictures_of(Shot(taken)), {"resolution": "24"}, "wall.exr")
+    assert (tmp_path / "view" / "residual.png").is_file()
+    assert not (tmp_path / "view" / "photograph.exr").exists()
+    told = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert told["unexplained"] > 0 and told["photograph"] == "wall.exr"
+
+
+def test_what_other_pictures_left_in_the_folder_is_removed(tmp_path):
+    pictures = pictures_of()
+    write_view(tmp_path / "view", pictures, {"resolution": "24"}, None)
+    (tmp_path / "view" / "notes.txt").write_text("mine", "utf-8")
+    plain = replace(pictures, standard_errors=None)
+    write_view(tmp_path / "view", plain, {"resolution": "24"}, None)
+    written = {file.name for file in (tmp_path / "view").iterdir()}
+    assert written == {
+        "scene.xml", "photograph.exr", "reconstruction.npy", "pictures.png", "view.json",
+        "notes.txt",
+    }  # fmt: skip
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("viser")
+def test_interrupt_ends_it_and_leaves_nothing_behind(tmp_path):
+    """Also while light is being rendered in a process of its own."""
+    command = [sys.executable, "-m", "periscopy_sim", "view", "plate", *SIZE]
+    running = subprocess.Popen(
+        [*command, "--ambient", "overcast", "--port", "0"], cwd=tmp_path, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    told = running.stdout.readline()
+    address = told.split()[0]
+    assert address.startswith("http://127.0.0.1:") and "plate.xml" in told
+    with urllib.request.urlopen(address) as page:
+        assert b"<html" in page.read()
+    process = psutil.Process(running.pid)
+    while not (children := process.children()):
+        assert running.poll() is None
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=120)
+    assert running.returncode == 0 and out == "closed\n" and "Traceback" not in err
+    psutil.wait_procs(children, timeout=20)
+    assert not any(each.is_running() for each in children)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,71 @@
+import json
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.figures import movie
+from periscopy_sim.figures.animation import side_by_side
+from periscopy_sim.figures.movie import ENCODINGS, draw_movie, require_encoder
+
+av = pytest.importorskip("av")
+
+
+def frames(count, size=(7, 9)):
+    rng = np.random.default_rng(3)
+    return [[rng.uniform(0, 1, (*size, 3)), np.full((*size, 3), k / count)] for k in range(count)]
+
+
+@pytest.mark.parametrize("ending", ENCODINGS)
+def test_video_shows_every_frame_at_its_time_in_its_colours(ending, tmp_path):
+    path, drawn = tmp_path / f"video.{ending}", frames(10)
+    draw_movie(path, ["one", "two"], drawn, rate=12.5, metadata={"seed": "3"})
+    with av.open(str(path)) as container:
+        (stream,) = container.streams.video
+        assert float(stream.average_rate) == pytest.approx(12.5)
+        assert json.loads(container.metadata.get("comment") or container.metadata["COMMENT"]) == {
+            "seed": "3"
+        }
+        decoded = list(container.decode(stream))
+    assert len(decoded) == 10
+    assert [float(f.time) for f in decoded] == pytest.approx(
+        [k / 12.5 for k in range(10)], abs=2e-3
+    )
+    assert {f.format.name for f in decoded} == {"yuv420p"}
+    for frame, images in zip(decoded, drawn, strict=True):
+        expected = side_by_side(["one", "two"], images).astype(float)
+        shown = frame.to_ndarray(format="rgb24").astype(float)
+        assert shown.shape[0] % 2 == shown.shape[1] % 2 == 0
+        rows, columns, _ = expected.shape
+        difference = shown[:rows, :columns] - expected
+        assert abs(difference.mean(axis=(0, 1))).max() < 2
+        assert np.median(abs(difference)) < 4
+
+
+@pytest.mark.parametrize("ending", ENCODINGS)
+def test_same_frames_give_the_same_bytes(ending, tmp_path):
+    for name in ("a", "b"):
+        draw_movie(tmp_path / f"{name}.{ending}", ["x", "y"], frames(4), rate=16)
+    a, b = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
+    assert a == b
+
+
+def test_video_that_fails_leaves_nothing(tmp_path):
+    def broken():
+        yield from frames(3)
+        raise RuntimeError("no more")
+
+    with pytest.raises(RuntimeError, match="no more"):
+        draw_movie(tmp_path / "video.mp4", ["x", "y"], broken(), rate=16)
+    with pytest.raises(ValueError, match="no frames"):
+        draw_movie(tmp_path / "video.mp4", ["x", "y"], [], rate=16)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_encoded_is_refused(monkeypatch, tmp_path):
+    with pytest.raises(PeriscopyError, match="no video format 'gif'; use mp4 or webm"):
+        draw_movie(tmp_path / "video.gif", ["x"], [], rate=16)
+    encoding = movie.Encoding("libnone", {})
+    monkeypatch.setitem(movie.ENCODINGS, "mp4", encoding)
+    with pytest.raises(PeriscopyError, match="has no encoder libnone"):
+        require_encoder("mp4")

@@ -1,0 +1,46 @@
+"""What the tests of the live laboratory share: a plate's scene, at sizes that take moments."""
+
+import pytest
+
+from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.level import Level
+from periscopy_sim.live.movable import find_movables
+from periscopy_sim.rendering.variant import examine_variants
+from periscopy_sim.shipped import find_scene
+
+PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def jit():
+    """Skip where only the scalar variant works: no laboratory follows a hand there."""
+    if not any(each.works for each in examine_variants() if not each.name.startswith("scalar")):
+        pytest.skip("needs LLVM or CUDA")
+
+
+def dark(_):
+    """No ambient light has come yet."""
+
+
+@pytest.fixture
+def level():
+    """Make the plate's laboratory at a small size, with some light and a photograph."""
+
+    def make(light=dark, shot=None, *, given=(), is_coarse=True):
+        path = find_scene("plate")
+        return Level(path, dict(given), PHOTOGRAPH, HIDDEN, light, shot, is_coarse=is_coarse)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def movables():
+    path = find_scene("plate")
+    small = Level(path, {}, PHOTOGRAPH, HIDDEN, dark, is_coarse=True)
+    return find_movables(path, {}, small.scenario)
+
+
+@pytest.fixture
+def choice(movables):
+    values = {each.name: each.value for each in movables[0]}
+    return Choice(values, "mushroom", "", 0.5, 60.0, "noise-aware")

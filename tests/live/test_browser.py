@@ -1,0 +1,139 @@
+"""The page in a browser: handles are dragged, what is chosen changes the pictures."""
+
+import shutil
+import time
+
+import numpy as np
+import psutil
+import pytest
+
+from experiments.benchmarks import live
+from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.page import Offered
+from periscopy_sim.live.session import Session
+from periscopy_sim.rendering.scene.load import load_scenario
+
+pytest.importorskip("viser")
+pytest.importorskip("playwright")
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not any(map(shutil.which, live.CHROMIUM)), reason="needs Chromium"),
+]
+PATIENCE = live.PATIENCE
+
+
+@pytest.fixture(scope="module")
+def session():
+    offered = Offered(("mushroom", "bars"), ("overcast",), ("noise-aware", "preconditioned"))
+    first = Choice({}, "mushroom", "", 0.5, 60.0, "noise-aware")
+    saved = []
+
+    def save(pictures):
+        saved.append(pictures)
+        return "saved it"
+
+    with Session(load_scenario("chair", (29, 36)), first, offered, save) as opened:
+        opened.saved, opened.shown = saved, []
+        show = opened.page.show
+
+        def watched(pictures):
+            show(pictures)
+            opened.shown.append((time.monotonic(), pictures))
+
+        opened._laboratory._show = watched
+        with live.running(opened):
+            yield opened
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with live.chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def page(session, browser):
+    """The page of one person, and what it asked the network for."""
+    requests = []
+    opened = live.visit(session, browser, requests)
+    opened.requests = requests
+    return opened
+
+
+def wait_for_full(session, holds=lambda pictures: True, since=0.0):  # noqa: ARG005
+    """Wait for the full pictures of what is set, and return when they came, and them."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        when, pictures = session.shown[-1] if session.shown else (0.0, None)
+        if when > since and pictures and not pictures.is_coarse and holds(pictures):
+            return when, pictures
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
+    before = wait_for_full(session)[1]
+    count = len(session.shown)
+    live.drag(session, page, "chair", seconds=4.0)
+    released = time.monotonic()
+    after = wait_for_full(session, since=released)[1]
+    assert any(each.is_coarse for _, each in session.shown[count:])
+    moved = session.page.choice.values["occluder_dx"]
+    assert 0.02 < moved < 0.06 and session.page.choice.values["occluder_dz"] == 0
+    assert after.choice.values["occluder_dx"] == pytest.approx(moved)
+    assert np.abs(after.photograph - before.photograph).max() > 0.02
+
+
+def test_what_is_chosen_changes_the_pictures(session, page):
+    page.get_by_label("Ambient light").or_(page.locator("input[value=none]")).first.click()
+    page.get_by_role("option", name="overcast").click()
+    _, lit = wait_for_full(session, lambda each: each.choice.place and not each.is_dark)
+    page.evaluate(live.COUNT)
+    page.locator("input[value='0.5']").first.click()
+    page.get_by_role("option", name="0.05", exact=True).click()
+    _, dim = wait_for_full(session, lambda each: each.choice.sbr == 0.05)
+    assert dim.photograph.std() < 0.5 * lit.photograph.std()
+    assert dim.psnr < lit.psnr
+    page.wait_for_function("window.pictures > 0")
+
+
+def test_button_writes_the_full_pictures(session, page):
+    page.get_by_text("Write scene and pictures").click()
+    page.get_by_text("saved it").wait_for()
+    assert not session.saved[-1].is_coarse
+    assert session.saved[-1].choice == session.page.choice
+
+
+def test_a_second_viewer_sees_the_same_and_leaves_nothing_behind(session, page, browser):
+    second = browser.new_page()
+    second.set_default_timeout(1000 * PATIENCE)
+    second.goto(page.url)
+    second.wait_for_function(f"!!{live.SHEET}")
+    assert len(session.page.server.get_clients()) == 2
+    chair = session.page.handle("chair")
+    session.page._drag(chair, chair.center + np.array([0.01, 0, 0]), "update")
+    second.close()  # while it drags
+    end = time.monotonic() + 60
+    while len(session.page.server.get_clients()) > 1:
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    wait_for_full(session, lambda each: abs(each.choice.values["occluder_dx"] - 0.01) < 1e-4)
+    assert session.page._dragged is None
+    page.get_by_text("Back to the file's values").click()
+    wait_for_full(session, lambda each: each.choice.values["occluder_dx"] == 0)
+
+
+def test_no_request_leaves_the_machine(session, page):
+    home = f"//127.0.0.1:{session.page.port}"
+    asked = [url for url in page.requests if url.startswith(("http", "ws"))]
+    assert len(asked) >= 2  # the client, in one file, and its websocket
+    assert all(home in url for url in asked), asked
+
+
+def test_it_listens_on_this_computer_alone(session):
+    listening = [
+        each.laddr.ip
+        for each in psutil.Process().net_connections("inet")
+        if each.status == psutil.CONN_LISTEN and each.laddr.port == session.page.port
+    ]
+    assert listening == ["127.0.0.1"]

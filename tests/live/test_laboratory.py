@@ -1,0 +1,168 @@
+"""What is wanted, and when, by levels that stand in for those that compute."""
+
+import threading
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.laboratory import LiveLaboratory
+from periscopy_sim.live.level import Overtaken
+
+PATIENCE = 20.0
+
+
+@dataclass(frozen=True)
+class Picture:
+    choice: object
+    is_coarse: bool
+
+
+class StandIn:
+    """A level that takes its time, and looks now and then whether it is overtaken."""
+
+    def __init__(self, *, is_coarse, seconds=0.0):
+        self.is_coarse, self.seconds = is_coarse, seconds
+        self.begun, self.given_up = [], []
+
+    def pictures(self, choice, is_overtaken):
+        self.begun.append(choice)
+        if isinstance(choice, Exception):
+            raise choice
+        end = time.monotonic() + self.seconds
+        while time.monotonic() < end:
+            if is_overtaken():
+                self.given_up.append(choice)
+                raise Overtaken
+            time.sleep(0.002)
+        return Picture(choice, self.is_coarse)
+
+
+class Watched:
+    """A laboratory that runs in a thread, and what it has shown and told."""
+
+    def __init__(self, coarse=0.0, full=0.0):
+        self.shown, self.told = [], []
+        self.coarse = StandIn(is_coarse=True, seconds=coarse)
+        self.full = StandIn(is_coarse=False, seconds=full)
+        self.laboratory = LiveLaboratory(
+            self.coarse, self.full, self.shown.append, self.told.append
+        )
+        self.error = None
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+
+    def _run(self):
+        try:
+            self.laboratory.run()
+        except Exception as error:
+            self.error = error
+
+    def until(self, holds):
+        end = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < end, (self.shown, self.told)
+            time.sleep(0.005)
+
+
+@pytest.fixture
+def watched():
+    made = []
+
+    def make(**seconds):
+        made.append(Watched(**seconds))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.laboratory.stop()
+        each.thread.join(PATIENCE)
+        assert not each.thread.is_alive()
+
+
+def test_coarse_pictures_come_first_and_full_ones_last(watched):
+    w = watched(full=0.2)
+    w.laboratory.want("here")
+    w.until(lambda: Picture("here", False) in w.shown)
+    assert w.shown == [Picture("here", True), Picture("here", False)]
+
+
+def test_what_is_overtaken_is_dropped_and_not_queued(watched):
+    w = watched(coarse=0.1)
+    for number in range(50):
+        w.laboratory.want(number, 0.5)
+        time.sleep(0.01)
+    w.until(lambda: Picture(49, False) in w.shown)
+    assert 3 <= len(w.coarse.begun) <= 20
+    assert w.coarse.begun == sorted(w.coarse.begun)
+    assert w.full.begun == [49]
+
+
+def test_full_pictures_that_are_overtaken_are_given_up(watched):
+    w = watched(full=5.0)
+    w.laboratory.want("first")
+    w.until(lambda: w.full.begun == ["first"])
+    w.full.seconds = 0.0
+    w.laboratory.want("second")
+    w.until(lambda: Picture("second", False) in w.shown)
+    assert w.full.given_up == ["first"]
+    assert Picture("first", False) not in w.shown
+
+
+def test_what_is_being_dragged_rests_in_the_end(watched):
+    """As when its tab was closed, and nobody will tell that it was let go of."""
+    w = watched()
+    begun = time.monotonic()
+    w.laboratory.want("held", 0.3)
+    w.until(lambda: Picture("held", False) in w.shown)
+    assert time.monotonic() - begun >= 0.3
+
+
+def test_full_pictures_are_never_followed_by_coarse_ones_of_the_same(watched):
+    w = watched(coarse=0.3)
+    w.laboratory.want("here")
+    w.until(lambda: Picture("here", False) in w.shown)
+    time.sleep(0.5)
+    assert w.shown == [Picture("here", False)]
+
+
+def test_what_cannot_be_shown_is_told_and_the_laboratory_goes_on(watched):
+    w = watched()
+    w.laboratory.want(PeriscopyError("no such\nscene"))
+    w.until(lambda: "no such scene" in w.told)
+    w.laboratory.want("better")
+    w.until(lambda: Picture("better", False) in w.shown)
+    assert w.told[-1] == ""
+
+
+def test_full_pictures_are_saved_once_they_are_shown(watched):
+    w = watched(full=0.2)
+    saved = []
+    w.laboratory.want("here", 60.0)
+    w.laboratory.save(saved.append)
+    w.until(lambda: saved)
+    assert saved == [Picture("here", False)] == w.shown[-1:]
+
+    def full_disk(_):
+        raise PeriscopyError("disk full")
+
+    w.laboratory.save(full_disk)
+    w.until(lambda: w.told[-1] == "disk full")
+
+
+def test_nothing_is_saved_of_what_cannot_be_shown(watched):
+    w = watched()
+    saved = []
+    w.laboratory.want(PeriscopyError("no"))
+    w.laboratory.save(saved.append)
+    w.laboratory.want("here")
+    w.until(lambda: Picture("here", False) in w.shown)
+    assert all(each == Picture("here", False) for each in saved)
+
+
+def test_a_defect_of_the_program_ends_it_loudly(watched):
+    w = watched()
+    w.laboratory.want(RuntimeError("bug"))
+    w.thread.join(PATIENCE)
+    assert isinstance(w.error, RuntimeError)

@@ -1,0 +1,135 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.level import Overtaken, Shot, coarse_sizes
+
+
+def never():
+    return False
+
+
+def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
+    pictures = level().pictures(choice, never)
+    assert pictures.photograph.shape == (24, 24, 3)
+    assert pictures.image.shape == pictures.standard_errors.shape == (6, 8, 3)
+    assert pictures.psnr == ps.psnr(pictures.image, pictures.truth) > 20
+    moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
+    there = level().pictures(moved, never)
+    shift = there.scenario.occluders[0].vertices - pictures.scenario.occluders[0].vertices
+    np.testing.assert_allclose(shift, np.broadcast_to([0.03, 0, 0], shift.shape), atol=1e-6)
+    assert np.abs(there.photograph - pictures.photograph).max() > 0.05
+
+
+def test_photograph_is_what_its_model_says(level, choice):
+    """y = A f + b + noise, without shortcuts."""
+    rng = np.random.default_rng(0)
+    ambient = rng.uniform(1, 2, (24, 24, 3))
+    lit = replace(choice, place="overcast", sbr=0.3, snr=40.0)
+    pictures = level(light=lambda _: ambient).pictures(lit, never)
+    assert not pictures.is_dark
+    scene = pictures.scenario
+    A = ps.render_transport(scene, samples=256)
+    signal = (A @ pictures.truth.reshape(-1, 3)).reshape(24, 24, 3) * scene.channel_gain
+    expected = ps.composite(signal, ambient, 0.3)
+    error = np.sqrt(np.mean((pictures.photograph - expected) ** 2) / np.mean(expected**2))
+    assert error == pytest.approx(0.01, rel=0.1)
+
+
+def test_light_that_has_not_come_is_missed(level, choice):
+    pictures = level().pictures(replace(choice, place="overcast"), never)
+    assert pictures.is_dark
+    plain = level().pictures(choice, never)
+    np.testing.assert_array_equal(pictures.photograph, plain.photograph)
+
+
+def test_what_was_computed_is_kept(level, choice, monkeypatch):
+    from periscopy_sim.live import level as module
+
+    laboratory = level()
+    first = laboratory.pictures(choice, never)
+    monkeypatch.setattr(module, "load_scenario", None)
+    monkeypatch.setattr(module, "fit_method", None)
+    noisier = laboratory.pictures(replace(choice, snr=20.0), never)
+    assert noisier.psnr < first.psnr
+    again = laboratory.pictures(choice, never)
+    np.testing.assert_array_equal(again.image, first.image)
+
+
+def test_photograph_that_is_kept_falls_apart_as_the_scene_moves(level, choice):
+    laboratory = level()
+    true = laboratory.pictures(choice, never)
+    values = {**choice.values, "occluder_dx": 0.02}
+    wrong = laboratory.pictures(replace(choice, values=values, taken=choice.values), never)
+    np.testing.assert_array_equal(wrong.photograph, true.photograph)
+    assert wrong.psnr < true.psnr - 5
+
+
+def test_scene_that_explains_a_photograph_leaves_less_of_it(level, choice):
+    """By which a person aligns a scene; what was hidden is not known."""
+    values = {**choice.values, "occluder_dx": 0.01}
+    taken = level().pictures(replace(choice, values=values), never).photograph
+    unknown = replace(choice, image="")
+    laboratory = level(shot=Shot(taken))
+    left = {}
+    for dx in (-0.01, 0.0, 0.01):
+        there = replace(unknown, values={**choice.values, "occluder_dx": dx})
+        pictures = laboratory.pictures(there, never)
+        assert pictures.truth is None and pictures.psnr is None
+        left[dx] = pictures.residual.unexplained
+    assert left[0.01] < 0.5 * min(left[0.0], left[-0.01])
+
+
+def test_masked_pixels_of_a_photograph_are_averaged_out():
+    values = np.ones((8, 8, 3))
+    used = np.ones((8, 8), bool)
+    values[:4, :4], used[:4, :4] = np.nan, False
+    values[4, 4], used[4, 4] = 1e9, False
+    coarse = Shot(values, used).averaged((4, 4))
+    assert coarse.used.tolist() == [[False, False, True, True]] * 2 + [[True] * 4] * 2
+    np.testing.assert_allclose(coarse.values[coarse.used], 1)
+    assert Shot(values, used).averaged((8, 8)).values is values
+
+
+def test_overtaken_work_ends_at_once(level, choice):
+    asked = []
+
+    def is_overtaken():
+        asked.append(True)
+        return len(asked) > 1
+
+    with pytest.raises(Overtaken):
+        level().pictures(choice, is_overtaken)
+    assert len(asked) == 2
+
+
+def test_what_cannot_be_shown_is_told(level, choice):
+    behind = replace(choice, values={**choice.values, "monitor_dy": 3.0})
+    with pytest.raises(PeriscopyError, match="monitor"):
+        level().pictures(behind, never)
+    with pytest.raises(PeriscopyError, match="monitor is off"):
+        level().pictures(replace(choice, image=""), never)
+    with pytest.raises(PeriscopyError, match="no method"):
+        level().pictures(replace(choice, method="magic"), never)
+
+
+def test_a_users_own_method_gives_its_image(level, choice, tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import numpy as np\n"
+        "class Grey:\n"
+        "    def __init__(self, scene, A, B): self.shape = scene.hidden_shape\n"
+        "    def reconstruct(self, photograph): return np.full((*self.shape, 3), 0.5)\n"
+    )
+    pictures = level().pictures(replace(choice, method=f"{own}:Grey"), never)
+    assert np.all(pictures.image == 0.5) and pictures.standard_errors is None
+
+
+@pytest.mark.parametrize("size", [(126, 126), (100, 400), (20, 20)])
+def test_coarse_sizes_keep_more_pixels_than_patches(size):
+    shape, hidden = coarse_sizes(size, (29, 36), used=0.3)
+    assert max(shape) <= 32 and max(hidden) <= 12
+    assert np.prod(hidden) <= 0.3 * np.prod(shape)

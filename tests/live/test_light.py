@@ -1,0 +1,64 @@
+import time
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.light import AmbientLight, _enlarged
+from periscopy_sim.shipped import find_scene
+
+
+@pytest.fixture
+def light():
+    arrived = []
+    made = AmbientLight(find_scene("plate"), {"resolution": "40"}, (3, 4), arrived.append)
+    made.arrived = arrived
+    yield made
+    made.close()
+
+
+def wait_for(holds):
+    end = time.monotonic() + 300
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+@pytest.mark.thorough
+def test_light_comes_from_a_process_of_its_own(light):
+    assert light.photograph("overcast") is None
+    wait_for(lambda: light.arrived)
+    photograph = light.photograph("overcast")
+    assert photograph.shape == (40, 40, 3) and photograph.min() > 0
+    assert photograph[:20].mean() > photograph[20:].mean()  # the sky is above
+
+
+@pytest.mark.thorough
+def test_scene_that_lights_nothing_is_told(light, tmp_path):
+    broken = tmp_path / "broken.xml"
+    broken.write_text("<scene version='3.0.0'></scene>")
+    assert light.photograph(str(broken)) is None
+    wait_for(lambda: light.arrived)
+    with pytest.raises(PeriscopyError, match="broken"):
+        light.photograph(str(broken))
+
+
+def test_unknown_place_is_told(light):
+    with pytest.raises(PeriscopyError, match="no ambient condition 'mars'"):
+        light.photograph("mars")
+
+
+def test_process_ends_with_the_laboratory(light):
+    light.photograph("overcast")
+    (process,) = light._rendering.values()
+    light.close()
+    assert not process.is_alive()
+
+
+def test_light_is_interpolated_smoothly():
+    x = np.linspace(0, 1, 48)[None, :, None]
+    coarse = np.broadcast_to(1 + x**2, (48, 48, 3))
+    fine = _enlarged(coarse, (126, 126))
+    at = (np.arange(126) + 0.5) / 126 * 48 / 47 - 0.5 / 47
+    inner = slice(12, -12)
+    np.testing.assert_allclose(fine[60, inner, 0], 1 + at[inner] ** 2, atol=1e-4)
