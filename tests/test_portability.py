@@ -43,7 +43,7 @@ def unencoded(tree):
             yield node.lineno
         if name == "write_text" and not told and len(node.args) < 2:
             yield node.lineno
-        if name == "open" and owner not in ("Image", "os", "zarr", "archive", "webbrowser"):
+        if name == "open" and owner not in ("Image", "os", "zarr", "archive", "av", "webbrowser"):
             mode = [c for c in constants if isinstance(c, str) and set(c) <= set("rwaxbt+")]
             mode += [k.value.value for k in node.keywords if k.arg == "mode"]
             is_binary = any("b" in each for each in mode)

@@ -38,6 +38,7 @@ def test_no_photograph_is_both_learned_from_and_tested_with():
 
 
 def test_a_folder_holds_pictures_of_one_run(tmp_path):
+    pytest.importorskip("sklearn")
     from PIL import Image
 
     pictures.main(tmp_path / "out", crops=2, leaves=0)
