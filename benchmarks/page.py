@@ -154,7 +154,7 @@ def _suite(out: Path, rows: Any, suite: str, labels: Sequence[str]) -> Section:
     cells = rows[rows.label == present[0]]
     text = (
         f"{about.about} {cells.geometry.nunique()} geometries, {len(cells)} cells; "
-        f"{about.hidden[1]} x {about.hidden[0]} patches, SNR {about.snr:g} dB."
+        f"{about.hidden[0]} rows of {about.hidden[1]} patches, SNR {about.snr:g} dB."
     )
     return Section(
         suite, suite, text, pictures=[picture], tables=[table, *_failures(rows), commands]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.resume import check_settings
-from periscopy_sim.storage.outputs.staging import staged_file
-
-SETTINGS = "settings.json"
+from periscopy_sim.storage.outputs.resume import (
+    check_settings,
+    read_settings,
+    refuse_results,
+    write_settings,
+)
 
 
 def hold_settings(out: Path, results: str, what: str, settings: Mapping[str, Any]) -> None:
@@ -20,15 +20,13 @@ def hold_settings(out: Path, results: str, what: str, settings: Mapping[str, Any
 
     An OutputError says that it holds results of others, or of which nothing is told.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / SETTINGS
-    if file.is_file():
-        check_settings(json.loads(file.read_text("utf-8")), settings, str(out), what)
-    elif next(out.glob(results), None) is not None:
-        raise OutputError(f"{out} holds {what} of settings that are not known; name another folder")
+    held = read_settings(out)
+    if held is None:
+        refuse_results(out, [results])
+        out.mkdir(parents=True, exist_ok=True)
+        write_settings(out, settings)
     else:
-        with staged_file(file) as staged:
-            staged.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+        check_settings(held, settings, str(out), what)
 
 
 def digest_of(files: list[Path]) -> str:

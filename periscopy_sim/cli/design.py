@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,11 +24,17 @@ from periscopy_sim.cli.output import (
     warn,
     write_json,
 )
-from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
+from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.design.comparison import By, Comparison, Equal
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.outputs.resume import alone_in, check_settings
+from periscopy_sim.storage.outputs.resume import (
+    alone_in,
+    check_settings,
+    read_settings,
+    refuse_results,
+    write_settings,
+)
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -38,8 +43,7 @@ if TYPE_CHECKING:
     from periscopy_sim.evaluation.design.variation import Variation
     from periscopy_sim.scenario import Scenario
 
-TABLE, SETTINGS = "design.csv", "settings.json"
-RECORD, PICTURE, BEST = "design.json", "design.png", "best.xml"
+TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
 
 VALUES = {1: 21, 2: 11}
 """Values of each parameter on the grid, by how many vary; more are drawn."""
@@ -153,8 +157,7 @@ def design(
     whole.scenario({})
     with to_be_continued(), alone_in(out):
         _check_folder(out, settings)
-        with staged_file(out / SETTINGS) as staged:
-            staged.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+        write_settings(out, settings)
         with counted_progress("designing", "scenes") as report:
             rows = run_design(whole, out / TABLE, report)
         order = ranked(rows, by)
@@ -260,20 +263,11 @@ def _settings(
 
 def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
     """Refuse a folder of another design, or with files that are not known to be of this one."""
-    file = out / SETTINGS
-    if file.is_file():
-        try:
-            held = dict(json.loads(file.read_text("utf-8")))
-        except (ValueError, TypeError, OSError):
-            raise OutputError(f"{file}: is damaged; name another folder") from None
-        if (out / TABLE).exists():
-            check_settings(held, settings, str(out), "design")
-            return
-    for name in (TABLE, RECORD, PICTURE, BEST):
-        if (out / name).exists():
-            raise OutputError(
-                f"{out} holds {name} but not all that tells of what; name another folder"
-            )
+    held = read_settings(out)
+    if held is not None and (out / TABLE).exists():
+        check_settings(held, settings, str(out), "design")
+    else:
+        refuse_results(out, (TABLE, RECORD, PICTURE, BEST))
 
 
 def _caption(comparison: Comparison, hidden: str) -> str:

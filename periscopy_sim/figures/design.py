@@ -17,7 +17,7 @@ from periscopy_sim.figures.panels import OKABE_ITO
 Array = NDArray[np.float64]
 
 DRAWN = (
-    ("bound", "Cramér-Rao bound", 100.0),
+    ("bound", "bound, without prior knowledge", 100.0),
     ("told_error", "told error, noise-aware", 100.0),
     ("error", "actual error, noise-aware", 100.0),
     ("exposure_time", "exposure time for an equal bound", 1.0),
@@ -25,7 +25,10 @@ DRAWN = (
 """Numbers of a merit that are drawn, their names, and their factors."""
 
 FAILED = "0.85"
-MARKS = "circle: as it stands; star: best; grey: no scene, or some patches are not told"
+MARKS = (
+    "circle: as it stands; star: best by what was asked; "
+    "grey: no scene, or some patches are not told"
+)
 MOST_DRAWN = 300.0
 """Percent of white: of errors beyond, nothing is to be seen in an image."""
 

@@ -168,7 +168,7 @@ def test_what_was_rendered_for_another_sweep_is_refused_before_there_are_results
 def test_files_of_unknown_origin_are_not_taken_up(name, refused, sweep_input, sweep_command):
     (sweep_input / "out").mkdir()
     (sweep_input / "out" / name).write_text("old")
-    assert f"out holds {name} but no settings.json" in refused(*sweep_command())
+    assert f"out holds {name}, and nothing tells what it was made with" in refused(*sweep_command())
 
 
 @pytest.mark.parametrize("content", ["{", "[1, 2]", "3"])

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.outputs.staging import staged_file
+
+SETTINGS = "settings.json"
+"""File that holds what a folder's results were made with."""
 
 LOCK = ".lock"
 """File that the process at work holds; it stays, and means nothing by itself."""
@@ -42,6 +46,33 @@ def alone_in(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def read_settings(folder: Path) -> dict[str, Any] | None:
+    """Return what a folder's results were made with; None where nothing tells."""
+    file = folder / SETTINGS
+    if not file.is_file():
+        return None
+    try:
+        return dict(json.loads(file.read_text("utf-8")))
+    except (ValueError, TypeError, OSError):
+        raise OutputError(f"{file}: is damaged; name another folder") from None
+
+
+def write_settings(folder: Path, settings: Mapping[str, Any]) -> None:
+    """Write down what all that follows in a folder is made with."""
+    with staged_file(folder / SETTINGS) as staged:
+        staged.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+
+
+def refuse_results(folder: Path, results: Iterable[str]) -> None:
+    """Refuse a folder that holds results, files by name or pattern, of which nothing tells."""
+    for found in (next(folder.glob(pattern), None) for pattern in results):
+        if found is not None:
+            raise OutputError(
+                f"{folder} holds {found.name}, and nothing tells what it was made with; name "
+                "another folder"
+            )
 
 
 def check_settings(

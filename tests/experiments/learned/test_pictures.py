@@ -51,5 +51,5 @@ def test_a_folder_holds_pictures_of_one_run(tmp_path):
     with pytest.raises(OutputError, match=r"holds another set of pictures \(also_sha256"):
         pictures.main(tmp_path / "out", also=tmp_path / "also", crops=2, leaves=0)
     (tmp_path / "out" / "settings.json").unlink()
-    with pytest.raises(OutputError, match="of settings that are not known"):
+    with pytest.raises(OutputError, match="nothing tells what it was made with"):
         pictures.main(tmp_path / "out", crops=2, leaves=0)
