@@ -3,11 +3,11 @@
 `python -m experiments.learned.pictures --out DIR` writes them as PNG files. The photographs are
 scikit-image's, in the public domain or under CC0 as `skimage.data` says of all but the moon,
 Matplotlib's sample of Grace Hopper (public domain), and scikit-learn's `china` and `flower` (CC BY
-2.0, danielbuechele and vultilion). `--also FOLDER` takes photographs of yours, too. `WITHHELD` ones
-are for tests alone. They are few, so that crops are turned over, recoloured and of any size, and
-dead leaves stand beside them: discs of a power law of radii that cover each other, whose edges and
-spectra are those of photographs (A. Lee, D. Mumford, J. Huang, "Occlusion models for natural
-images", IJCV 2001).
+2.0, danielbuechele and vultilion). `--also FOLDER` takes photographs of yours, too, and panoramas
+in EXR files. `WITHHELD` ones are for tests alone. They are few, so that crops are turned over,
+recoloured and of any size, and dead leaves stand beside them: discs of a power law of radii that
+cover each other, whose edges and spectra are those of photographs (A. Lee, D. Mumford, J. Huang,
+"Occlusion models for natural images", IJCV 2001).
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import typer
 from numpy.typing import NDArray
 
 from experiments.learned.resuming import digest_of, hold_settings
+from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Picture = NDArray[np.float64]
@@ -40,6 +42,9 @@ SMALLEST = 0.15
 
 LARGEST = 800
 """Photographs of more rows are averaged down by whole numbers to about as many."""
+
+WHITE = 95.0
+"""Percentile of a panorama's linear values that is shown as white: skies and lamps are beyond."""
 
 DARK = 0.2
 """Crops without a brighter pixel are drawn anew: parts of the night sky are black."""
@@ -65,7 +70,7 @@ def photograph(name: str) -> Picture:
 
 
 def photographs_of(folder: Path) -> dict[str, Picture]:
-    """Return the JPEG and PNG photographs of a folder by their files' names, as `photograph`."""
+    """Return the JPEG, PNG and EXR files of a folder by their names, as `photograph`."""
     from PIL import Image
     from skimage.transform import downscale_local_mean
 
@@ -74,8 +79,13 @@ def photographs_of(folder: Path) -> dict[str, Picture]:
         if file.suffix.lower() in (".jpg", ".jpeg", ".png"):
             with Image.open(file) as opened:
                 values = np.asarray(opened.convert("RGB"), np.float64) / 255
-            by = max(1, round(len(values) / LARGEST))
-            found[file.name] = downscale_local_mean(values, (by, by, 1))
+        elif file.suffix.lower() == ".exr":
+            linear, _ = read_exr(file)
+            values = srgb_encode(np.clip(linear / np.percentile(linear, WHITE), 0, 1))
+        else:
+            continue
+        by = max(1, round(len(values) / LARGEST))
+        found[file.name] = downscale_local_mean(values, (by, by, 1))
     return found
 
 
@@ -131,7 +141,7 @@ def main(
     also: Annotated[
         Path | None, typer.Option(help="Folder of photographs in colour to take, too.")
     ] = None,
-    crops: Annotated[int, typer.Option(help="Crops of photographs.")] = 4800,
+    crops: Annotated[int, typer.Option(help="Crops of photographs.")] = 9600,
     leaves: Annotated[int, typer.Option(help="Pictures of dead leaves.")] = 800,
     seed: Annotated[int, typer.Option(help="Of the crops and the leaves.")] = 0,
 ) -> None:

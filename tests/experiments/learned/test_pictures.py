@@ -7,6 +7,8 @@ pytest.importorskip("skimage")
 
 from experiments.learned import pictures
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.formats.srgb import srgb_encode
 
 
 def test_crops_and_leaves_are_of_one_size_and_in_range():
@@ -35,6 +37,16 @@ def test_grey_crops_are_tinted_and_coloured_ones_keep_their_values():
 
 def test_no_photograph_is_both_learned_from_and_tested_with():
     assert not {*pictures.COLOURED, *pictures.GREY} & {*pictures.WITHHELD}
+
+
+def test_a_panoramas_lamps_are_white_and_the_rest_keeps_its_contrast(tmp_path):
+    linear = np.full((10, 20, 3), 0.25, np.float32)
+    linear[0] = 1.0
+    linear[0, 0] = 300.0
+    write_exr(tmp_path / "a.exr", linear, {})
+    shown = pictures.photographs_of(tmp_path)["a.exr"]
+    assert np.allclose(shown[0], 1)
+    assert np.allclose(shown[1:], srgb_encode(0.25), atol=1e-3)
 
 
 def test_a_folder_holds_pictures_of_one_run(tmp_path):
