@@ -63,7 +63,7 @@ def demo(
             A = AskedTransport(16, seed).matrix(scenario)
         with timed("photograph"):
             if fast:
-                signal = inputs.photograph(scenario, truth, max(1, round(effort * 8192)), seed)
+                signal = inputs.photograph(scenario, truth, max(1, round(effort * 4096)), seed)
             else:  # path tracing takes minutes: another rendering of A shows the image
                 again = AskedTransport(16, seed + 1).matrix(scenario)
                 seen = again @ truth.reshape(-1, 3)

@@ -134,7 +134,8 @@ def reconstruct(
             told = _told(fitted, seen, solved, scenario, defects)
             left = told.residual
             explicable = left and left.likeliest not in ("", "object")
-            if left and explicable and not (dark or told.doubt or left.better_orientation):
+            otherwise = left and (left.better_orientation or left.better_encoding)
+            if left and explicable and not (dark or told.doubt or otherwise):
                 told = replace(told, doubt=_doubt(scenario, A, used, seen))
         doubts = list(filter(None, (told.doubt, told.misfit)))
         _write_told(folder, told, image, seen, text)

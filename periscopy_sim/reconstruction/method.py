@@ -199,6 +199,8 @@ class StillMethod(ABC, Generic[Precision]):
         -----
         RuntimeWarning
             Iterations, where the method takes any, did not reach its tolerance.
+        UserWarning
+            The photograph is of 8-bit integers, which are mostly encoded for screens.
         """
         return self.solve(photograph).image
 

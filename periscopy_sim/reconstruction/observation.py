@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -151,6 +152,12 @@ def _real(photograph: Image) -> Image:
     values = np.asarray(photograph)
     if values.dtype.kind not in "buif":
         raise ValueError(f"the photograph is of type {values.dtype}; give real numbers")
+    if values.dtype == np.uint8:
+        warnings.warn(
+            "the photograph is of 8-bit integers, taken as linear light; if they are encoded for "
+            "screens, as most are, read the file by ps.read_photograph, which decodes it",
+            stacklevel=4,
+        )
     return values
 
 

@@ -21,6 +21,7 @@ from periscopy_sim.photographs.checking import (
 )
 from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.developing.sensor_image import SensorImage, sensor_image
+from periscopy_sim.storage.formats.colour_profile import SRGB, encoding_of
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.srgb import srgb_decode
@@ -33,9 +34,10 @@ def read_photograph(
     """Read a photograph of a known size; its format is told by its contents.
 
     EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; arrays of
-    8-bit integers are taken so, too, with a warning; 16-bit PNG and integer TIFF are linear counts,
-    taken as they are; PNG, TIFF and JPEG of 8 bits are decoded by the sRGB curve, with a warning;
-    MATLAB files hold raw counts, see `read_matlab_counts`.
+    8-bit integers are taken so, too, with a warning. PNG, TIFF and JPEG are what their colour
+    profile says, linear or decoded by the sRGB curve, with a warning; without one, 16-bit PNG and
+    integer TIFF are linear counts, and 8 bits are decoded likewise. MATLAB files hold raw counts,
+    see `read_matlab_counts`.
 
     Parameters
     ----------
@@ -55,7 +57,8 @@ def read_photograph(
     path = Path(path)
     row = format_of(path)
     picture = row.decode(path, "photograph", shape)
-    values, warnings = _linear_light(picture, shape, row.name, str(path))
+    encoded = _is_encoded(picture, path)
+    values, warnings = _linear_light(picture, encoded, shape, row.name, str(path))
     checked = check_photograph(values, shape, str(path), mask)
     return Photograph(checked, (*warnings, *doubts_of(checked, str(path), mask)))
 
@@ -93,15 +96,16 @@ def read_sensor_image(
     row = format_of(path)
     picture = row.decode(path, "photograph", None)
     values = picture.values
-    if _is_encoded(picture) and (has_black or white is not None):
+    encoded = _is_encoded(picture, path)
+    if encoded and (has_black or white is not None):
         raise PhotographError(
-            f"{path}: is an 8-bit {row.name}, encoded for screens, of whose counts nothing is "
-            "known; give a raw file, or leave out the black level and the saturation"
+            f"{path}: is {_bits(values)}-bit {row.name}, encoded for screens, of whose counts "
+            "nothing is known; give a raw file, or leave out the black level and the saturation"
         )
     full = picture.saturated
-    if _is_encoded(picture):
-        full = (values == np.iinfo(np.uint8).max).any(axis=2)
-    light, warnings = _linear_light(picture, None, row.name, str(path))
+    if encoded:
+        full = (values == np.iinfo(values.dtype).max).any(axis=2)
+    light, warnings = _linear_light(picture, encoded, None, row.name, str(path))
     exposure = sensor_image(light, str(path), white, full, picture.cell)
     if exposure.white == np.inf and (plateau := saturated_pixels(exposure.values)).any():
         top = exposure.values[plateau].max(axis=1).min()
@@ -112,12 +116,21 @@ def read_sensor_image(
     return exposure, tuple(warnings)
 
 
-def _is_encoded(picture: Picture) -> bool:
-    return picture.is_display and picture.values.dtype == np.uint8
+def _is_encoded(picture: Picture, path: Path) -> bool:
+    """Return whether integers are encoded by the sRGB curve; see `read_photograph`."""
+    if not picture.is_display or picture.values.dtype not in (np.uint8, np.uint16):
+        return False
+    if picture.profile:
+        return encoding_of(picture.profile, path) == SRGB
+    return picture.values.dtype == np.uint8
+
+
+def _bits(values: NDArray[Any]) -> int:
+    return 8 * values.dtype.itemsize
 
 
 def _linear_light(
-    picture: Picture, shape: tuple[int, int] | None, kind: str, name: str
+    picture: Picture, encoded: bool, shape: tuple[int, int] | None, kind: str, name: str
 ) -> tuple[NDArray[Any], list[str]]:
     """Return linear light, of a size if one is asked for, and what was assumed or left out."""
     values, warnings = picture.values, []
@@ -127,15 +140,19 @@ def _linear_light(
         warnings.append(f"{name}: left out the channels {', '.join(picture.left_out)}")
     if picture.alpha is not None:
         warnings.append(f"{name}: left out the alpha channel")
-    if _is_encoded(picture):
+    if encoded:
         if shape is not None:
             check_size(values.shape[:2], shape, name)  # before it becomes eight times as large
-        values = srgb_decode(np.arange(256) / 255)[values]
+        why = "which is normally gamma-encoded, so"
+        if picture.profile:
+            why = "as its colour profile says"
         warnings.append(
-            f"{name}: 8-bit {kind}, which is normally gamma-encoded, so decoded by the sRGB "
-            "curve; save linear data as 16-bit PNG or TIFF, EXR or NPY"
+            f"{name}: {_bits(values)}-bit {kind}, {why} decoded by the sRGB curve; save linear "
+            "data as 16-bit PNG or TIFF, EXR or NPY"
         )
-    elif values.dtype == np.uint8:
+        levels = np.iinfo(values.dtype).max + 1
+        values = srgb_decode(np.arange(levels) / (levels - 1))[values]
+    elif values.dtype == np.uint8 and not picture.profile:
         warnings.append(
             f"{name}: 8-bit {kind}, taken as linear light; if it is gamma-encoded, as most such "
             "data are, save it as PNG, which is decoded"

@@ -1,6 +1,8 @@
 import os
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from PIL import Image
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.photographs import read_photograph
 
 SHAPE = (6, 9)
@@ -380,3 +383,72 @@ def test_a_photograph_serves_as_an_array_and_its_path_as_text(tmp_path):
     np.save(tmp_path / "y.npy", values)
     photograph = read_photograph(str(tmp_path / "y.npy"), (4, 5))
     np.testing.assert_array_equal(np.asarray(photograph), values)
+
+
+def icc_profile(encoding):
+    """An ICC profile: sRGB's, or a grey one of a power, 1 being linear (ICC.1:2010)."""
+    from PIL import ImageCms
+
+    if encoding == "sRGB":
+        return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    # A version 2 profile of greys: its curve, its white and what it is called.
+    tags = {
+        b"desc": b"desc" + bytes(4) + struct.pack(">I", 6) + b"power\0" + bytes(79),
+        b"wtpt": b"XYZ " + bytes(4) + struct.pack(">3i", 63190, 65536, 54061),
+        b"kTRC": b"curv" + bytes(4) + struct.pack(">IH", 1, round(256 * encoding)),
+    }
+    table, data, offset = b"", b"", 128 + 4 + 12 * len(tags)
+    for name, body in tags.items():
+        table += name + struct.pack(">II", offset + len(data), len(body))
+        data += body + bytes(-len(body) % 4)
+    whole = struct.pack(">I", len(tags)) + table + data
+    head = struct.pack(">I4xI", 128 + len(whole), 0x02400000) + b"mntrGRAYXYZ " + bytes(12)
+    head += b"acsp" + bytes(28) + struct.pack(">3i", 63190, 65536, 54061)
+    return head + bytes(128 - len(head)) + whole
+
+
+@pytest.mark.parametrize("save", ["tiff", "png"])
+def test_sixteen_bits_are_what_their_colour_profile_says(tmp_path, save):
+    grey, path = COUNTS[..., 0], tmp_path / "y"
+    for encoding in ("sRGB", 1.0, None):
+        profile = None if encoding is None else icc_profile(encoding)
+        if save == "tiff":
+            tifffile.imwrite(path, grey, photometric="minisblack", iccprofile=profile)
+        else:
+            Image.fromarray(grey).save(path, "PNG", icc_profile=profile)
+        photograph = read(path)
+        linear = srgb_decode(grey / 65535) if encoding == "sRGB" else grey
+        assert np.allclose(photograph.values[..., 0], linear, rtol=1e-12)
+        warned = "16-bit" in "".join(photograph.warnings)
+        assert warned == (encoding == "sRGB")
+
+
+def test_the_srgb_chunk_of_a_png_file_of_16_bits_counts(tmp_path):
+    save_png(tmp_path / "y.png", COUNTS)
+    head, rest = (tmp_path / "y.png").read_bytes().split(b"IDAT", 1)
+    chunk = b"sRGB\0"
+    chunk = struct.pack(">I", 1) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "y.png").write_bytes(head[:-4] + chunk + head[-4:] + b"IDAT" + rest)
+    photograph = read(tmp_path / "y.png")
+    assert np.allclose(photograph.values, srgb_decode(COUNTS / 65535), rtol=1e-12)
+    assert "16-bit PNG, as its colour profile says decoded" in photograph.warnings[0]
+
+
+def test_eight_bits_of_a_linear_profile_are_not_decoded(tmp_path):
+    codes = (COUNTS[..., 0] >> 8).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "y.png", icc_profile=icc_profile(1.0))
+    photograph = read(tmp_path / "y.png")
+    assert np.array_equal(photograph.values[..., 0], codes) and photograph.warnings == ()
+
+
+def test_other_curves_and_damaged_profiles_are_refused(tmp_path):
+    grey = COUNTS[..., 0]
+    refusals = {
+        icc_profile(1.8): "'power' encodes light by a curve",
+        icc_profile(2.2): "'power' encodes light by a curve",
+        icc_profile(1.0)[:90]: "its colour profile cannot be read",
+    }
+    for profile, told in refusals.items():
+        tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack", iccprofile=profile)
+        with pytest.raises(PhotographError, match=told):
+            read(tmp_path / "y.tif")

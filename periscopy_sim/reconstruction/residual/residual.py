@@ -15,6 +15,7 @@ from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for, likely_causes
+from periscopy_sim.reconstruction.residual.encodings import better_encoding, seen_recoded
 from periscopy_sim.reconstruction.residual.orientations import better_orientation, seen_flipped
 from periscopy_sim.reconstruction.residual.structure import Structure, structure_of
 
@@ -73,6 +74,9 @@ class Residual:
     better_orientation
         In which the scene explains the photograph much better, of `orientations.FLIPPED`; empty
         where it does in none.
+    better_encoding
+        What about the photograph's values, put right, would let the scene explain it much better,
+        of `encodings.ENCODINGS`; empty where nothing would.
     """
 
     light: Array
@@ -84,6 +88,7 @@ class Residual:
     has_backgrounds: bool = False
     is_calibrated: bool = False
     better_orientation: str = ""
+    better_encoding: str = ""
 
     @property
     def remark(self) -> str:
@@ -100,7 +105,8 @@ class Residual:
     @property
     def warning(self) -> str:
         """Return that more than noise is left and its likely causes; empty where it is not."""
-        if not (self.causes or self.better_orientation) or self.noise_alone is None:
+        other = self.better_orientation or self.better_encoding
+        if not (self.causes or other) or self.noise_alone is None:
             return ""
         likely = advice_for(
             self.causes, has_backgrounds=self.has_backgrounds, is_calibrated=self.is_calibrated
@@ -115,6 +121,10 @@ class Residual:
                 f"; blurred by a Gaussian of {smooth.scale:g} px it has "
                 f"{smooth.excess:.{0 if smooth.excess >= 10 else 1}f} times "
                 "the energy of noise"
+            )
+        if self.better_encoding:
+            told += (
+                f"; much less would be left if the photograph {self.better_encoding}: take it so"
             )
         if likely:
             told += f"; likely causes, the likeliest first: {likely}"
@@ -147,6 +157,7 @@ class Residual:
             },
             "likely_causes": {cause.name: cause.share for cause in self.causes},
             "better_orientation": self.better_orientation,
+            "better_encoding": self.better_encoding,
         }
 
 
@@ -179,7 +190,7 @@ def residual_of(
         noise = noise.times(np.sqrt(1 - structure.grain))
     alone = float(np.sqrt(np.mean(noise.σ**2))) / level
     causes: tuple[Cause, ...] = ()
-    orientation = ""
+    orientation = encoding = ""
     smooth = structure is not None and structure.is_found and structure.excess > SMOOTH_EXCESS
     # What another image would explain is the method's affair, not the scene's; noise, too, is
     # explained in part.
@@ -199,10 +210,13 @@ def residual_of(
         causes = likely_causes(rest, seen, place(signal), kept * noise.σ, unexplained_light)
         flipped = {name: excess(light) for name, light in seen_flipped(seen).items()}
         orientation = better_orientation(excess(seen), flipped)
+        recoded = {name: excess(light) for name, light in seen_recoded(seen).items()}
+        encoding = better_encoding(excess(seen), recoded)
     light = np.moveaxis(planes, 0, -1)
     return Residual(
-        light, unexplained, alone, noise, structure, causes, better_orientation=orientation
-    )
+        light, unexplained, alone, noise, structure, causes, better_orientation=orientation,
+        better_encoding=encoding,
+    )  # fmt: skip
 
 
 def left_by_images(transport: TransportOperator) -> Callable[[Array], Array]:

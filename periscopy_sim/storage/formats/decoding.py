@@ -38,6 +38,7 @@ class Picture:
     alpha: NDArray[Any] | None = None  # opacity, (rows, columns, 1) of that dtype
     left_out: tuple[str, ...] = ()  # other channels of the file
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
+    profile: bytes = b""  # its ICC colour profile, if it has one
     exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
     cell: int = 1  # pixels of the sensor along each side of one of these

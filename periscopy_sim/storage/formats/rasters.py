@@ -62,7 +62,7 @@ def read_tiff(path: Path, *_: object) -> Picture:
         values = series.asarray()
         if series.axes == "SYX":
             values = np.moveaxis(values, 0, -1)
-        return _split(values, path)
+        return _split(values, path, bytes(page.tags.valueof("InterColorProfile", b"")))
 
 
 def _png_header(path: Path) -> tuple[int, int, int]:
@@ -87,7 +87,17 @@ def _read_16_bit_png(path: Path) -> Picture:
     with decoding(path, "PNG"):
         columns, rows, lines, info = png.Reader(bytes=path.read_bytes()).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
-        return _split(values.reshape(rows, columns, info["planes"]), path)
+        return _split(values.reshape(rows, columns, info["planes"]), path, _png_profile(path))
+
+
+def _png_profile(path: Path) -> bytes:
+    """Return the profile of a PNG file, that of sRGB where its chunk says so."""
+    from PIL import Image, ImageCms
+
+    with Image.open(path, formats=["PNG"]) as picture:
+        if "srgb" in picture.info:
+            return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+        return bytes(picture.info.get("icc_profile", b""))
 
 
 def _check_packing(page: Any, path: Path) -> None:
@@ -120,15 +130,16 @@ def _read_with_pillow(path: Path, kind: str) -> Picture:
             raise PhotographError(f"{path}: has colours {picture.mode}; save it as grey or RGB")
         if "transparency" in picture.info:
             mode = {"L": "LA", "RGB": "RGBA"}.get(mode, mode)
-        return _split(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path)
+        profile = picture.info.get("icc_profile") or b""
+        return _split(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path, profile)
 
 
-def _split(values: NDArray[Any], path: Path) -> Picture:
+def _split(values: NDArray[Any], path: Path, profile: bytes = b"") -> Picture:
     """Return colour and alpha of (rows, columns[, channels]) values."""
     if values.ndim == 2:
         values = values[..., None]
     if values.ndim != 3 or not 1 <= values.shape[2] <= 4:
         raise PhotographError(f"{path}: has shape {values.shape}; save a grey or RGB picture")
     if values.shape[2] % 2:
-        return Picture(values, is_display=True)
-    return Picture(values[..., :-1], values[..., -1:], is_display=True)
+        return Picture(values, is_display=True, profile=profile)
+    return Picture(values[..., :-1], values[..., -1:], is_display=True, profile=profile)

@@ -12,6 +12,7 @@ from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for
 from periscopy_sim.reconstruction.residual.residual import Residual, residual_of
 from periscopy_sim.reconstruction.residual.structure import Structure
+from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 
 SHAPE, HIDDEN = (40, 44), (4, 5)
 V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in SHAPE), indexing="ij")
@@ -116,6 +117,21 @@ def test_a_photograph_that_is_upside_down_is_named_one_that_is_not_is_not(name, 
     assert left.told()["better_orientation"] == left.better_orientation
     wrong = residual(photograph(transport(0.12)), name, mask)[0]
     assert wrong.causes and wrong.better_orientation == "" and "mirrored" not in wrong.warning
+
+
+@pytest.mark.parametrize("level", [0.2, 0.9])
+def test_a_photograph_that_is_encoded_for_screens_is_named_one_that_is_not_is_not(level):
+    y = np.maximum(photograph(), 0)
+    # Of so few patches, the noise-aware method takes the curve for an uneven wall.
+    encoded = residual(srgb_encode(level * y / y.max()), "preconditioned")[0]
+    assert encoded.better_encoding.startswith("is encoded for screens")
+    assert "if the photograph is encoded for screens" in encoded.warning
+    assert encoded.told()["better_encoding"] == encoded.better_encoding
+    for name in ("noise-aware", "preconditioned"):
+        decoded = residual(srgb_decode(level * y / y.max()), name)[0]
+        assert decoded.better_encoding.startswith("was linear before")
+        wrong = residual(photograph(transport(0.12)), name)[0]
+        assert wrong.causes and wrong.better_encoding == "" and "sRGB" not in wrong.warning
 
 
 def test_right_scenes_are_rarely_warned_of():
