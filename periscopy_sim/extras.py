@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from periscopy_sim.errors import PeriscopyError
@@ -24,8 +26,21 @@ def missing(module: str) -> str:
     """Return one line that says which extra brings a module."""
     return (
         f"this needs {module}, which is not installed; in the folder of periscopy_sim's sources, "
-        f"install it by: pip install '.[{EXTRA_OF[module]}]'"
+        f"install it by: pip install -e '.[{EXTRA_OF[module]}]'"
     )
+
+
+def require_all(modules: Iterable[str] = SWEEP) -> None:
+    """Refuse to start work that would end for want of a module, without importing any.
+
+    Raises
+    ------
+    PeriscopyError
+        If one is not installed: one line that says what to install.
+    """
+    for module in modules:
+        if find_spec(module) is None:
+            raise PeriscopyError(missing(module))
 
 
 def require(module: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError
+from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError, did_you_mean
 
 REALISTIC = (
     "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
@@ -64,6 +64,12 @@ def find_image(name: str | Path) -> Path:
     return _find(Path(name), "images", ".png", "image", PhotographError)
 
 
+def shipped_image(name: str) -> Path | None:
+    """Return the shipped hidden image of a name; None where there is none."""
+    file = scenes_folder() / "images" / f"{name}.png"
+    return file if name and file.is_file() else None
+
+
 def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:
     if path.is_file():
         return path
@@ -75,9 +81,13 @@ def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[Perisc
     if named and shipped.is_file():
         return shipped
     shipped_files = [*folder.glob(f"*{suffix}"), *folder.glob(f"ambient/*{suffix}")]
-    names = ", ".join(
+    names = [
         str(file.relative_to(folder).with_suffix(""))
         for file in sorted(shipped_files, key=lambda file: (len(file.parts), file))
-    )
+    ]
     problem = "is a folder" if path.is_dir() else "does not exist"
-    raise error(f"{what} '{path}' {problem}; name a file or a shipped {what}: {names}")
+    guess = did_you_mean(str(path), names)
+    raise error(
+        f"{what} '{path}' {problem}; {f'{guess} ' if guess else ''}name a file or a shipped "
+        f"{what}: {', '.join(names)}"
+    )

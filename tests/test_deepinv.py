@@ -15,7 +15,7 @@ def test_without_deepinv_one_line_says_what_to_install(monkeypatch):
     pytest.importorskip("torch")
     monkeypatch.delitem(sys.modules, "periscopy_sim.deepinv", raising=False)
     monkeypatch.setitem(sys.modules, "deepinv", None)
-    with pytest.raises(PeriscopyError, match=r"pip install '\.\[deepinv\]'"):
+    with pytest.raises(PeriscopyError, match=r"pip install -e '\.\[deepinv\]'"):
         importlib.import_module("periscopy_sim.deepinv")
 
 

@@ -109,8 +109,10 @@ def main() -> None:
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        context = getattr(error, "ctx", None)
-        hint = f" Try '{context.command_path} --help'." if context else ""
+        context, asked = getattr(error, "ctx", None), getattr(error, "param", None)
+        form = getattr(asked, "metavar", None) if type(error).__name__ == "MissingParameter" else ""
+        hint = f" Its form: {form}." if form else ""
+        hint += f" Try '{context.command_path} --help'." if context else ""
         fail(message() + hint, 2)
     if code == INTERRUPTED:
         fail("interrupted; nothing was written", INTERRUPTED)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +12,6 @@ import numpy as np
 import typer
 
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.extras import SWEEP, missing
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
@@ -166,13 +164,6 @@ def parse_numbers(definitions: Mapping[str, str], flag: str) -> dict[str, float]
         except ValueError:
             raise PeriscopyError(f"{flag} {name}={text}: give a number") from None
     return numbers
-
-
-def require_extras() -> None:
-    """Refuse to start work that would end for want of a module that the core install lacks."""
-    for module in SWEEP:
-        if find_spec(module) is None:
-            raise PeriscopyError(missing(module))
 
 
 def require_suffix(out: Path, suffix: str, what: str) -> None:

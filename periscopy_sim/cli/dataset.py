@@ -14,9 +14,10 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out, require_extras
+from periscopy_sim.cli.arguments import Out
 from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
+from periscopy_sim.extras import require_all
 
 Archive = Annotated[
     Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
@@ -78,7 +79,7 @@ def make(
         raise PeriscopyError(
             "name a configuration and --out; 'periscopy dataset --example' prints a configuration"
         )
-    require_extras()
+    require_all()
     settings = load_configuration(configuration)
     start = time.perf_counter()
     with (

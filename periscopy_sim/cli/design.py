@@ -334,6 +334,8 @@ def _say(rows: list[Row], order: list[Row], by: By, edges: list[str]) -> None:
         errors = "  ".join(f"{100 * (row.figure(name) or 0):<5.3g}" for name in names)
         time = row.figure("exposure_time")
         say(f"{errors}  {'-' if time is None else f'{time:.3g}':<6}  {_place(row)}")
+        if row.merit is not None and row.merit.remark:
+            warn(f"{_place(row)}: {row.merit.remark}")
     tried = [row for row in rows[1:] if not row.failure]
     if not tried:
         warn("every point failed, so that none is best")

@@ -32,7 +32,7 @@ def doctor() -> None:
         say(f"{package:12} {metadata.version(package)}")
     for extra, modules in EXTRAS_OF.items():
         lacking = ", ".join(module for module in modules if find_spec(module) is None)
-        state = f"not installed (lacks {lacking}): pip install '.[{extra}]'"
+        state = f"not installed (lacks {lacking}): pip install -e '.[{extra}]'"
         say(f"{f'[{extra}]':12} {state if lacking else 'installed'}")
     say(f"cores        {os.cpu_count()}")
     for report in examine_variants():

@@ -78,11 +78,15 @@ def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
 
 
 def warn_of_occluders(scenario: Scenario, name: str) -> None:
-    """Warn where no occluder casts a shadow; else of those whose size looks like a wrong unit."""
+    """Warn where no occluder casts a shadow; else of those that look wrong.
+
+    These are of another unit, or lie within others.
+    """
+    from periscopy_sim.rendering.overlap import swallowed
     from periscopy_sim.rendering.shadow_check import size_doubts
 
     if not warn_without_shadows(scenario, name):
-        for doubt in size_doubts(scenario):
+        for doubt in (*size_doubts(scenario), *swallowed(scenario)):
             warn(f"{name}: {doubt}")
 
 

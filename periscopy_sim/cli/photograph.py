@@ -13,8 +13,9 @@ import typer
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.output import fixable, say, warn
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.cli.output import fixable, progress, say, warn
+from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -40,7 +41,12 @@ def photograph(
         int, option("NUMBER", "Camera samples a pixel.", min=1, max=MOST_SAMPLES)
     ] = 4096,
     ambient: Annotated[
-        Path | None, option("FILE", "Photograph of ambient light to add, at --sbr.")
+        str | None,
+        option(
+            "LIGHT",
+            "Ambient light to add, at --sbr: a photograph of it, or a shipped condition, which is "
+            f"path traced: {', '.join((*REALISTIC, *ADVERSARIAL))}.",
+        ),
     ] = None,
     sbr: Annotated[
         float | None,
@@ -100,8 +106,9 @@ def photograph(
         shown = inputs.hidden_image(image, scenario.hidden_shape)
         background = None
         if ambient is not None:
-            background = inputs.read_photograph(ambient, scenario).values
+            background = _ambient_light(ambient, scenario, seed)
         y = inputs.photograph(scenario, shown, samples, seed)
+        inputs.warn_of_long_patches(scenario, scene)
         grain = _grain(scenario, y)
         grainy = ""
         with fixable("photograph"):
@@ -131,6 +138,20 @@ def photograph(
         warn(f"{out}: {grainy}")
     if sensor is not None:
         say(f"saturated {saturated} of {y.size} values; SNR {sensor.snr:.1f} dB at mean light")
+
+
+def _ambient_light(name: str, scenario: Scenario, seed: int) -> Array:
+    """Return ambient light, (rows, columns, 3), of a file or of a shipped condition."""
+    if Path(name).is_file() or name not in (*REALISTIC, *ADVERSARIAL):
+        if not Path(name).is_file() and (guess := did_you_mean(name, (*REALISTIC, *ADVERSARIAL))):
+            raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
+        return inputs.read_photograph(Path(name), scenario).values
+    from periscopy_sim.rendering.ambient.background import render_background
+
+    with progress("path tracing the ambient light") as report:
+        return render_background(
+            f"ambient/{name}", scenario, target=3e-4, seed=seed + 1, progress=report
+        ).photograph
 
 
 def _grain(scenario: Scenario, photograph: Array) -> float:

@@ -91,7 +91,7 @@ def reconstruct(
     **options: float | None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
-    from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
+    from periscopy_sim.evaluation.methods import check_able, find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
     from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.photographs.checking import blackened
@@ -105,6 +105,7 @@ def reconstruct(
     with told_folder(out) as folder:
         with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
+        check_able(method, scenario.hidden_shape)
         unseen = inputs.warn_without_shadows(scenario, scene)
         unseen += inputs.warn_of_long_patches(scenario, scene)
         used = inputs.read_mask(mask, scenario)

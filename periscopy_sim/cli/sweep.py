@@ -17,6 +17,7 @@ from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOpti
 from periscopy_sim.cli.fitting.transport_matrix import AskedTransport, BouncesOption, parse_bounces
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
 from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.extras import require_all
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import alone_in
@@ -56,7 +57,7 @@ def sweep(
     flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
     methods: Annotated[
         str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
-    ] = "preconditioned,differencing",
+    ] = "noise-aware,preconditioned,differencing",
     snr: arguments.Snr = 60.0,
     seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
     scheduler: Annotated[
@@ -83,7 +84,7 @@ def sweep(
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
     # Whatever can be refused is refused here, before hours of rendering.
-    arguments.require_extras()
+    require_all()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = parse_ratios(sbr), parse_ambient(ambient)

@@ -116,6 +116,7 @@ def video(
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.evaluation.methods import check_able
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.shipped import find_image
@@ -135,6 +136,7 @@ def video(
     with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         with timed("load the scene"), progress("loading the scene"):
             scenario = inputs.load(scene, hidden, define)
+        check_able(method, scenario.hidden_shape)
         unseen = inputs.warn_without_shadows(scenario, scene)
         unseen += inputs.warn_of_long_patches(scenario, scene)
         with timed("read the frames"), progress("reading the photographs") as report:

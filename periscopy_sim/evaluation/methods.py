@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, did_you_mean
+from periscopy_sim.extras import require
 from periscopy_sim.reconstruction.background_photographs import Backgrounds
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.observation import observation_of
@@ -84,6 +85,24 @@ def find_method(name: str) -> Factory:
         ) from error
     found: Factory = factory  # type: ignore[assignment]
     return found
+
+
+def check_able(name: str, hidden_shape: tuple[int, int]) -> None:
+    """Refuse a method that lacks its library, or knows no hidden images of this size.
+
+    It is a PeriscopyError, before anything is rendered.
+    """
+    entry = METHODS.get(name)
+    if entry is None:
+        return
+    if entry.hidden is not None and tuple(hidden_shape) != entry.hidden:
+        rows, columns = entry.hidden
+        raise PeriscopyError(
+            f"method '{name}' learned from hidden images of {rows}x{columns} patches alone: give "
+            f"--hidden {rows}x{columns}; for other sizes train networks of your own (make learned)"
+        )
+    if entry.needs:
+        require(entry.needs)
 
 
 def source_sha256(name: str) -> str | None:
@@ -242,9 +261,10 @@ def _place(name: str) -> str:
     """Return what stands before the colon: a module, or a file that exists."""
     place, _, attribute = name.rpartition(":")
     if not (place and attribute):
+        guess = did_you_mean(name, METHODS)
         raise PeriscopyError(
-            f"no method '{name}'; use {', '.join(METHODS)}, or your own as module:callable or "
-            "path/to/file.py:callable"
+            f"no method '{name}'; {f'{guess} ' if guess else ''}use "
+            f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
         )
     if place.endswith(".py") and not Path(place).is_file():
         raise PeriscopyError(f"method '{name}': there is no file {place}; check the path")

@@ -29,6 +29,7 @@ from periscopy_sim.evaluation.sweep_store import (
     Trial,
     write_table,
 )
+from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.photographs.checking import used_pixels
 from periscopy_sim.reconstruction.method import Method
@@ -223,8 +224,10 @@ def run_sweep(
     OutputError
         If the folder holds a sweep of another configuration, or cannot be written.
     PeriscopyError
-        If the scheduler does not answer or its workers keep dying.
+        If the scheduler does not answer or its workers keep dying, or what the extra ``sweep``
+        brings is not installed.
     """
+    require_all()
     from periscopy_sim.evaluation.workers import compute, connect
 
     store = SweepStore(

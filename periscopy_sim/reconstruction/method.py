@@ -123,6 +123,14 @@ class StillMethod(ABC, Generic[Precision]):
     precision: type[np.floating[Any]] = np.float64
     """Of the images."""
 
+    def __new__(cls, *arguments: Any, **_: Any) -> Self:
+        """Refuse a scene in the place of A, by a TypeError that names what takes one."""
+        if arguments and hasattr(arguments[0], "photograph_shape"):
+            raise TypeError(
+                f"A comes first; to fit to a scene, {cls.__name__}.for_scene(scene, A, B)"
+            )
+        return super().__new__(cls)
+
     def __init__(
         self,
         A: Any,

@@ -67,6 +67,7 @@ class MethodEntry:
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     video: VideoEntry | None = None  # None if it recovers no videos
     needs: str = ""  # a library that an extra brings; empty for none
+    hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
 
     def __call__(
@@ -240,11 +241,12 @@ _ENTRIES = (
     *(
         MethodEntry(
             name,
-            f"{what}; needs PyTorch",
+            f"{what}; 29x36 alone, needs PyTorch",
             "learned.still:Learned",
             fixed={"weights": name},
             bytes_per_entry=BYTES_PER_ENTRY,
             needs="torch",
+            hidden=(29, 36),
         )
         for name, what in (
             ("unrolled", "the noise-aware image refined by a network"),

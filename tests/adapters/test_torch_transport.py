@@ -18,7 +18,7 @@ def matrix():
 
 def test_without_pytorch_one_line_says_what_to_install(A, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(PeriscopyError, match=r"pip install '\.\[torch\]'"):
+    with pytest.raises(PeriscopyError, match=r"pip install -e '\.\[torch\]'"):
         TorchTransport(A)
 
 

@@ -62,6 +62,16 @@ def test_point_that_makes_no_scene_fails_by_name_and_the_rest_go_on(periscopy, t
     assert 1 not in record["ranking"]
 
 
+def test_what_is_doubtful_about_a_point_is_told(periscopy, tmp_path):
+    ended = periscopy(*design("--vary", "occluder_dx=0:3,crossbar_drop=0.001:0.002", "--grid", "2",
+                              "--images", "none", "-D", "crossbar_drop=0.05"))  # fmt: skip
+    assert ended.code == 0
+    rows = {row["occluder_dx"]: row["remark"] for row in rows_of(tmp_path / "out")[1:]}
+    assert "'chair_crossbar' and 'chair_seat' stand in each other" in rows["0"]
+    assert "no occluder casts a shadow of the monitor" in rows["3"]
+    assert "stand in each other" in ended.err
+
+
 @pytest.mark.usefixtures("drawings")
 def test_map_and_ranking_are_drawn(succeeds, tmp_path):
     succeeds(*design("--vary", "occluder_dx=-0.05:0.05,occluder_dz=0:0.05", "--grid", "2"))

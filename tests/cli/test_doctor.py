@@ -46,11 +46,11 @@ def test_extras_that_are_missing_are_listed(monkeypatch, succeeds):
     monkeypatch.setitem(sys.modules, "torch", None)
     installed = succeeds("doctor").splitlines()
     assert "[sweep]      installed" in installed and "[dataset]    installed" in installed
-    assert "[torch]      not installed (lacks torch): pip install '.[torch]'" in installed
+    assert "[torch]      not installed (lacks torch): pip install -e '.[torch]'" in installed
     monkeypatch.setitem(sys.modules, "zarr", None)
     lacking = succeeds("doctor").splitlines()
-    assert "[dataset]    not installed (lacks zarr): pip install '.[dataset]'" in lacking
-    assert "[torch]      not installed (lacks zarr, torch): pip install '.[torch]'" in lacking
+    assert "[dataset]    not installed (lacks zarr): pip install -e '.[dataset]'" in lacking
+    assert "[torch]      not installed (lacks zarr, torch): pip install -e '.[torch]'" in lacking
 
 
 def test_variant_asked_for_is_named():

@@ -243,7 +243,7 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
     monkeypatch.setattr(AskedTransport, "matrix", lambda *_: pytest.fail("rendered"))
     sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
     message = refused(*sweep, "--out", str(tmp_path / "sweep"))
-    assert "pip install '.[sweep]'" in message
+    assert "pip install -e '.[sweep]'" in message
     assert not (tmp_path / "sweep").exists()
 
 
@@ -326,7 +326,8 @@ def test_module_runs_as_the_command_does():
     ended = run("-m", "periscopy_sim", "transport", "chair")
     assert (ended.returncode, ended.stdout) == (2, "")
     assert ended.stderr == (
-        "periscopy: error: Missing option '--hidden'. Try 'periscopy transport --help'.\n"
+        "periscopy: error: Missing option '--hidden'. Its form: ROWSxCOLUMNS. "
+        "Try 'periscopy transport --help'.\n"
     )
 
 

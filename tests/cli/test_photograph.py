@@ -87,6 +87,23 @@ def test_ambient_light_is_added_at_the_ratio_asked_for(sbr, shoot):
     assert y.mean() == pytest.approx(1, rel=1e-5)
 
 
+def test_shipped_ambient_light_is_path_traced_by_its_name(shoot, refused, monkeypatch):
+    from periscopy_sim.rendering.ambient import background
+
+    render = background.render_background
+
+    def quick(*scene, **options):
+        return render(*scene, **{**options, "target": 0.2})
+
+    monkeypatch.setattr(background, "render_background", quick)
+    signal, y = shoot(), shoot("--ambient", "overcast", "--sbr", "0.5")
+    rest = y - signal * (1 / 3 / signal.mean())
+    assert rest.mean() == pytest.approx(2 / 3, rel=1e-3) and rest.min() > 0
+    line = refused("photograph", "chair", "hidden.npy", *TINY, "--ambient", "overcas", "--sbr", "1",
+                   "--out", "z.exr")  # fmt: skip
+    assert "no such file or shipped condition; did you mean 'overcast'?" in line
+
+
 def test_noise_has_the_level_asked_for(shoot):
     clean, noisy = shoot(), shoot("--snr", "20")
     noise = (noisy - clean).ravel()
@@ -264,7 +281,11 @@ def test_ratio_that_is_no_number_is_refused(option, refused, tmp_path):
 @pytest.mark.parametrize(
     ("image", "message"),
     [
-        ("mushrom", "'mushrom' does not exist; name a file or a shipped image: bars, checker"),
+        (
+            "mushrom",
+            "'mushrom' does not exist; did you mean 'mushroom'? name a file or a shipped image: "
+            "bars, checker",
+        ),
         ("text.png", "text.png: is no EXR, NPY"),
         ("negative.npy", "negative.npy: has negative, NaN or infinite values"),
         ("nan.npy", "nan.npy: has negative, NaN or infinite values"),

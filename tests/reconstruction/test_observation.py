@@ -274,3 +274,10 @@ def test_what_is_no_real_number_is_refused(value):
     kept = observation_of(np.ones((6, 2)), (1, 2))
     with pytest.raises(ValueError, match="give real numbers"):
         kept.vectorized(np.full((6, 3), value))
+
+
+def test_eight_bits_are_taken_as_linear_with_a_warning():
+    seen = observation_of(np.ones((12, 2)), (1, 2))
+    with pytest.warns(UserWarning, match=r"8-bit integers, taken as linear .* ps\.read_photograph"):
+        planes = seen.planar(np.full((1, 12, 3), 7, np.uint8))
+    assert (planes == 7).all()

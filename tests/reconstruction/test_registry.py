@@ -103,3 +103,10 @@ def test_a_new_method_is_one_entry():
     option = Option("fraction", 0.4, 0.01, 1, "Part of the singular values that are kept.")
     entry = MethodEntry("mine", "mine", "baselines.truncated_svd:TruncatedSVD", (option,))
     assert entry(Scene(), A, B, fraction=0.5).rank == 3
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_scene_in_the_place_of_the_matrix_is_told_what_takes_one(name):
+    method = _class(METHODS[name].of)
+    with pytest.raises(TypeError, match=rf"to fit to a scene, {method.__name__}\.for_scene"):
+        method(Scene(), A, B)

@@ -195,3 +195,8 @@ def test_signalling_nan_is_refused_without_a_warning(tmp_path):
     np.save(tmp_path / "f.npy", values)
     with pytest.raises(PhotographError, match="NaN"):
         read_hidden_image(tmp_path / "f.npy", (2, 2))
+
+
+def test_a_shipped_image_is_named_where_no_file_is_of_that_name():
+    with pytest.raises(PhotographError, match=r"shipped image is ps\.find_image\('mushroom'\)"):
+        read_hidden_image("mushroom", (3, 4))

@@ -28,7 +28,7 @@ IMAGE = "mushroom"
 
 def view(
     scene: arguments.SceneArgument,
-    hidden: arguments.Hidden,
+    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = "29x36",
     photo: Annotated[
         Path | None,
         typer.Argument(

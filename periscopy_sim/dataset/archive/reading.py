@@ -14,6 +14,7 @@ import numpy as np
 
 from periscopy_sim.dataset.archive.layout import BOUNCED_ERROR, Layout, read_head
 from periscopy_sim.errors import DatasetError
+from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.completion import (
     Block,
     checksum,
@@ -47,7 +48,10 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     ------
     DatasetError
         If the path holds no data set, or one in the making unless `incomplete`.
+    PeriscopyError
+        If what the extra ``dataset`` brings is not installed.
     """
+    require_all()
     import xarray as xr
 
     path = Path(path)

@@ -47,7 +47,8 @@ class Merit:
     error
         Root mean square of its actual errors.
     remark
-        What the method warned of.
+        What the method warned of, and what is doubtful about the scene: that no shadow falls into
+        view, or that occluders stand in each other.
     """
 
     light: float

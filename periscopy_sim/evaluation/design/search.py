@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError, SceneError, VariantError
 from periscopy_sim.evaluation.design.comparison import By, Comparison
-from periscopy_sim.evaluation.design.merit import assessment_of
+from periscopy_sim.evaluation.design.merit import Merit, assessment_of
 from periscopy_sim.evaluation.design.table import AS_IT_STANDS, Row, read_table, write_table
 from periscopy_sim.evaluation.design.variation import Variation, as_text
+from periscopy_sim.rendering.overlap import overlap_doubt, overlaps
 from periscopy_sim.rendering.pierced import pierced
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.shadow_check import shadow_doubt
 from periscopy_sim.scenario import Scenario
 
 Image = NDArray[np.floating[Any]]
@@ -110,9 +112,10 @@ def run_design(
     if len(rows) == len(points):
         return rows
     scenario = design.scenario({})
+    joined = overlaps(scenario)
     seen = design.transport(scenario), design.prototypes(scenario)
     assessment, merit = assessment_of(scenario, *seen, design.comparison, design.images)
-    rows = rows or [Row(AS_IT_STANDS, points[0], merit)]
+    rows = rows or [Row(AS_IT_STANDS, points[0], _doubted(merit, shadow_doubt(scenario)))]
     progress(len(rows), len(points))
     while len(rows) < len(points):
         values = points[len(rows)]
@@ -120,7 +123,8 @@ def run_design(
         try:
             scenario = design.scenario(values)
             seen = design.transport(scenario), design.prototypes(scenario)
-            found = assessment.merit(scenario, *seen)
+            doubts = shadow_doubt(scenario), overlap_doubt(scenario, but=joined)
+            found = _doubted(assessment.merit(scenario, *seen), *doubts)
         except (OutputError, VariantError):  # no fault of the point's
             raise
         except ValueError as error:  # a SceneError too
@@ -129,6 +133,11 @@ def run_design(
         write_table(table, design.variation.names, rows)
         progress(len(rows), len(points))
     return read_table(table, design.variation.names)  # the same digits, however often it stopped
+
+
+def _doubted(merit: Merit, *doubts: str) -> Merit:
+    """Return a merit whose remark tells doubts, too."""
+    return replace(merit, remark="; ".join(filter(None, (*doubts, merit.remark))))
 
 
 def ranked(rows: list[Row], by: By) -> list[Row]:

@@ -70,3 +70,13 @@ def test_photograph_of_another_scene_than_its_matrix_is_refused(
     shutil.copy(scene, tmp_path / "mine.xml")
     line = refused("reconstruct", "y.npy", *setting, "--scene", "mine.xml", "--out", "out")
     assert "'mine.xml' has no shape with id 'monitor'" in line
+
+
+def test_method_that_knows_one_size_is_refused_before_anything_is_rendered(refused, monkeypatch):
+    from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
+
+    monkeypatch.setattr(AskedTransport, "matrix", lambda *_: pytest.fail("rendered"))
+    line = refused("reconstruct", "y.exr", "--scene", "chair", "-D", "resolution=24", "--hidden",
+                   "4x5", "--method", "unrolled", "--out", "out")  # fmt: skip
+    assert "method 'unrolled' learned from hidden images of 29x36 patches alone" in line
+    assert "--hidden 29x36" in line and "make learned" in line

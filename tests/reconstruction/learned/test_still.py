@@ -22,7 +22,7 @@ def coarse():
 def test_without_pytorch_the_method_says_what_to_install(network, scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     assert METHODS[network].needs == "torch"
-    with pytest.raises(PeriscopyError, match=r"pip install '\.\[torch\]'"):
+    with pytest.raises(PeriscopyError, match=r"pip install -e '\.\[torch\]'"):
         METHODS[network](scene, np.ones((2304, 1044)), np.ones((2304, 1)))
 
 

@@ -18,7 +18,7 @@ def test_without_a_library_one_line_says_what_to_install(library, monkeypatch, s
     if library == "safetensors":
         pytest.importorskip("torch")
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(PeriscopyError, match=rf"needs {library}.*pip install '\.\[torch\]'"):
+    with pytest.raises(PeriscopyError, match=rf"needs {library}.*pip install -e '\.\[torch\]'"):
         Learned(small.A, small.B, weights="any", **small.settings)
 
 
