@@ -15,8 +15,16 @@ from periscopy_sim.reconstruction.large_scale.matrix_free import least_squares
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise, camera_noise
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for, likely_causes
-from periscopy_sim.reconstruction.residual.encodings import better_encoding, seen_recoded
-from periscopy_sim.reconstruction.residual.orientations import better_orientation, seen_flipped
+from periscopy_sim.reconstruction.residual.encodings import (
+    ENCODINGS,
+    better_encoding,
+    seen_recoded,
+)
+from periscopy_sim.reconstruction.residual.orientations import (
+    FLIPPED,
+    better_orientation,
+    seen_flipped,
+)
 from periscopy_sim.reconstruction.residual.structure import Structure, structure_of
 
 Array = NDArray[np.float64]
@@ -202,16 +210,19 @@ def residual_of(
         def unexplained_light(light: Array) -> Array:
             return place(leave(transport.reject_background(light[:, used].T)))
 
-        def excess(seen: Array) -> float:
-            energies = np.nanmean(unexplained_light(seen) ** 2, axis=(1, 2))
-            return float(np.sum(energies - (kept * noise.σ) ** 2))
-
         seen = place(y)
+        others = seen_flipped(seen) | seen_recoded(seen)
+        # At once: A is read through but twice.
+        energies = np.nanmean(
+            unexplained_light(np.concatenate([seen, *others.values()])) ** 2, axis=(1, 2)
+        )
+        excess = energies.reshape(-1, 3).sum(axis=1) - np.sum((kept * noise.σ) ** 2)
+        left_so = dict(zip(others, excess[1:].tolist(), strict=True))
         causes = likely_causes(rest, seen, place(signal), kept * noise.σ, unexplained_light)
-        flipped = {name: excess(light) for name, light in seen_flipped(seen).items()}
-        orientation = better_orientation(excess(seen), flipped)
-        recoded = {name: excess(light) for name, light in seen_recoded(seen).items()}
-        encoding = better_encoding(excess(seen), recoded)
+        orientation = better_orientation(
+            float(excess[0]), {name: left_so[name] for name in FLIPPED if name in left_so}
+        )
+        encoding = better_encoding(float(excess[0]), {name: left_so[name] for name in ENCODINGS})
     light = np.moveaxis(planes, 0, -1)
     return Residual(
         light, unexplained, alone, noise, structure, causes, better_orientation=orientation,
