@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.live.choice import SBR, SNR, Choice
 from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.storage.outputs.staging import staged_folder
 
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures, Shot
@@ -78,6 +80,7 @@ def view(
     Photograph, reconstruction and standard error follow. Ctrl-C ends it.
     """
     require("viser")
+    _check_place(out)
     given = parse_definitions(define)
     first = Choice({}, _first_image(image, photo), ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
@@ -101,6 +104,16 @@ def view(
             session.run()
         except KeyboardInterrupt:
             say("closed")
+
+
+class _Tried(Exception):  # noqa: N818  nothing is wrong
+    """A folder can be made."""
+
+
+def _check_place(out: Path) -> None:
+    """Refuse a folder that the page's button could not write; nothing is left of the trial."""
+    with suppress(_Tried), staged_folder(out):
+        raise _Tried
 
 
 def _first_image(image: str | None, photo: Path | None) -> str:

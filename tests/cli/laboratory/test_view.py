@@ -48,6 +48,8 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
     np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
     told = refused("view", "plate", "small.npy", *SIZE)
     assert "20 x 30 pixels" in told and "126 x 126" in told
+    (tmp_path / "taken").write_text("")
+    assert "taken: it is a file" in refused("view", "plate", *SIZE, "--out", "taken")
     assert "leave it or PHOTO out" in refused(
         "view", "plate", "small.npy", *SIZE, "--ambient", "overcast"
     )
