@@ -86,6 +86,8 @@ def _surface_points(solid: Solid, count: int) -> Array:
         return solid.points
     a, b, c = np.moveaxis(solid.points[solid.faces], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not areas.sum() > 0:
+        return solid.points
     rng = np.random.default_rng(0)
     face = rng.choice(len(areas), count, p=areas / areas.sum())
     s, t = rng.random((2, count, 1))

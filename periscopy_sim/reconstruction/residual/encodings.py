@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 GAMMA = 2.2
-"""Exponent that decodes sRGB, but for a percent or so (C. Poynton, *Digital Video and HD*, 2012,
-ch. 27). A power asks for no white level, which integers and exposures each have their own of."""
+"""Exponent that decodes sRGB, but for some percent. A power asks for no white level, which integers
+and exposures each have their own of."""
 
 ENCODINGS: Mapping[str, float] = {
     "is encoded for screens, by sRGB or another gamma": GAMMA,
