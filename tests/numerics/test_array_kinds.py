@@ -56,6 +56,7 @@ METHODS = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:the photograph is of 8-bit integers")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_array_gives_the_image_of_its_values(method, kind):
