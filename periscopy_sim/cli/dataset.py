@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out
+from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, option
 from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
@@ -43,26 +43,24 @@ app = typer.Typer(
 )
 
 
-@app.command("make")
+@app.command("make", cls=GroupedCommand)
 def make(
     configuration: Annotated[
         Path | None, typer.Argument(metavar="CONFIG.yaml", help="What it shall hold.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            metavar="FOLDER",
-            help="The archive, a Zarr folder; goes on with one that is begun.",
+        option(
+            "FOLDER", "The archive, a Zarr folder; goes on with one that is begun.", group=OUTPUT
         ),
     ] = None,
     count: Annotated[
         int | None,
-        typer.Option(min=1, metavar="NUMBER", help="Samples, instead of the configuration's."),
+        option("NUMBER", "Samples, instead of the configuration's.", min=1),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine."),
+        option("ADDRESS", "A Dask scheduler; without it, this machine."),
     ] = None,
     example: Annotated[
         bool, typer.Option("--example", help="Print a commented configuration and exit.")
@@ -121,7 +119,7 @@ def make(
     )
 
 
-@app.command("info")
+@app.command("info", cls=GroupedCommand)
 def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
@@ -139,7 +137,7 @@ def info(
         say(f"{name.replace('_', ' '):13} {_in_words(name, value)}")
 
 
-@app.command("verify")
+@app.command("verify", cls=GroupedCommand)
 def verify(data: Archive) -> None:
     """Look for damaged files; exit 2 if there is one.
 
@@ -160,13 +158,13 @@ def verify(data: Archive) -> None:
     say(f"{data}: all {whole} samples are whole")
 
 
-@app.command("export")
+@app.command("export", cls=GroupedCommand)
 def export(
     data: Archive,
     out: Out,
     samples: Annotated[
         str,
-        typer.Option(metavar="NUMBERS", help="Which: 0,5,7 or ranges such as 0-11, by comma."),
+        option("NUMBERS", "Which: 0,5,7 or ranges such as 0-11, by comma."),
     ] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
@@ -183,18 +181,13 @@ def export(
 
 
 def parse_indices(text: str, count: int) -> list[int]:
-    """Read numbers and ranges such as ``0,4-7``, all below `count`.
-
-    A range's end is brought down to it.
-    """
+    """Read numbers and ranges such as ``0,4-7``; a range ends at `count` at the latest."""
     indices: list[int] = []
     for part in text.split(","):
         numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
         if not numbers:
             raise PeriscopyError(f"'{text}' are no samples; write 0,5,7 or a range such as 0-11")
         first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        if last < first:
-            raise PeriscopyError(f"'{part}' is no range of samples; write its least number first")
         indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
     if not indices:
         raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
@@ -215,20 +208,20 @@ def _in_words(name: str, value: Any) -> str:
 
 @contextmanager
 def _between_blocks() -> Iterator[Callable[[], None]]:
-    """Keep Ctrl-C for where the work can stop: the second one stops it anywhere.
+    """Keep Ctrl-C for where the work can stop; a second one stops it anywhere.
 
-    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. What is yielded raises
-    KeyboardInterrupt if one was pressed.
+    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. The function that is yielded
+    raises KeyboardInterrupt if Ctrl-C was pressed.
     """
-    pressed: list[int] = []
+    pressed = threading.Event()
 
-    def press(number: int, _: Any) -> None:
-        pressed.append(number)
-        if len(pressed) > 1:
+    def press(*_: Any) -> None:
+        if pressed.is_set():
             raise KeyboardInterrupt
+        pressed.set()
 
     def check() -> None:
-        if pressed:
+        if pressed.is_set():
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():

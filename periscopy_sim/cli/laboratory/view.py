@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.laboratory.viewed import write_view
+from periscopy_sim.cli.options import option, parse_definitions
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
