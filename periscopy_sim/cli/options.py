@@ -259,15 +259,15 @@ def parse_ratios(text: str) -> list[float]:
         if rest:
             last, spacing, count = rest
             ends, number = (float(first), float(last)), int(count)
-            if not (min(ends) > 0 and 1 <= number <= MOST_RATIOS and spacing in ("log", "lin")):
+            if not (0 < min(ends) <= max(ends) < math.inf and 1 <= number <= MOST_RATIOS):
                 raise ValueError
-            even = np.geomspace(*ends, number) if spacing == "log" else np.linspace(*ends, number)
+            even = {"log": np.geomspace, "lin": np.linspace}[spacing](*ends, number)
             ratios = [float(f"{ratio:.6g}") for ratio in even]
         else:
             ratios = [float(ratio) for ratio in text.split(",")]
         if not all(0 < ratio < math.inf for ratio in ratios) or len({*ratios}) < len(ratios):
             raise ValueError
-    except ValueError:
+    except (ValueError, KeyError):
         raise PeriscopyError(
             f"--sbr '{text}' is no list of different positive ratios; write 0.1,1,10 or "
             "0.1:10:log:9"

@@ -67,31 +67,6 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
 
 @pytest.mark.thorough
 @jit
-def test_same_command_writes_the_same_bytes(succeeds, tmp_path):
-    for folder in ("a", "b"):
-        succeeds(*COMMAND, "--out", folder)
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-
-
-@jit
-def test_first_and_later_runs_get_the_same_photograph(periscopy, monkeypatch):
-    kept = []
-    found = ambient.ambient_photographs
-
-    def spy(*arguments, **options):
-        kept.append(found(*arguments, **options))
-        return kept[-1]
-
-    monkeypatch.setattr(ambient, "ambient_photographs", spy)
-    for _ in range(2):
-        assert periscopy(*COMMAND, "--out", "out").code == 0
-    first, second = (photographs["overcast"] for photographs in kept)
-    assert first.dtype == np.float64
-    assert first.tobytes() == second.tobytes()
-
-
-@pytest.mark.thorough
-@jit
 @pytest.mark.parametrize(
     ("command", "told"),
     [
@@ -126,28 +101,6 @@ def test_edited_place_is_noticed(succeeds, refused, tmp_path):
 
 
 @jit
-def test_scene_may_lie_elsewhere_later(succeeds, edited_scene, tmp_path):
-    scene = edited_scene()
-    command = ("ambient", "overcast", *COMMAND[4:], "--out", "out", "--scene")
-    succeeds(*command, scene)
-    before = contents(tmp_path / "out")
-    (tmp_path / "moved").mkdir()
-    shutil.copy(scene, tmp_path / "moved" / "edited.xml")
-    succeeds(*command, str(tmp_path / "moved" / "edited.xml"))
-    assert contents(tmp_path / "out") == before
-
-
-@jit
-def test_picture_of_another_size_is_refused(succeeds, refused, tmp_path):
-    succeeds(*COMMAND, "--out", "out")
-    file = tmp_path / "out" / "overcast.exr"
-    picture, held = read_exr(file)
-    write_exr(file, picture[:-1], held)
-    line = refused(*COMMAND, "--out", "out")
-    assert "has 11x12 pixels, the scene's camera 12x12" in line
-
-
-@jit
 def test_foreign_and_damaged_files_are_refused(refused, tmp_path):
     (tmp_path / "out").mkdir()
     file = tmp_path / "out" / "overcast.exr"
@@ -164,12 +117,6 @@ def test_unknown_condition_lists_the_known_ones(name, refused, tmp_path):
     assert line.startswith(f"no ambient condition '{name}'; there are high_sun, low_sun, overcast")
     assert "snow" in line
     assert list(tmp_path.iterdir()) == []
-
-
-@jit
-def test_condition_given_twice_is_refused(refused):
-    line = refused("ambient", "overcast", "snow", "overcast", *COMMAND[2:], "--out", "out")
-    assert "given twice" in line
 
 
 @jit
@@ -201,11 +148,6 @@ def test_missed_target_is_a_warning(periscopy, monkeypatch, tmp_path):
     assert outcome.err.startswith("periscopy: warning: 'overcast' stopped at a relative error of")
     assert outcome.err.count("\n") == 1
     assert (tmp_path / "out" / "overcast.exr").is_file()
-
-
-@pytest.mark.parametrize("target", ["0", "-1", "2", "tiny"])
-def test_impossible_target_is_refused(target, refused):
-    assert "'--target'" in refused(*changed("0.01", target), "--out", "out")
 
 
 def test_every_shipped_condition_is_known():

@@ -1,15 +1,14 @@
 import os
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import pytest
 import typer
+from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 
 from periscopy_sim import cli
 from periscopy_sim.cli import inputs
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
 from periscopy_sim.errors import PeriscopyError
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
@@ -46,7 +45,7 @@ OPTIONS = {
     },
     "design": {
         *("SCENE", "--vary", "--hidden", "--out", "--grid", "--draws", "--by", "--equal", "--sbr"),
-        *("--snr", "--images", "--samples", "--model", "--backgrounds", "--seed", "-D"),
+        *("--snr", "--images", "--samples", "--model", "--light-model", "--seed", "-D"),
     },
     "calibrate": {
         *("PHOTO", "--scene", "--hidden", "--free", "--out", "--samples", "--mask"),
@@ -84,28 +83,6 @@ def run(*command, **environment):
     )
 
 
-def test_help_lists_every_command(succeeds):
-    shown = {line.split()[0] for line in succeeds("--help").splitlines() if line.startswith("  ")}
-    assert set(OPTIONS) <= shown
-    assert set(typer.main.get_command(cli.app).commands) == set(OPTIONS)
-
-
-@pytest.mark.parametrize("group", [(), ("dataset",)])
-def test_no_line_of_the_list_of_commands_is_cut_off(group, monkeypatch, succeeds):
-    monkeypatch.setenv("COLUMNS", "80")
-    assert "..." not in succeeds(*group, "--help").partition("Commands:")[2]
-
-
-def test_no_argument_at_all_shows_the_help(succeeds):
-    assert succeeds() == succeeds("--help")
-
-
-@pytest.mark.parametrize("command", OPTIONS)
-def test_help_of_a_command_names_its_options(command, succeeds):
-    shown = succeeds(command, "--help")
-    assert {name for name in OPTIONS[command] if name not in shown.split()} == set()
-
-
 @pytest.mark.parametrize("command", OPTIONS)
 def test_every_option_is_explained(command):
     parameters = typer.main.get_command(cli.app).commands[command].params
@@ -135,16 +112,6 @@ def test_shell_completes_commands_and_methods(words, completions):
         COMP_CWORD=str(len(line.split(" ")) - 1),
     )
     assert set(ended.stdout.split()) == completions and ended.stderr == ""
-
-
-def test_completion_is_installed(tmp_path):
-    ended = run(
-        *("-m", "periscopy_sim", "--install-completion", "bash"),
-        HOME=str(tmp_path),
-        _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",  # tests may run below no shell
-    )
-    assert ended.returncode == 0 and "completion installed" in ended.stdout
-    assert "_periscopy_completion" in (tmp_path / ".bash_completions/periscopy.sh").read_text()
 
 
 INTERRUPT = "exec('signal.raise_signal(signal.SIGINT)')"
@@ -223,15 +190,6 @@ def test_what_the_parser_refuses_is_one_line_with_a_way_on(arguments, message, r
     assert line.endswith(f" Try 'periscopy {command}--help'.")
 
 
-def test_option_without_its_value_is_refused(refused):
-    assert "--out" in refused("transport", "chair", *TINY, "--out")
-
-
-def test_message_of_many_lines_is_printed_as_one(monkeypatch, refused):
-    monkeypatch.setattr(inputs, "load", failing(PeriscopyError("no\n  such\nthing")))
-    assert refused(*TRANSPORT) == "no such thing"
-
-
 def test_lack_of_memory_is_one_line(monkeypatch, refused):
     monkeypatch.setattr(inputs, "load", failing(MemoryError("Unable to allocate 26.8 GiB")))
     assert "not enough memory: Unable to allocate 26.8 GiB" in refused(*TRANSPORT)
@@ -294,29 +252,6 @@ def test_interrupt_of_which_another_error_is_made_still_interrupts(
     assert outcome.code == 130
     assert outcome.err == "periscopy: error: interrupted; nothing was written\n"
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("jit")
-def test_interrupt_while_the_files_are_written_leaves_none(monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr("periscopy_sim.cli.transport.as_json", failing(KeyboardInterrupt))
-    assert periscopy(*TRANSPORT).code == 130
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("jit")
-def test_warning_is_one_line_and_the_command_goes_on(monkeypatch, periscopy):
-    transport = AskedTransport.matrix
-
-    def warns(*arguments):
-        warnings.warn("first line\n   second line", RuntimeWarning, 2)
-        return transport(*arguments)
-
-    monkeypatch.setattr(AskedTransport, "matrix", warns)
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        outcome = periscopy(*TRANSPORT)
-    assert outcome.code == 0
-    assert outcome.err == "periscopy: warning: first line second line\n"
 
 
 def test_module_runs_as_the_command_does():
@@ -396,9 +331,3 @@ def app(*_, **__):
 cli.app = app
 cli.main()
 """
-
-
-def test_interrupt_that_a_callback_swallows_still_interrupts():
-    run = subprocess.run([sys.executable, "-c", LOST_INTERRUPT], capture_output=True, text=True)
-    assert (run.returncode, run.stdout) == (130, "")
-    assert run.stderr == "periscopy: error: interrupted; nothing was written\n"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -45,17 +44,6 @@ DOT[9, 14] = 1
 RAMP = np.linspace(1, 2, 24)[:, None] * np.ones((24, 24, 3))
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("drawings")
-@pytest.mark.parametrize("y", [np.ones((24, 24, 3)), RAMP, RAMP.swapaxes(0, 1), DOT])
-def test_photograph_that_shows_nothing_is_told(periscopy, tmp_path, y):
-    np.save(tmp_path / "y.npy", y)
-    outcome = periscopy("reconstruct", "y.npy", *TINY, "--out", "out")
-    assert outcome.code == 0 and "hidden image: " in outcome.err
-    warnings = json.loads((tmp_path / "out/summary.json").read_text())["warnings"]
-    assert any("hidden image" in each for each in warnings)
-
-
 OWN = """
 from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 
@@ -69,20 +57,6 @@ def fit(scenario, A, B):
 def fit_halved(scenario, A, B):
     return Halved.for_scene(scenario, A, B)
 """
-
-
-def test_photograph_is_solved_once_for_the_image_and_its_errors(monkeypatch, succeeds, tmp_path):
-    solve, photographs = NoiseAware.solve, []
-
-    def counted(method, photograph):
-        photographs.append(photograph)
-        return solve(method, photograph)
-
-    monkeypatch.setattr(NoiseAware, "solve", counted)
-    np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (24, 24, 3)))
-    succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
-    assert (tmp_path / "out" / "standard_error.npy").is_file()
-    assert len(photographs) == 1
 
 
 def test_errors_are_told_of_the_image_that_is_written_alone(succeeds, tmp_path):

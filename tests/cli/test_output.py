@@ -1,14 +1,13 @@
 """Lines, progress, times and JSON."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from periscopy_sim.cli import output
-from periscopy_sim.cli.output import Stopwatch, counted_progress, fixable, progress, write_json
+from periscopy_sim.cli.output import counted_progress, fixable, progress, write_json
 from periscopy_sim.errors import PeriscopyError, SceneError
 
 
@@ -30,17 +29,6 @@ def test_fixable_lets_other_errors_pass():
     assert raised.value is given
     with pytest.raises(TypeError), fixable("scene"):
         raise TypeError("a defect")
-
-
-def test_stopwatch_keeps_the_seconds_of_each_stage(monkeypatch):
-    clock = iter([10.0, 12.5, 100.0, 100.25])
-    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
-    timed = Stopwatch()
-    with timed("render"):
-        pass
-    with timed("solve"):
-        pass
-    assert timed.seconds == {"render": 2.5, "solve": 0.25}
 
 
 def test_json_holds_arrays_as_lists_and_paths_as_text(tmp_path):
@@ -97,14 +85,6 @@ def test_long_work_tells_now_and_then_how_far_it_is(monkeypatch, capfd):
             report(fraction)
     lines = ["rendering", "rendering: 42 %, about 35 s left", "rendering: 90 %, about 6 s left"]
     assert capfd.readouterr().err == "".join(f"periscopy: {line}\n" for line in lines)
-
-
-@pytest.mark.usefixtures("plain_environment")
-def test_what_has_hardly_begun_foretells_nothing(monkeypatch, capfd):
-    monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
-    with progress("rendering") as report:
-        report(0.01)
-    assert capfd.readouterr().err == "periscopy: rendering\nperiscopy: rendering: 1 %\n"
 
 
 @pytest.mark.usefixtures("plain_environment")

@@ -161,8 +161,3 @@ def test_bad_input_is_one_line(changes, message, refused, sweep_input, monkeypat
     monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 0.2)
     (sweep_input / "empty").mkdir()
     assert message in refused(*sweep_command(**changes))
-
-
-def test_place_that_is_a_file_is_refused(refused, sweep_input, sweep_command):
-    (sweep_input / "out").write_text("kept")
-    assert "cannot write out" in refused(*sweep_command())

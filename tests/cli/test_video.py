@@ -8,11 +8,9 @@ import time
 
 import numpy as np
 import pytest
-import typer
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli import arguments
 from periscopy_sim.numerics import memory
 from periscopy_sim.reconstruction.preconditioned.video import Video
 
@@ -46,13 +44,6 @@ def column(table, name):
 # -- what is recovered and written ---------------------------------------------------------------
 
 
-def test_hidden_video_is_recovered(photographs, video, clip, tmp_path):
-    np.save(tmp_path / "y.npy", photographs)
-    frames, _, _ = video("y.npy", *PLAIN)
-    assert frames.shape == (9, 4, 5, 3) and frames.dtype == np.float32
-    assert np.corrcoef(frames.ravel(), clip.ravel())[0, 1] > 0.95
-
-
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
@@ -77,59 +68,6 @@ def test_frames_are_those_of_the_coupling_asked_for(
     assert {name: summary[name] for name in settings} == settings
     weight = {"total-variation": {"temporal_weight"}, "l1": {"l1_weight"}, "none": set()}
     assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
-
-
-@pytest.mark.parametrize(
-    ("options", "settings"),
-    [
-        (("--tv-weight", "0"), {"tv_weight": 0.0}),
-        (("--tv-weight", "5"), {"tv_weight": 5.0}),
-        (("--repair-threshold", "1e9"), {"repair_threshold": 1e9}),
-        (("--rank-tolerance", "1e-3"), {"rank_tolerance": 1e-3}),
-    ],
-)
-def test_preconditioner_and_weights_follow_their_options(
-    options, settings, few_photographs, transport, scenario, video, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    frames, summary, _ = video("y.npy", *options)
-    periscope = fitted(transport, scenario, **settings)
-    assert summary["background_rank"] == periscope.preconditioner.Q.shape[1]
-    expected = next_frames(few_photographs, periscope)
-    assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
-    if "rank_tolerance" not in settings:
-        default = next_frames(few_photographs, fitted(transport, scenario))
-        assert np.abs(default - expected).max() > 0.02 * expected.max()
-
-
-def test_couplings_and_weights_differ(few_photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", few_photographs)
-    found = [
-        video("y.npy", *options)[0]
-        for options in (
-            ("--coupling", "none"),
-            (),
-            ("--l1-weight", "9"),
-            ("--coupling", "total-variation"),
-            ("--coupling", "total-variation", "--temporal-weight", "0.1"),
-        )
-    ]
-    scale = np.abs(found[0]).max()
-    for k, frames in enumerate(found):
-        assert np.allclose(frames[0], found[0][0], atol=1e-6 * scale)  # the first is a still
-        for others in found[:k]:
-            assert np.abs(frames[1:] - others[1:]).max() > 1e-3 * scale
-
-
-@pytest.mark.parametrize("batch", [1, 3, 64])
-def test_size_of_the_batch_does_not_matter(
-    batch, few_photographs, transport, scenario, video, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    frames, summary, _ = video("y.npy", "--batch", batch)
-    expected = next_frames(few_photographs, fitted(transport, scenario))
-    assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
-    assert summary["batch"] == batch
 
 
 def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
@@ -216,18 +154,6 @@ def test_table_tells_the_noise_and_the_weights_of_each_frame(
     assert column(table, "kappa")[0] == pytest.approx(stills[0].threshold, rel=1e-3)
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("drawings")
-def test_same_command_gives_the_same_frames_and_pictures(few_photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", few_photographs)
-    contents = []
-    for _ in range(2):
-        video("y.npy", "--truth", "bars")
-        names = ("frames.npy", "video.png", "frames_sheet.png", "frames/0002.png")
-        contents.append([(tmp_path / "out" / name).read_bytes() for name in names])
-    assert contents[0] == contents[1]
-
-
 @pytest.mark.usefixtures("drawings")
 def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     np.save(tmp_path / "y.npy", photographs[:1])
@@ -235,43 +161,7 @@ def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     assert len(frames) == summary["frames"] == len(table) == 1
 
 
-def test_transport_file_and_model_serve_like_in_reconstruct(
-    few_photographs, video, succeeds, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    rendered, _, _ = video("y.npy")
-    size = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
-    succeeds("transport", "chair", *size, "--out", "A.npy")
-    frames, summary, _ = video("y.npy", "--transport", "A.npy")
-    assert np.array_equal(frames, rendered)
-    assert (summary["model"], summary["transport"], summary["samples"]) == ("file", "A.npy", None)
-    analytic, summary, _ = video("y.npy", "--model", "analytic", "--rank-tolerance", "1e-4")
-    assert summary["model"] == "analytic" and not np.allclose(analytic, rendered, rtol=1e-3)
-    assert summary["rank_tolerance"] == 1e-4
-
-
-def test_matrix_without_its_record_is_warned_of(few_photographs, periscopy, transport, tmp_path):
-    np.save(tmp_path / "y.npy", few_photographs)
-    np.save(tmp_path / "A.npy", transport)
-    scene = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5")
-    outcome = periscopy("video", "y.npy", *scene, "--transport", "A.npy", "--out", "out")
-    assert outcome.code == 0 and outcome.err.startswith("periscopy: warning: A.npy has no JSON")
-
-
 # -- what is told --------------------------------------------------------------------------------
-
-
-def test_terminal_shows_how_many_frames_a_second(
-    few_photographs, periscopy, monkeypatch, tiny, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TTY_COMPATIBLE", "1")
-    monkeypatch.setenv("COLUMNS", "100")
-    outcome = periscopy("video", "y.npy", *tiny, "--out", "out")
-    assert outcome.code == 0
-    assert "reconstructing" in outcome.err and "frames/s" in outcome.err
-    assert "3/3" in outcome.err
 
 
 # -- what is refused -----------------------------------------------------------------------------
@@ -316,12 +206,6 @@ def test_impossible_option_is_refused(options, message, refused, clip, tiny, tmp
     np.save(tmp_path / "dark.npy", np.where(np.arange(9)[:, None, None, None] == 4, -1, clip))
     (tmp_path / "empty").mkdir()
     assert message in refused("video", "y.npy", *tiny, *options, "--out", "out")
-
-
-def test_nan_is_refused_whatever_the_parser_thinks_of_it():
-    assert arguments.not_nan(0.5) == 0.5 and arguments.not_nan(None) is None
-    with pytest.raises(typer.BadParameter, match="nan is not a number"):
-        arguments.not_nan(float("nan"))
 
 
 @pytest.mark.thorough

@@ -6,8 +6,6 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
-
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 
@@ -83,53 +81,6 @@ def test_frames_that_show_nothing_are_told_by_one_line(
 
 
 # -- what is refused -----------------------------------------------------------------------------
-
-
-def with_frame(k, value):
-    clip = np.random.default_rng(0).uniform(1, 2, (9, 24, 24, 3)).astype(np.float32)
-    clip[k, 3, 4, 1] = value
-    return clip
-
-
-@pytest.mark.parametrize("form", WRITERS)
-def test_bad_frame_is_refused_before_rendering(form, refused, monkeypatch, tiny, tmp_path):
-    monkeypatch.setattr(AskedTransport, "matrix", None)
-    place = "folder/y7.npy" if form == "folder" else f"{form}, frame 7"
-    black = with_frame(0, 1)
-    black[7] = 0
-    for clip, said in [
-        (with_frame(7, np.nan), "1 value is NaN or infinite, the first at row 3, column 4, chan"),
-        (with_frame(7, -np.inf), "1 value is NaN or infinite, the first at row 3, column 4, cha"),
-        (black, "every value is zero; check the exposure"),
-    ]:
-        where = tmp_path / form
-        if where.is_dir():
-            where.rename(tmp_path / f"old{len(list(tmp_path.iterdir()))}")
-        WRITERS[form](where, clip)
-        line = refused("video", form, *tiny, "--out", "out")
-        assert line.startswith(f"{place}: {said}")
-
-
-def test_sequence_that_is_none_is_refused(refused, tiny, tmp_path):
-    np.save(tmp_path / "still.npy", np.ones((24, 24, 3)))
-    np.save(tmp_path / "large.npy", np.ones((2, 48, 48, 3)))
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "mixed").mkdir()
-    np.save(tmp_path / "mixed" / "a.npy", np.ones((24, 24, 3)))
-    Image.new("RGB", (24, 24)).save(tmp_path / "mixed" / "b.png")
-    save_exr(tmp_path / "y.exr", with_frame(0, 1))
-    content = (tmp_path / "y.exr").read_bytes()
-    (tmp_path / "y.exr").write_bytes(content[: len(content) * 2 // 3])
-    for name, message in {
-        "none": "none: no such file",
-        "still.npy": "still.npy: has shape (24, 24, 3); give a stack (frames, rows, columns, 3)",
-        "large.npy": "large.npy: 48 x 48 pixels (rows x columns), but the scene's camera has 24 x",
-        "empty": "empty: holds no file named *.exr, *.npy",
-        "mixed": "mixed: holds NPY (a.npy), PNG (b.png); keep frames of one format alone there",
-        "mixed/b.png": "mixed/b.png: is a single PNG file; give a folder of photographs",
-        "y.exr": "y.exr, frame 5: truncated or damaged EXR; save or copy it again",
-    }.items():
-        assert refused("video", name, *tiny, "--out", "out").startswith(message)
 
 
 def test_pictures_of_a_longer_video_are_not_mixed_with_this_one(

@@ -1,7 +1,5 @@
 """Options and places that are refused before anything is written."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -53,23 +51,6 @@ def test_place_that_cannot_be_written_is_refused_before_rendering(
     for out in ("file", "file/new", "file/new/deep"):
         line = refused("reconstruct", "y.npy", *setting, "--out", out)
         assert f"cannot write {out}: " in line
-
-
-def test_folder_in_the_place_of_a_file_is_refused(refused, setting, tmp_path):
-    np.save(tmp_path / "y.npy", COUNTS)
-    (tmp_path / "out" / "summary.json").mkdir(parents=True)
-    line = refused("reconstruct", "y.npy", *setting, "--out", "out")
-    assert "summary.json: a folder of that name exists; remove it" in line
-
-
-def test_photograph_of_another_scene_than_its_matrix_is_refused(
-    refused, edited_scene, setting, tmp_path
-):
-    np.save(tmp_path / "y.npy", COUNTS)
-    scene = edited_scene(('id="monitor"', 'id="screen"'))
-    shutil.copy(scene, tmp_path / "mine.xml")
-    line = refused("reconstruct", "y.npy", *setting, "--scene", "mine.xml", "--out", "out")
-    assert "'mine.xml' has no shape with id 'monitor'" in line
 
 
 def test_method_that_knows_one_size_is_refused_before_anything_is_rendered(refused, monkeypatch):

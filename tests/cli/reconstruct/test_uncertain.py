@@ -106,32 +106,12 @@ def test_what_is_set_otherwise_is_not_as_it_was_calibrated(run, photo, calibrate
     assert np.isfinite(errors).all()
 
 
-def test_a_calibration_that_is_not_trusted_is_told(run, photo, calibrated):
-    known = SceneCovariance(
-        KNOWN.names, KNOWN.values, KNOWN.covariance, trusted=False, ruled=KNOWN.ruled
-    )
-    _, _, summary, outcome = run(photo, *calibrated(known))
-    assert "its calibration is not to be trusted" in outcome.err
-    assert summary["uncertain"]["held"]
-
-
 def test_a_silhouette_that_is_not_trusted_is_told(run, photo, calibrated):
     nothing = SceneCovariance((), np.empty(0), np.empty((0, 0)), trusted=False, ruled=np.empty(0))
     _, _, summary, outcome = run(photo, *calibrated(nothing))
     assert "its silhouette is not to be trusted, so neither is the image" in outcome.err
     assert any("its silhouette is not to be trusted" in each for each in summary["warnings"])
     assert "uncertain" not in summary
-
-
-def test_a_named_error_takes_the_place_of_what_is_carried(run, photo, calibrated):
-    _, _, summary, _ = run(photo, *calibrated(), "--uncertain", "occluder_dx=0.003")
-    assert list(summary["uncertain"]["parameters"]) == ["occluder_dx"]
-    assert not summary["uncertain"]["held"]
-
-
-def test_other_methods_take_a_calibrated_scene_as_it_is(succeeds, photo, calibrated, tmp_path):
-    succeeds("reconstruct", photo, *calibrated(), "--method", "preconditioned", "--out", "out")
-    assert "uncertain" not in json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
 @pytest.mark.parametrize(
@@ -183,12 +163,6 @@ def test_who_calibrated_a_scene_is_not_told_to(
 )
 def test_what_is_no_error_is_refused(refused, photo, options, message):
     assert message in refused("reconstruct", photo, *CHAIR, *options, "--out", "out")
-
-
-def test_a_damaged_calibration_is_refused(refused, photo, tmp_path):
-    write_copy(find_scene("chair"), {"resolution": "24", CALIBRATED: "x"}, tmp_path / "s.xml")
-    line = refused("reconstruct", photo, "--scene", "s.xml", *SMALL, "--out", "out")
-    assert "'calibrated_covariance' is damaged" in line
 
 
 @pytest.mark.parametrize("options", [("--method", "preconditioned"), ("--uncertain", "none")])

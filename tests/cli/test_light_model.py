@@ -1,4 +1,4 @@
-"""What the commands make of --backgrounds: what ambient light may be made of."""
+"""What the commands make of --light-model: what ambient light may be made of."""
 
 import json
 
@@ -64,7 +64,7 @@ def test_light_that_is_among_them_is_taken_for_ambient(
     reconstruct, lit, column, clip, scenario, transport, tmp_path, source
 ):
     np.save(tmp_path / "B.npy", column[:, None])
-    image, summary = reconstruct("--method", "preconditioned", "--backgrounds", source)
+    image, summary = reconstruct("--method", "preconditioned", "--light-model", source)
     assert summary["ambient_prototypes"] == [source]
     method = ps.Periscope.for_scene(scenario, transport, column[:, None])
     np.testing.assert_allclose(image, method.reconstruct(lit), rtol=1e-3, atol=1e-4)
@@ -77,7 +77,7 @@ def test_light_that_is_among_them_is_taken_for_ambient(
 def test_prototypes_of_several_sources_are_joined(succeeds, tmp_path):
     ranks = {}
     for sources in (("grid",), ("lamp.xml",), ("grid", "lamp.xml")):
-        options = [word for source in sources for word in ("--backgrounds", source)]
+        options = [word for source in sources for word in ("--light-model", source)]
         succeeds("analyze", "chair", *TINY, *options, "--out", "found")
         summary = json.loads((tmp_path / "found" / "summary.json").read_text())
         assert summary["ambient_prototypes"] == list(sources)
@@ -87,33 +87,16 @@ def test_prototypes_of_several_sources_are_joined(succeeds, tmp_path):
 
 
 @pytest.mark.usefixtures("lit")
-def test_frames_of_a_video_are_lit_by_them_too(succeeds, tmp_path, clip):
-    np.save(tmp_path / "frames.npy", np.stack([np.load(tmp_path / "y.npy")] * 2))
-    errors = []
-    for source in ("lamp.xml", "grid"):
-        succeeds(
-            "video", "frames.npy", "--scene", "chair", *TINY, "--method", "preconditioned",
-            "--backgrounds", source, "--out", "out",
-        )  # fmt: skip
-        frames = np.load(tmp_path / "out" / "frames.npy")
-        errors.append(ps.psnr(frames[0], clip[0]))
-        assert json.loads((tmp_path / "out" / "summary.json").read_text())[
-            "ambient_prototypes"
-        ] == [source]
-    assert errors[0] > errors[1] + 3
-
-
-@pytest.mark.usefixtures("lit")
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--backgrounds", "B.npy"), "B.npy: no such file"),
-        (("--backgrounds", "nowhere.xml"), "nowhere.xml"),
-        (("--backgrounds", "grid", "--backgrounds", "grid"), "--backgrounds grid is given twice"),
-        (("--backgrounds", "y.npy"), "y.npy: holds an array of shape (24, 24, 3)"),
-        (("--backgrounds", "chair"), "its monitor is none of the lamps of a room"),
+        (("--light-model", "B.npy"), "B.npy: no such file"),
+        (("--light-model", "nowhere.xml"), "nowhere.xml"),
+        (("--light-model", "grid", "--light-model", "grid"), "--light-model grid is given twice"),
+        (("--light-model", "y.npy"), "y.npy: holds an array of shape (24, 24, 3)"),
+        (("--light-model", "chair"), "its monitor is none of the lamps of a room"),
         (
-            ("--method", "pseudoinverse", "--backgrounds", "lamp.xml"),
+            ("--method", "pseudoinverse", "--light-model", "lamp.xml"),
             "the method pseudoinverse takes no prototypes of ambient light",
         ),
     ],

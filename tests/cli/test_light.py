@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from periscopy_sim.cli.fitting.transport_matrix import check_memory
 
 import periscopy_sim as ps
-from periscopy_sim.cli.fitting.transport_matrix import check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
 from periscopy_sim.photographs.film.size import FilmAdvice
@@ -50,17 +50,6 @@ def test_matrix_that_cannot_be_of_the_scene_is_refused(matrix, message, refused,
     assert line.startswith("A.npy: ") and message in line
 
 
-def test_matrix_file_that_cannot_be_read_is_refused(refused, tmp_path):
-    np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    np.save(tmp_path / "A.npy", MATRIX)
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "r", "--transport")
-    assert refused(*arguments, "B.npy") == "B.npy: no such file; check the path"
-    (tmp_path / "cut.npy").write_bytes((tmp_path / "A.npy").read_bytes()[:-1])
-    assert "cut.npy: cannot be read as NPY" in refused(*arguments, "cut.npy")
-    np.savez(tmp_path / "A.npz", A=MATRIX)
-    assert "is no NPY file; make one by `periscopy transport`" in refused(*arguments, "A.npz")
-
-
 @pytest.mark.parametrize("other", [("-D", "occluder_dx=0.01"), ("-D", "monitor_dz=0.01")])
 def test_matrix_of_another_pose_is_refused(other, refused, succeeds, tmp_path):
     succeeds("transport", "chair", *TINY, *other, "--out", "A.npy")
@@ -69,14 +58,6 @@ def test_matrix_of_another_pose_is_refused(other, refused, succeeds, tmp_path):
     line = refused(*arguments, "--out", "r")
     assert line.startswith("A.npy: was made from another scene (parameters ")
     assert other[1].split("=")[0] in line
-
-
-def test_damaged_record_of_a_matrix_is_refused(refused, succeeds, tmp_path):
-    succeeds("transport", "chair", *TINY, "--out", "A.npy")
-    (tmp_path / "A.json").write_text("{")
-    np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
-    assert refused(*arguments, "--out", "r").startswith("A.json: is damaged")
 
 
 def test_matrix_without_a_record_is_taken_with_a_warning(periscopy, succeeds, tmp_path):
@@ -129,15 +110,6 @@ def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
             assert advice.fits((side, side)) == (available > needed)
 
 
-def test_memory_is_told_where_it_is_much(monkeypatch, capfd):
-    monkeypatch.setattr(memory, "available_memory", lambda: 10**12)
-    check_memory(SimpleNamespace(transport_shape=(15000, 576)), "noise-aware")
-    assert capfd.readouterr().err == ""
-    check_memory(SimpleNamespace(transport_shape=(100_000, 1000)), "noise-aware")
-    line = "periscopy: 100000 pixels x 1000 patches need about 3.1 GB of memory\n"
-    assert capfd.readouterr().err == line
-
-
 # -- light that bounces --------------------------------------------------------------------------
 
 ROOM = ("transport", "bright_room", *TINY)
@@ -174,12 +146,6 @@ def test_matrix_with_bounces_is_written_read_and_told(succeeds, tmp_path):
     assert record["bounced_relative_error"] == expected.bounced.relative_error
 
 
-@pytest.mark.usefixtures("rough", "photograph", "few_lights")
-def test_reconstruction_by_all_bounces_says_so(succeeds, tmp_path):
-    succeeds(*TO_RECONSTRUCT, "--bounces", "all")
-    assert json.loads((tmp_path / "r" / "summary.json").read_text())["bounces"] == "all"
-
-
 @pytest.mark.usefixtures("rough", "photograph")
 def test_matrix_of_other_bounces_is_refused(succeeds, refused, tmp_path):
     succeeds(*ROOM, "--bounces", "all", *OUT)
@@ -202,42 +168,8 @@ def test_matrix_of_other_bounces_is_refused(succeeds, refused, tmp_path):
     assert line.startswith("A.npy: was rendered by --bounces direct, and --bounces all is asked")
 
 
-@pytest.mark.usefixtures("rough", "photograph")
-def test_files_of_two_matrices_are_not_taken_for_one(succeeds, refused, tmp_path):
-    given = (*TO_RECONSTRUCT, "--transport", "A.npy", "--bounces", "all")
-    succeeds(*ROOM, "--bounces", "all", *OUT)
-    matrix, light = ((tmp_path / name).read_bytes() for name in ("A.npy", "A.bounced.npz"))
-    succeeds(*ROOM, "--bounces", "all", "--seed", "1", *OUT)
-    other = (tmp_path / "A.npy").read_bytes()
-    (tmp_path / "A.npy").write_bytes(matrix)
-    assert "A.npy: is of another matrix than A.json" in refused(*given)
-    (tmp_path / "A.npy").write_bytes(other)
-    (tmp_path / "A.bounced.npz").write_bytes(light)
-    assert "A.bounced.npz: is damaged, or of another matrix than A.npy" in refused(*given)
-
-
-@pytest.mark.usefixtures("rough", "few_lights")
-def test_analysis_is_of_the_bounces_asked_for(succeeds, tmp_path):
-    found = {}
-    for bounces in ("direct", "all"):
-        succeeds("analyze", "bright_room", *TINY, "--bounces", bounces, "--out", bounces)
-        found[bounces] = json.loads((tmp_path / bounces / "summary.json").read_text())
-        assert found[bounces]["bounces"] == bounces
-    assert found["all"]["condition_A"] != found["direct"]["condition_A"]
-
-
 @pytest.mark.parametrize("command", [ROOM, TO_RECONSTRUCT], ids=["transport", "reconstruct"])
 @pytest.mark.parametrize("text", ["0", "-1", "2.5", "none", "", "1e3", "10000000"])
 def test_bounces_that_are_none_are_refused(command, text, refused):
     line = refused(*command, "--bounces", text, *(OUT if command is ROOM else ()))
     assert line == f"--bounces '{text}': give direct, all, or a whole number from 1 on"
-
-
-@pytest.mark.usefixtures("rough")
-def test_interrupt_while_light_is_traced_leaves_nothing(periscopy, monkeypatch, tmp_path):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(bounced_transport, "render_bounced_light", interrupt)
-    assert periscopy(*ROOM, "--bounces", "all", *OUT).code == 130
-    assert list(tmp_path.iterdir()) == []
