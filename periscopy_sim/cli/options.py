@@ -261,8 +261,8 @@ def parse_ratios(text: str) -> list[float]:
             ends, number = (float(first), float(last)), int(count)
             if not (0 < min(ends) <= max(ends) < math.inf and 1 <= number <= MOST_RATIOS):
                 raise ValueError
-            even = {"log": np.geomspace, "lin": np.linspace}[spacing](*ends, number)
-            ratios = [float(f"{ratio:.6g}") for ratio in even]
+            space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
+            ratios = [float(f"{ratio:.6g}") for ratio in space(*ends, number)]
         else:
             ratios = [float(ratio) for ratio in text.split(",")]
         if not all(0 < ratio < math.inf for ratio in ratios) or len({*ratios}) < len(ratios):

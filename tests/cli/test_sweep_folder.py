@@ -6,7 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
+
+from periscopy_sim.cli.light import TransportRequest
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -72,7 +73,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 ):
     succeeds(*sweep_command())
     np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
-    monkeypatch.setattr(AskedTransport, "matrix", None)
+    monkeypatch.setattr(TransportRequest, "matrix", None)
     for change, difference in [
         (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
         (("--methods", "preconditioned"), "methods [["),

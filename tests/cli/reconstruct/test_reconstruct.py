@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.cli.light import TransportRequest
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -131,3 +132,34 @@ def test_truth_adds_metrics_and_a_comparison(given, light, succeeds, setting, hi
     with Image.open(tmp_path / "out" / "comparison.png") as picture:
         picture.load()
         assert picture.width > picture.height
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--method", "magic"), "no method 'magic'; use noise-aware, preconditioned, "),
+        (
+            ("--method", "differencing", "--repair-threshold", "1"),
+            "--repair-threshold belongs to --method preconditioned, truncated-svd or pseudoinverse,"
+            " not to differencing; leave it out",
+        ),
+        (("--method", "noise-aware", "--tv-weight", "0"), "--method noise-aware takes 1e-09 to"),
+        (("--tv-weight", "-1"), "'--tv-weight'"),
+        (("--hidden", "24x24"), "full column rank"),
+        (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
+        (("--transport", "none.npy"), "none.npy: no such file"),
+    ],
+)
+def test_impossible_option_is_refused(options, message, refused, setting, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
+    assert message in refused("reconstruct", "y.npy", *setting, *options, "--out", "out")
+
+
+def test_method_that_knows_one_size_is_refused_before_anything_is_rendered(refused, monkeypatch):
+    monkeypatch.setattr(TransportRequest, "matrix", lambda *_: pytest.fail("rendered"))
+    line = refused("reconstruct", "y.exr", "--scene", "chair", "-D", "resolution=24", "--hidden",
+                   "4x5", "--method", "unrolled", "--out", "out")  # fmt: skip
+    assert "method 'unrolled' learned from hidden images of 29x36 patches alone" in line
