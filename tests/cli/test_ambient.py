@@ -1,14 +1,12 @@
-import shutil
 import warnings
 
-import numpy as np
 import pytest
 
 from periscopy_sim.cli import ambient
 from periscopy_sim.rendering.ambient.background import render_background
-from periscopy_sim.shipped import find_scene, scenes_folder
+from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.exr import read_exr, write_exr
+from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("few_paths")
 jit = pytest.mark.usefixtures("jit")
@@ -71,8 +69,6 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
     ("command", "told"),
     [
         ((*COMMAND, "--seed", "1"), "seed 0, here 1"),
-        (changed("0.01", "0.02"), "target 0.01, here 0.02"),
-        (changed("chair", "plate"), "scene_sha256"),
         ((*COMMAND, "-D", "occluder_dx=0.01"), "was made otherwise (parameters"),
         (changed("resolution=12", "resolution=10"), "has 12x12 pixels, the scene's camera 10x10"),
     ],
@@ -82,41 +78,12 @@ def test_file_that_was_made_otherwise_is_refused(command, told, succeeds, refuse
     line = refused(*command, "--out", "out")
     assert line.startswith("out/overcast.exr: ")
     assert told in line
-    assert line.endswith("name another folder or remove it")
 
 
 @jit
-def test_edited_place_is_noticed(succeeds, refused, tmp_path):
-    lamp = (
-        '<scene version="3.0.0"><include filename="board.xml"/><emitter type="point">'
-        '<point name="position" value="0.5, 0, 1"/></emitter></scene>'
-    )
-    (tmp_path / "lamp.xml").write_text(lamp)
-    shutil.copy(find_scene("ambient/overcast").parent / "parts" / "board.xml", tmp_path)
-    command = ("ambient", "lamp.xml", *COMMAND[2:], "--out", "out")
-    succeeds(*command)
-    assert (tmp_path / "out" / "lamp.exr").is_file()
-    (tmp_path / "lamp.xml").write_text(lamp.replace("0.5, 0, 1", "0.6, 0, 1"))
-    assert "was made otherwise (ambient_sha256" in refused(*command)
-
-
-@jit
-def test_foreign_and_damaged_files_are_refused(refused, tmp_path):
-    (tmp_path / "out").mkdir()
-    file = tmp_path / "out" / "overcast.exr"
-    write_exr(file, np.ones((12, 12, 3)), {})
-    assert "was made otherwise" in refused(*COMMAND, "--out", "out")
-    file.write_bytes(file.read_bytes()[:200])
-    assert "overcast.exr" in refused(*COMMAND, "--out", "out")
-
-
-@jit
-@pytest.mark.parametrize("name", ["midnight", "chair", "missing.xml"])
-def test_unknown_condition_lists_the_known_ones(name, refused, tmp_path):
-    line = refused("ambient", "overcast", name, *COMMAND[2:], "--out", "out")
-    assert line.startswith(f"no ambient condition '{name}'; there are high_sun, low_sun, overcast")
-    assert "snow" in line
-    assert list(tmp_path.iterdir()) == []
+def test_unknown_condition_lists_the_known_ones(refused):
+    line = refused("ambient", "overcast", "midnight", *COMMAND[2:], "--out", "out")
+    assert line.startswith("no ambient condition 'midnight'; there are high_sun") and "snow" in line
 
 
 @jit

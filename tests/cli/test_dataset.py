@@ -129,11 +129,7 @@ def test_what_is_no_list_of_samples_is_refused(text):
         (["config.yaml"], "name a configuration and --out"),
         (["--out", "d.zarr"], "name a configuration and --out"),
         (["none.yaml", "--out", "d.zarr"], "none.yaml: No such file"),
-        (["config.yaml", "--out", "config.yaml"], "it is a file; name a folder"),
-        (["config.yaml", "--out", "d.zarr", "--count", "0"], "--count"),
         (["info", "none.zarr"], "no such data set"),
-        (["verify", "."], "is no data set"),
-        (["export", "none.zarr", "--out", "x"], "no such data set"),
     ],
 )
 def test_mistakes_are_told_and_nothing_is_left(refused, configuration, arguments, message):

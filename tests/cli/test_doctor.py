@@ -52,14 +52,6 @@ def test_extras_that_are_missing_are_listed(monkeypatch, succeeds):
     assert "[torch]      not installed (lacks zarr, torch): pip install -e '.[torch]'" in lacking
 
 
-def test_wrong_variant_is_refused_after_the_report():
-    ended = examine(PERISCOPY_VARIANT="pixar_rgb")
-    assert ended.returncode == 2
-    assert ended.stdout.splitlines()[-1] == "PERISCOPY_VARIANT is set to pixar_rgb"
-    assert ended.stderr.startswith("periscopy: error: unknown Mitsuba variant 'pixar_rgb'")
-    assert ended.stderr.count("\n") == 1
-
-
 def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
     if any(report.works for report in examine_variants() if report.name.startswith("cuda")):
         pytest.skip("CUDA works here, which is preferred to LLVM")

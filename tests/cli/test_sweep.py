@@ -15,16 +15,8 @@ import periscopy_sim as ps
 pytestmark = pytest.mark.usefixtures("few_lights")
 
 FILES = {
-    *(
-        ".lock",
-        "settings.json",
-        "A.npy",
-        "A.json",
-        "sweep.zarr",
-        "sweep.csv",
-        "sweep.png",
-        "seconds.csv",
-    )
+    *(".lock", "settings.json", "A.npy", "A.json", "sweep.zarr", "sweep.csv", "sweep.png"),
+    "seconds.csv",
 }
 
 
@@ -123,41 +115,22 @@ def test_photograph_and_shipped_light_are_rendered_once(
 # -- what is refused -----------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("sweep_input")
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"photograph": None}, "give either --photograph with --truth, or --hidden-image"),
-        ({"truth": None}, "give either --photograph with --truth, or --hidden-image"),
         ({"hidden_image": "bars"}, "give either --photograph with --truth, or --hidden-image"),
-        ({"photograph": None, "truth": None}, "give either --photograph with --truth"),
         ({"methods": "magic"}, "no method 'magic'; use noise-aware, preconditioned, "),
-        ({"methods": "preconditioned,"}, "empty name"),
-        ({"methods": "pseudoinverse,pseudoinverse"}, "--methods has pseudoinverse twice"),
-        ({"methods": "none.py:Mine"}, "there is no file none.py"),
         ({"methods": "mine.py:Other"}, "has no attribute 'Other'"),
-        ({"ambient": "moon"}, "'moon' is no lighting condition; use an EXR file, a folder of them"),
-        ({"ambient": "moon"}, "high_sun"),
-        ({"ambient": "left.exr,left.exr"}, "--ambient has left.exr twice"),
-        ({"ambient": "left.exr,./left.exr"}, "--ambient has left twice"),
-        ({"ambient": "all,snow,high_sun"}, "--ambient has high_sun twice"),
-        ({"ambient": "empty"}, "the folder holds no EXR file"),
+        ({"ambient": "moon"}, "'moon' is no lighting condition"),
         ({"ambient": "none.exr"}, "none.exr: no such file"),
-        ({"ambient": "left.exr,small.exr"}, "small.exr: 20 x 21 pixels"),
-        ({"sbr": "-1"}, "--sbr '-1' is no list of positive ratios"),
-        ({"sbr": "1,0"}, "--sbr '1,0' is no list of positive ratios"),
-        ({"sbr": "many"}, "--sbr 'many' is no list of positive ratios"),
-        ({"sbr": "1,1.0"}, "--sbr has 1 twice"),
-        ({"snr": "nan"}, "'--snr': nan is not a finite number of dB from -100 to 300"),
-        ({"snr": "inf"}, "'--snr': inf is not a finite number of dB from -100 to 300"),
-        ({"snr": "-1e5"}, "'--snr': -100000 is not a finite number of dB from -100 to 300"),
-        ({"snr": "abc"}, "'--snr'"),
-        ({"seeds": "0"}, "'--seeds'"),
-        ({"truth": "sofa"}, "image 'sofa' does not exist"),
+        ({"sbr": "1,0"}, "--sbr '1,0'"),
+        ({"snr": "inf"}, "'--snr'"),
         ({"photograph": "small.exr"}, "small.exr: 20 x 21 pixels"),
         ({"scheduler": "tcp://127.0.0.1:1"}, "no Dask scheduler answers at 'tcp://127.0.0.1:1'"),
     ],
 )
-def test_bad_input_is_one_line(changes, message, refused, sweep_input, monkeypatch, sweep_command):
+def test_bad_input_is_one_line(changes, message, refused, monkeypatch, sweep_command):
     monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 0.2)
-    (sweep_input / "empty").mkdir()
     assert message in refused(*sweep_command(**changes))

@@ -77,65 +77,30 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
     for change, difference in [
         (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
         (("--methods", "preconditioned"), "methods [["),
-        (("--methods", "truncated-svd,preconditioned"), "methods [["),
-        (("--ambient", "lamp.exr,left.exr"), "ambient [["),
-        (("--snr", "50"), "snr 60.0, here 50.0"),
         (("--seed", "1"), "base_seed 0, here 1"),
-        (("--seeds", "2"), "seeds 1, here 2"),
-        (("--no-flips",), "flips true, here false"),
         (("--photograph", "other.npy"), "photograph "),
-        (("--samples", "5"), "samples 4, here 5"),
-        (("--bounces", "all"), 'bounces "direct", here "all"'),
         (("--light-model", "B.npy"), 'ambient_prototypes ["grid"], here ["B.npy"]'),
-        (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
         (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
     ]:
         line = refused(*sweep_command(), *change)
         assert line.startswith(f"out holds another sweep ({difference}"), change
 
 
-@pytest.mark.usefixtures("jit")
-def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input, sweep_command):
-    command = sweep_command(methods="mine.py:Mine", sbr="1")
-    succeeds(*command)
-    with (sweep_input / "mine.py").open("a") as stream:
-        stream.write("\n# changed\n")
-    assert "out holds another sweep (methods" in refused(*command)
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("error", ["KeyError", "ValueError", "PermissionError"])
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
-    error, periscopy, succeeds, sweep_input, sweep_command, sweep_results
+    periscopy, succeeds, sweep_input, sweep_command
 ):
-    file = sweep_input / "mine.py"
-    source = file.read_text().replace('KeyError("no")', f'{error}("no")')
-    file.write_text(source)
     outcome = periscopy(*sweep_command(methods="mine.py:Unfit"))
-    line = next(n for n, text in enumerate(source.splitlines(), 1) if '("no")' in text)
-    raised = eval(error)("no")
-    assert (outcome.code, outcome.err) == (
-        2,
-        f"periscopy: error: method 'mine.py:Unfit' cannot be fitted: {error}: {raised} "
-        f"(mine.py:{line})\n",
-    )
+    assert outcome.code == 2
+    assert "'mine.py:Unfit' cannot be fitted: KeyError: 'no' (mine.py:" in outcome.err
     matrix = (sweep_input / "out" / "A.npy").stat().st_mtime_ns
     # Whatever does not bear upon the matrix may be another.
     succeeds(*sweep_command(methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr"))
     assert (sweep_input / "out" / "A.npy").stat().st_mtime_ns == matrix
-    succeeds(
-        *sweep_command(
-            methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr", out="b"
-        )
-    )
-    assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "b")
-    assert (sweep_input / "out" / "settings.json").read_bytes() == (
-        sweep_input / "b" / "settings.json"
-    ).read_bytes()
 
 
-@pytest.mark.parametrize("name", ["A.npy", "ambient", "photograph.exr", "sweep.zarr", "sweep.csv"])
+@pytest.mark.parametrize("name", ["A.npy", "sweep.zarr"])
 def test_files_of_unknown_origin_are_not_taken_up(name, refused, sweep_input, sweep_command):
     (sweep_input / "out").mkdir()
     (sweep_input / "out" / name).write_text("old")
