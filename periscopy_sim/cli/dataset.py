@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -55,12 +54,10 @@ def make(
         ),
     ] = None,
     count: Annotated[
-        int | None,
-        option("NUMBER", "Samples, instead of the configuration's.", min=1),
+        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1)
     ] = None,
     scheduler: Annotated[
-        str | None,
-        option("ADDRESS", "A Dask scheduler; without it, this machine."),
+        str | None, option("ADDRESS", "A Dask scheduler; without it, this machine.")
     ] = None,
     example: Annotated[
         bool, typer.Option("--example", help="Print a commented configuration and exit.")
@@ -82,12 +79,12 @@ def make(
     start = time.perf_counter()
     with (
         to_be_continued(),
-        counted_progress("making samples", "samples") as report,
+        counted_progress("making samples", "samples") as show_blocks,
         _between_blocks() as check,
     ):
 
-        def blocks(done: int, total: int) -> None:
-            report(done, total)
+        def block_done(done: int, total: int) -> None:
+            show_blocks(done, total)
             check()
 
         @contextmanager
@@ -101,7 +98,7 @@ def make(
                 yield fraction_done
 
         made = make_dataset(
-            settings, out, count=count, scheduler=scheduler, progress=blocks,
+            settings, out, count=count, scheduler=scheduler, progress=block_done,
             rendering=rendering,
         )  # fmt: skip
     seconds = time.perf_counter() - start
@@ -213,20 +210,17 @@ def _between_blocks() -> Iterator[Callable[[], None]]:
     Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. The function that is yielded
     raises KeyboardInterrupt if Ctrl-C was pressed.
     """
-    pressed = threading.Event()
+    pressed: list[int] = []
 
-    def press(*_: Any) -> None:
-        if pressed.is_set():
+    def press(number: int, _: Any) -> None:
+        pressed.append(number)
+        if len(pressed) > 1:
             raise KeyboardInterrupt
-        pressed.set()
 
     def check() -> None:
-        if pressed.is_set():
+        if pressed:
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
-        yield check
-        return
     before = {number: signal.signal(number, press) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield check

@@ -181,8 +181,8 @@ def look_for_defects(
 ) -> Defects:
     """Look for defects of a photograph, (rows, columns, 3), and warn of them.
 
-    A border that stands out is not used where there is no mask and the method is `maskable`; else
-    the command warns of it. `suggested` is where a mask that leaves all of them out will be.
+    A border that stands out is not used, where no mask says what is and the method is `maskable`;
+    else it is warned of. `suggested` is where a mask that leaves all of them out will be.
     """
     from periscopy_sim.photographs.border import bad_border
     from periscopy_sim.photographs.defects import defective_pixels

@@ -247,9 +247,15 @@ def require_suffix(out: Path, suffix: str, what: str) -> None:
 def parse_list(flag: str, text: str) -> list[str]:
     """Read names separated by commas, each once."""
     names = [name.strip() for name in text.split(",")]
-    if not all(names) or len(set(names)) < len(names):
-        raise PeriscopyError(f"{flag} '{text}' has an empty name, or one twice")
+    if not all(names):
+        raise PeriscopyError(f"{flag} '{text}' has an empty name; separate names by one comma")
+    _refuse_doubles(flag, names)
     return names
+
+
+def _refuse_doubles(flag: str, names: list[str]) -> None:
+    if doubles := {name for name in names if names.count(name) > 1}:
+        raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
 
 
 def parse_ratios(text: str) -> list[float]:
@@ -298,9 +304,7 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
                 f"--ambient '{entry}' is no lighting condition; use an EXR file, a folder of them, "
                 f"all, adversarial, or {', '.join((*REALISTIC, *ADVERSARIAL))}"
             )
-    names = [name for name, _ in lights]
-    if doubles := {name for name in names if names.count(name) > 1}:
-        raise PeriscopyError(f"--ambient has {', '.join(sorted(doubles))} twice; name each once")
+    _refuse_doubles("--ambient", [name for name, _ in lights])
     return dict(lights)
 
 

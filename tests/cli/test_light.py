@@ -31,7 +31,7 @@ MATRIX = np.random.default_rng(5).random((576, 20))
         (MATRIX[:, :19], "576, 19"),
         (MATRIX.T, "20, 576"),
         (np.where(np.arange(20) == 7, np.nan, MATRIX), "NaN"),
-        (MATRIX.astype(complex), "complex numbers"),
+        (MATRIX.astype(complex), "complex"),
     ],
 )
 def test_matrix_that_cannot_be_of_the_scene_is_refused(matrix, problem, scenario, tmp_path):

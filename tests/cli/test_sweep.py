@@ -15,8 +15,16 @@ import periscopy_sim as ps
 pytestmark = pytest.mark.usefixtures("few_lights")
 
 FILES = {
-    *(".lock", "settings.json", "A.npy", "A.json", "sweep.zarr", "sweep.csv", "sweep.png"),
-    "seconds.csv",
+    *(
+        ".lock",
+        "settings.json",
+        "A.npy",
+        "A.json",
+        "sweep.zarr",
+        "sweep.csv",
+        "sweep.png",
+        "seconds.csv",
+    )
 }
 
 
@@ -115,22 +123,33 @@ def test_photograph_and_shipped_light_are_rendered_once(
 # -- what is refused -----------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("sweep_input")
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"photograph": None}, "give either --photograph with --truth, or --hidden-image"),
-        ({"hidden_image": "bars"}, "give either --photograph with --truth, or --hidden-image"),
-        ({"methods": "magic"}, "no method 'magic'; use noise-aware, preconditioned, "),
-        ({"methods": "mine.py:Other"}, "has no attribute 'Other'"),
-        ({"ambient": "moon"}, "'moon' is no lighting condition"),
-        ({"ambient": "none.exr"}, "none.exr: no such file"),
+        ({"photograph": None}, "--photograph"),
+        ({"hidden_image": "bars"}, "--hidden-image"),
+        ({"methods": "magic"}, "'magic'"),
+        ({"methods": "preconditioned,"}, "empty name"),
+        ({"methods": "pseudoinverse,pseudoinverse"}, "--methods has pseudoinverse twice"),
+        ({"methods": "mine.py:Other"}, "'Other'"),
+        ({"ambient": "moon"}, "'moon'"),
+        ({"ambient": "left.exr,./left.exr"}, "--ambient has left twice"),
+        ({"ambient": "empty"}, "empty"),
+        ({"ambient": "left.exr,small.exr"}, "small.exr"),
         ({"sbr": "1,0"}, "--sbr '1,0'"),
         ({"snr": "inf"}, "'--snr'"),
-        ({"photograph": "small.exr"}, "small.exr: 20 x 21 pixels"),
-        ({"scheduler": "tcp://127.0.0.1:1"}, "no Dask scheduler answers at 'tcp://127.0.0.1:1'"),
+        ({"seeds": "0"}, "'--seeds'"),
+        ({"truth": "sofa"}, "'sofa'"),
+        ({"photograph": "small.exr"}, "small.exr"),
+        ({"scheduler": "tcp://127.0.0.1:1"}, "'tcp://127.0.0.1:1'"),
     ],
 )
-def test_bad_input_is_one_line(changes, message, refused, monkeypatch, sweep_command):
+def test_bad_input_is_one_line(changes, message, refused, sweep_input, monkeypatch, sweep_command):
     monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 0.2)
+    (sweep_input / "empty").mkdir()
     assert message in refused(*sweep_command(**changes))
+
+
+def test_place_that_is_a_file_is_refused(refused, sweep_input, sweep_command):
+    (sweep_input / "out").write_text("kept")
+    assert "cannot write out" in refused(*sweep_command())

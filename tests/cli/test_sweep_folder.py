@@ -74,33 +74,76 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
     succeeds(*sweep_command())
     np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
     monkeypatch.setattr(TransportRequest, "matrix", None)
-    for change, difference in [
-        (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
-        (("--methods", "preconditioned"), "methods [["),
-        (("--seed", "1"), "base_seed 0, here 1"),
-        (("--photograph", "other.npy"), "photograph "),
-        (("--light-model", "B.npy"), 'ambient_prototypes ["grid"], here ["B.npy"]'),
-        (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
+    for change, key in [
+        (("--methods", "preconditioned"), "methods"),
+        (("--ambient", "lamp.exr,left.exr"), "ambient"),
+        (("--seed", "1"), "base_seed"),
+        (("--no-flips",), "flips"),
+        (("--photograph", "other.npy"), "photograph"),
+        (("--samples", "5"), "samples"),
+        (("--bounces", "all"), "bounces"),
+        (("--light-model", "B.npy"), "ambient_prototypes"),
+        (("-D", "occluder_dx=0.001"), "parameters.occluder_dx"),
     ]:
         line = refused(*sweep_command(), *change)
-        assert line.startswith(f"out holds another sweep ({difference}"), change
+        assert line.startswith(f"out holds another sweep ({key} "), change
+
+
+@pytest.mark.usefixtures("jit")
+def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input, sweep_command):
+    command = sweep_command(methods="mine.py:Mine", sbr="1")
+    succeeds(*command)
+    with (sweep_input / "mine.py").open("a") as stream:
+        stream.write("\n# changed\n")
+    assert "out holds another sweep (methods" in refused(*command)
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("error", ["KeyError", "PermissionError"])
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
-    periscopy, succeeds, sweep_input, sweep_command
+    error, periscopy, succeeds, sweep_input, sweep_command, sweep_results
 ):
+    file = sweep_input / "mine.py"
+    source = file.read_text().replace('KeyError("no")', f'{error}("no")')
+    file.write_text(source)
     outcome = periscopy(*sweep_command(methods="mine.py:Unfit"))
-    assert outcome.code == 2
-    assert "'mine.py:Unfit' cannot be fitted: KeyError: 'no' (mine.py:" in outcome.err
+    line = next(n for n, text in enumerate(source.splitlines(), 1) if '("no")' in text)
+    raised = eval(error)("no")
+    assert (outcome.code, outcome.err) == (
+        2,
+        f"periscopy: error: method 'mine.py:Unfit' cannot be fitted: {error}: {raised} "
+        f"(mine.py:{line})\n",
+    )
     matrix = (sweep_input / "out" / "A.npy").stat().st_mtime_ns
     # Whatever does not bear upon the matrix may be another.
     succeeds(*sweep_command(methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr"))
     assert (sweep_input / "out" / "A.npy").stat().st_mtime_ns == matrix
+    succeeds(
+        *sweep_command(
+            methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr", out="b"
+        )
+    )
+    assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "b")
+    assert (sweep_input / "out" / "settings.json").read_bytes() == (
+        sweep_input / "b" / "settings.json"
+    ).read_bytes()
 
 
-@pytest.mark.parametrize("name", ["A.npy", "sweep.zarr"])
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize(
+    ("change", "key"), [(("--samples", "5"), "samples"), (("--truth", "bars"), "truth")]
+)
+def test_what_was_rendered_for_another_sweep_is_refused_before_there_are_results(
+    change, key, periscopy, refused, sweep_input, sweep_command
+):
+    if "--truth" in change:
+        np.save(sweep_input / "y.npy", np.ones((21, 21, 3)))
+    assert periscopy(*sweep_command(methods="mine.py:Unfit")).code == 2
+    assert refused(*sweep_command(), *change).startswith(f"out holds another sweep ({key} ")
+
+
+@pytest.mark.parametrize("name", ["A.npy", "sweep.csv"])
 def test_files_of_unknown_origin_are_not_taken_up(name, refused, sweep_input, sweep_command):
     (sweep_input / "out").mkdir()
     (sweep_input / "out" / name).write_text("old")
