@@ -229,10 +229,14 @@ def known_errors(
                 "other; give one of them"
             )
         known = declared.get(name) if error is None else error
-        if known is None or not 0 < known < math.inf:
+        if known is None:
             raise PeriscopyError(
-                f"--uncertain {name}: no positive error is given, nor declared as {ruler}; give "
-                f"{name}=ERROR"
+                f"--uncertain {name}: the scene declares no {ruler}; give {name}=ERROR"
+            )
+        if not 0 < known < math.inf:
+            raise PeriscopyError(
+                f"--uncertain {name}: an error of {known:g}; give a positive number, or leave it "
+                "out"
             )
         errors[name] = known
     return errors

@@ -121,7 +121,7 @@ def test_folder_holds_summary_and_maps(analyzed):
         assert f"{row['tolerance']:.0e}  {row['rank']:4d}" in printed
 
 
-@pytest.mark.parametrize("background", [(), ("--monitor-off", "off.npy")])
+@pytest.mark.parametrize("background", [(), ("--background", "off.npy")])
 def test_dark_spots_of_a_textured_wall_are_left_out_of_every_number(
     background, succeeds, edited_scene, tmp_path
 ):

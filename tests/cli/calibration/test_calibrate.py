@@ -72,7 +72,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
     np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
     rulers = [word for error in HELD for word in ("-D", error)]
     outcome = periscopy(
-        "calibrate", "y.npy", *SCENE, *rulers, "--monitor-off", "off.npy", "--out", "new/found.xml",
+        "calibrate", "y.npy", *SCENE, *rulers, "--background", "off.npy", "--out", "new/found.xml",
         "--uncertain", "monitor_dx=0.005",
     )  # fmt: skip
     assert (outcome.code, outcome.err) == (0, "")
@@ -139,7 +139,7 @@ def test_a_moved_chair_is_found_and_its_scene_written(photograph, periscopy, tmp
         (("--free", "occluder_dx=0"), "ruler's error 0 of 'occluder_dx': give a positive"),
         (("--free", "occluder_dx=0.1,occluder_dx"), "'occluder_dx' is named twice"),
         (("-D", "occluder_dx_error=-1"), "'occluder_dx_error' is -1; give a standard deviation"),
-        (("--free", "occluder_dx", "--monitor-off", "y.npy"), "is the photograph itself"),
+        (("--free", "occluder_dx", "--background", "y.npy"), "is the photograph itself"),
         (("--free", "occluder_dx", "--uncertain", "resolution"), "declares no resolution_error"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx,monitor_dx=1"), "named twice"),
         (("--free", "occluder_dx", "--uncertain", "monitor_dx=a"), "give a number"),
@@ -177,7 +177,7 @@ def test_a_background_with_the_monitor_on_is_refused(photograph, refused, tmp_pa
     np.save(tmp_path / "y.npy", photograph)
     np.save(tmp_path / "on.npy", ps.add_noise(photograph, 60, 4))
     line = refused(
-        "calibrate", "y.npy", *SCENE, "--monitor-off", "on.npy", "--out", "found.xml"
+        "calibrate", "y.npy", *SCENE, "--background", "on.npy", "--out", "found.xml"
     )  # fmt: skip
     assert "on.npy: still shows the monitor" in line
 
