@@ -5,11 +5,15 @@ Exit codes: 0; 2 with one clear line for what a user can fix; 130 after Ctrl-C.
 
 from __future__ import annotations
 
+import _thread
 import io
 import os
 import signal
 import sys
+import threading
 import warnings
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -18,9 +22,7 @@ from periscopy_sim.cli import (
     ambient,
     analyze,
     dataset,
-    demo,
     design,
-    doctor,
     photograph,
     reconstruct,
     sweep,
@@ -28,9 +30,10 @@ from periscopy_sim.cli import (
     video,
 )
 from periscopy_sim.cli.calibration import calibrate
-from periscopy_sim.cli.laboratory import draw, lab, prepare, tutorial, view
+from periscopy_sim.cli.laboratory import draw, lab, prepare, view
 from periscopy_sim.cli.options import RENAMED, GroupedCommand
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
+from periscopy_sim.cli.start import demo, doctor, tutorial
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
@@ -70,6 +73,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
     signal.signal(signal.SIGTERM, _interrupt)  # as batch queues send it
+    sys.unraisablehook = partial(_keep_interrupts, sys.unraisablehook)
     try:
         code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
         sys.stdout.flush()
@@ -110,6 +114,14 @@ def _reason(error: BaseException) -> str:
 
 def _interrupt(*_: Any) -> NoReturn:
     raise KeyboardInterrupt
+
+
+def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:
+    """Interrupt again where a callback from compiled code, such as numba's compiler, ignored it."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        threading.Timer(0.2, _thread.interrupt_main).start()
+    else:
+        otherwise(lost)
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

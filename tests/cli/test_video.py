@@ -161,9 +161,6 @@ def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     assert len(frames) == summary["frames"] == len(table) == 1
 
 
-# -- what is told --------------------------------------------------------------------------------
-
-
 # -- what is refused -----------------------------------------------------------------------------
 
 

@@ -86,7 +86,7 @@ def view(
     first = Choice({}, _first_image(image, photo), ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
         # Takes seconds, in which a user would see nothing.
-        from periscopy_sim.live.session import Session
+        from periscopy_sim.live.session import LiveSession
 
         _check(first, photo)
         scenario = inputs.load(scene, hidden, define)
@@ -98,7 +98,7 @@ def view(
             write_view(out, pictures, given, photo)
             return f"wrote {out}"
 
-        session = Session(scenario, first, _offered(), save, shot=shot, host=host, port=port)
+        session = LiveSession(scenario, first, _offered(), save, shot=shot, host=host, port=port)
     with session:
         say(f"http://{host}:{session.page.port} shows {scenario.path.name}; Ctrl-C ends it")
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from periscopy_sim.cli.light import TransportRequest
 from periscopy_sim.cli.options import Out, Seed, option
 from periscopy_sim.cli.output import fixable, say, told_folder
 from periscopy_sim.cli.session import Session
+
+if TYPE_CHECKING:
+    from periscopy_sim.scenario import Array
 
 SBR = 0.5
 SNR = 60.0
@@ -57,20 +60,7 @@ def demo(
         truth = session.hidden_image(image)
         with timed("transport matrix"):
             A = TransportRequest(16, seed).matrix(scenario)
-        with timed("photograph"):
-            if fast:
-                signal = session.synthetic_photograph(truth, max(1, round(effort * 4096)))
-            else:  # path tracing takes minutes: another rendering of A shows the image
-                again = TransportRequest(16, seed + 1).matrix(scenario)
-                seen = again @ truth.reshape(-1, 3)
-                signal = seen.reshape(*scenario.photograph_shape, 3) * scenario.channel_gain
-        with timed("ambient light"):
-            if fast:
-                target = 3e-4 / math.sqrt(max(effort, 1e-3))
-                ambient = session.ambient_light("ceiling_panels", target)
-            else:
-                lamps = point_light_backgrounds(scenario, np.array(LAMPS)).sum(axis=1)
-                ambient = np.multiply.outer(lamps, COLOUR).reshape(signal.shape)
+        signal, ambient = _light(session, truth, effort) if fast else _slow_light(session, truth)
         photograph = add_noise(composite(signal, ambient, SBR), SNR, seed)
         B = point_light_backgrounds(scenario)
         with timed("form the preconditioner"), fixable(f"scene '{scenario.path}'"):
@@ -123,3 +113,26 @@ def demo(
         f"PSNR {psnr:.1f} dB, by the paper's method {psnr_by_paper:.1f} dB, after one gain per "
         "channel that fits the truth"
     )
+
+
+def _light(session: Session, truth: Array, effort: float) -> tuple[Array, Array]:
+    """Path trace the monitor's light on the wall and the room's, (rows, columns, 3) each."""
+    with session.timed("photograph"):
+        signal = session.synthetic_photograph(truth, max(1, round(effort * 4096)))
+    with session.timed("ambient light"):
+        target = 3e-4 / math.sqrt(max(effort, 1e-3))
+        return signal, session.ambient_light("ceiling_panels", target)
+
+
+def _slow_light(session: Session, truth: Array) -> tuple[Array, Array]:
+    """Return direct light, where path tracing takes minutes, by another A and by Eq. 4."""
+    from periscopy_sim.analytic.point_light import point_light_backgrounds
+
+    scenario = session.scenario
+    with session.timed("photograph"):
+        again = TransportRequest(16, session.seed + 1).matrix(scenario)
+        seen = again @ truth.reshape(-1, 3)
+        signal = seen.reshape(*scenario.photograph_shape, 3) * scenario.channel_gain
+    with session.timed("ambient light"):
+        lamps = point_light_backgrounds(scenario, np.array(LAMPS)).sum(axis=1)
+        return signal, np.multiply.outer(lamps, COLOUR).reshape(signal.shape)
