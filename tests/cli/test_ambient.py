@@ -1,9 +1,6 @@
-import warnings
-
 import pytest
 
 from periscopy_sim.cli import ambient
-from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import read_exr
@@ -100,21 +97,6 @@ def test_interrupt_says_how_to_go_on(monkeypatch, periscopy, succeeds, tmp_path)
         "periscopy: error: interrupted; the same command goes on where it stopped\n"
     )
     assert contents(tmp_path / "out") == before
-
-
-@jit
-def test_missed_target_is_a_warning(periscopy, monkeypatch, tmp_path):
-    def short(*arguments, **options):
-        return render_background(*arguments, **options, max_rounds=1)
-
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.render_background", short)
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        outcome = periscopy(*changed("0.01", "0.00001"), "--out", "out")
-    assert outcome.code == 0
-    assert outcome.err.startswith("periscopy: warning: 'overcast' stopped at a relative error of")
-    assert outcome.err.count("\n") == 1
-    assert (tmp_path / "out" / "overcast.exr").is_file()
 
 
 def test_every_shipped_condition_is_known():

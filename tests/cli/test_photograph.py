@@ -142,17 +142,6 @@ def test_sensor_exposes_the_photograph_and_is_recorded(succeeds, shoot, tmp_path
     assert "snr" not in metadata
 
 
-def test_saturated_values_are_clipped_counted_and_recorded(succeeds, shoot, tmp_path):
-    signal = shoot()
-    shot = ("--electrons", "900", "--full-well", "1000", "--read-noise", "0")
-    said = succeeds("photograph", "chair", "hidden.npy", *TINY, *shot, "--out", "y.exr")
-    pixels, metadata = read_exr(tmp_path / "y.exr")
-    clipped = np.count_nonzero(np.isclose(pixels, signal.mean() * 1000 / 900, rtol=1e-4))
-    assert clipped == np.count_nonzero(pixels >= pixels.max() * (1 - 1e-6)) > 20
-    assert f"\nsaturated {clipped} of 1728 values;" in said
-    assert metadata["saturated"] == str(clipped)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

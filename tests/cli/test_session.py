@@ -1,8 +1,6 @@
 """What commands read through a `Session`, what they leave out, and what they warn of."""
 
 import json
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,21 +97,6 @@ def test_rows_and_columns_that_look_interchanged_are_warned_of(hidden, interchan
     )
     lines = inputs.warn_of_long_patches(scenario, "lab.xml")
     assert len(lines) == interchanged and all("is 15x20 meant?" in line for line in lines)
-
-
-def test_scalar_variant_serves_too(tmp_path, monkeypatch, succeeds, complaints):
-    monkeypatch.setenv("PERISCOPY_VARIANT", "scalar_rgb")
-    command = ("transport", "chair", "-D", "resolution=16", "--hidden", "2x3", "--samples", "64")
-    ended = subprocess.run(
-        [sys.executable, "-m", "periscopy_sim", *command, "--out", "scalar.npy"],
-        cwd=tmp_path, capture_output=True, text=True,
-    )  # fmt: skip
-    assert (ended.returncode, complaints(ended.stderr)) == (0, "")
-    monkeypatch.delenv("PERISCOPY_VARIANT")
-    succeeds(*command, "--out", "A.npy")
-    scalar, A = np.load(tmp_path / "scalar.npy"), np.load(tmp_path / "A.npy")
-    # Pixel centres against pixel areas: the sums differ little, the penumbrae more.
-    assert np.allclose(scalar.sum(axis=0), A.sum(axis=0), rtol=0.03)
 
 
 # -- photographs, masks, the monitor off ---------------------------------------------------------

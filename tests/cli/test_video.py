@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.numerics import memory
 from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -68,18 +67,6 @@ def test_frames_are_those_of_the_coupling_asked_for(
     assert {name: summary[name] for name in settings} == settings
     weight = {"total-variation": {"temporal_weight"}, "l1": {"l1_weight"}, "none": set()}
     assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
-
-
-def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
-    few_photographs, video, monkeypatch, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    expected, summary, _ = video("y.npy")
-    assert summary["explicit"] is True
-    monkeypatch.setattr(memory.os, "sysconf", lambda _: 100)
-    frames, summary, _ = video("y.npy")
-    assert summary["explicit"] is False and not np.array_equal(frames, expected)
-    assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
 
 
 @pytest.mark.usefixtures("drawings")

@@ -43,15 +43,3 @@ def test_frames_are_those_of_the_noise_aware_video(
     if settings["coupling"] == "none":
         del told["l1_weight"]
     assert {name: summary.get(name) for name in told} == told
-
-
-def test_folder_tells_of_the_noise_aware_method_what_is_its_own(photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", photographs)
-    _, summary, table = video("y.npy", *NOISE_AWARE, "--truth", "bars")
-    names = ["frame", "name", "seconds", "noise", "lambda", "iterations"]
-    assert list(table[0]) == [*names, "mean_squared_error", "psnr"]
-    assert set(summary["median"]) == set(table[0]) - {"frame", "name"}
-    assert not {"repair_threshold", "background_rank", "explicit"} & summary.keys()
-    settings = {"tv_weight": 0.02, "rank_tolerance": 1e-10, "l1_weight": 0.8}
-    assert {name: summary[name] for name in settings} == settings
-    assert min(summary["frames_per_second"].values()) > 0

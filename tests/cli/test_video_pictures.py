@@ -80,13 +80,12 @@ def own_metrics(frames, truth):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("given", ["clip.npy", "one.npy", "folder", "bars"])
+@pytest.mark.parametrize("given", ["clip.npy", "folder", "bars"])
 def test_truth_adds_metrics_and_a_contact_sheet(
     given, photographs, succeeds, clip, tiny, results, tmp_path
 ):
     np.save(tmp_path / "y.npy", photographs)
     np.save(tmp_path / "clip.npy", clip)
-    np.save(tmp_path / "one.npy", clip[0])
     (tmp_path / "folder").mkdir()
     codes = np.random.default_rng(0).integers(0, 256, (9, 4, 5, 3)).astype(np.uint8)
     for k, code in enumerate(codes):
@@ -94,7 +93,6 @@ def test_truth_adds_metrics_and_a_contact_sheet(
     bars = ps.read_hidden_image(ps.find_image("bars"), (4, 5))
     truth = {
         "clip.npy": clip,
-        "one.npy": np.stack([clip[0]] * 9),
         "folder": linear(codes),
         "bars": np.stack([bars] * 9),
     }[given]

@@ -1,7 +1,6 @@
 """Scenes that may be wrong: by --uncertain, and as a calibration left them."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,25 +114,6 @@ def test_a_silhouette_that_is_not_trusted_is_told(run, photo, calibrated):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ((), "(periscopy calibrate with more numbers free, or"),
-        (("-D", "occluder_dx=0.049"), "(periscopy calibrate; more --samples)"),
-    ],
-)
-@pytest.mark.parametrize("trusted", [True, False])
-def test_who_calibrated_a_scene_is_not_told_to(
-    periscopy, photo, calibrated, options, told, trusted
-):
-    """Of a scene 5 cm off, at the values calibrated and at others."""
-    known = replace(KNOWN, values=np.array([0.05, 0.0]), trusted=trusted)
-    scene = (*calibrated(known, occluder_dx="0.05"), *options)
-    method = ("--method", "preconditioned")
-    outcome = periscopy("reconstruct", photo, *scene, *method, "--out", "out")
-    assert outcome.code == 0 and told in outcome.err
-
-
-@pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--uncertain", "occluder_x=1"), "did you mean 'occluder_dx'?"),
@@ -149,12 +129,3 @@ def test_who_calibrated_a_scene_is_not_told_to(
 )
 def test_what_is_no_error_is_refused(refused, photo, options, message):
     assert message in refused("reconstruct", photo, *CHAIR, *options, "--out", "out")
-
-
-@pytest.mark.parametrize("options", [("--method", "preconditioned"), ("--uncertain", "none")])
-def test_a_damaged_calibration_that_is_not_used_is_passed_over(periscopy, photo, tmp_path, options):
-    values = {"resolution": "24", "occluder_dx": "0.05", CALIBRATED: "x"}
-    write_copy(find_scene("chair"), values, tmp_path / "s.xml")
-    scene = ("--scene", "s.xml", *SMALL)
-    outcome = periscopy("reconstruct", photo, *scene, *options, "--out", "out")
-    assert outcome.code == 0 and "(periscopy calibrate; more --samples)" in outcome.err

@@ -39,52 +39,6 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     assert summary["warnings"] == []
 
 
-DOT = np.zeros((24, 24, 3))
-DOT[9, 14] = 1
-RAMP = np.linspace(1, 2, 24)[:, None] * np.ones((24, 24, 3))
-
-
-OWN = """
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
-
-class Halved(NoiseAware):
-    def reconstruct(self, photograph):
-        return super().reconstruct(photograph) / 2
-
-def fit(scenario, A, B):
-    return NoiseAware.for_scene(scenario, A, B)
-
-def fit_halved(scenario, A, B):
-    return Halved.for_scene(scenario, A, B)
-"""
-
-
-def test_errors_are_told_of_the_image_that_is_written_alone(succeeds, tmp_path):
-    np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (24, 24, 3)))
-    (tmp_path / "own.py").write_text(OWN)
-    for name in ("fit", "fit_halved"):
-        succeeds("reconstruct", "y.npy", *TINY, "--method", f"own.py:{name}", "--out", name)
-    plain, halved = (np.load(tmp_path / n / "reconstruction.npy") for n in ("fit", "fit_halved"))
-    np.testing.assert_allclose(halved, plain / 2, rtol=1e-6)
-    assert (tmp_path / "fit" / "standard_error.npy").is_file()
-    assert not (tmp_path / "fit_halved" / "standard_error.npy").exists()
-
-
-def test_gain_over_the_wall_is_told(succeeds, tmp_path):
-    scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
-    hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))
-    signal = (ps.render_transport(scenario, samples=4) @ hidden).reshape(24, 24, 3)
-    gain = 1 + 0.3 * np.linspace(-1, 1, 24)[None, :, None]
-    noise = 1e-4 * signal.mean() * np.random.default_rng(1).standard_normal(signal.shape)
-    np.save(tmp_path / "y.npy", gain * signal + noise)
-    told = succeeds("reconstruct", "y.npy", *TINY, "--method", "noise-aware", "--out", "out")
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["wall_gain_found"] is True
-    (line,) = [line for line in told.splitlines() if "gain" in line]
-    assert line.startswith("a smooth gain over the wall: ") and "the image allows for it" in line
-    np.testing.assert_allclose(summary["wall_gain_range"], [0.7, 1.3], atol=0.1)
-
-
 def test_scene_that_is_off_leaves_more_unexplained(succeeds, tmp_path):
     scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
     hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))
@@ -95,10 +49,7 @@ def test_scene_that_is_off_leaves_more_unexplained(succeeds, tmp_path):
         told = succeeds("reconstruct", "y.npy", *TINY, "-D", f"occluder_dx={place}", "--out", place)
         summary = json.loads((tmp_path / place / "summary.json").read_text())
         unexplained[place] = summary["unexplained"]
-        assert (
-            f"unexplained: {100 * unexplained[place]:.2f} % of the photograph; noise alone would "
-            f"leave {100 * summary['noise_alone']:.2f} %"
-        ) in told
+        assert f"{100 * unexplained[place]:.2f} %" in told
         causes, warnings = summary["likely_causes"], " ".join(summary["warnings"])
         assert ("likely causes" in warnings) == bool(causes) == (place != "0")
     assert next(iter(causes)) == "geometry" and summary["structured"]
