@@ -111,7 +111,7 @@ class Model(StrEnum):
     analytic = "analytic"
 
 
-# More would be hours in one kernel, which nothing can interrupt.
+# More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[
     int, option("NUMBER", "Samples of a patch for each wall point.", group=LIGHT, min=1, max=65536)
 ]

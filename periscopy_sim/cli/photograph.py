@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from periscopy_sim.cli import inputs, options
-from periscopy_sim.cli.options import LIGHT, option
+from periscopy_sim.cli.options import LIGHT, SCENE, option
 from periscopy_sim.cli.output import fixable, say, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
@@ -39,7 +39,7 @@ def photograph(
     ],
     out: options.OutFile,
     hidden: Annotated[
-        str, option("ROWSxCOLUMNS", "Patches to average the image down to.")
+        str, option("ROWSxCOLUMNS", "Patches to average the image down to.", group=SCENE)
     ] = "29x36",
     samples: Annotated[
         int, option("NUMBER", "Camera samples a pixel.", min=1, max=MOST_SAMPLES, group=LIGHT)
@@ -97,7 +97,9 @@ def photograph(
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
     if snr is not None and electrons is not None:
         raise PeriscopyError("--snr and --electrons both set the noise; give one of them")
-    sensor = _sensor(electrons, read_noise, full_well, bits, frames)
+    sensor = _sensor(
+        electrons, read_noise=read_noise, full_well=full_well, bit_depth=bits, frames=frames
+    )
     session = Session(scene, hidden, define, seed)
     settings: dict[str, Any] = {
         "image": image, "hidden": hidden, "samples": samples, "ambient": ambient, "sbr": sbr,
@@ -163,18 +165,11 @@ def _grainy(grain: float, added: float, photograph: Array, samples: int) -> str:
     )
 
 
-def _sensor(
-    electrons: float | None,
-    read_noise: float | None,
-    full_well: float | None,
-    bits: int | None,
-    frames: int | None,
-) -> Sensor | None:
+def _sensor(electrons: float | None, **described: Any) -> Sensor | None:
     """Return the sensor that the options describe; None without ``--electrons``."""
     from periscopy_sim.measurement import Sensor
 
-    named = {"read_noise": read_noise, "full_well": full_well, "bit_depth": bits, "frames": frames}
-    chosen: dict[str, Any] = {name: x for name, x in named.items() if x is not None}
+    chosen = {name: value for name, value in described.items() if value is not None}
     if electrons is None:
         if chosen:
             raise PeriscopyError(

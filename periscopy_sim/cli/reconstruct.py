@@ -62,10 +62,8 @@ def reconstruct(
         str | None,
         option(
             "NAME[=ERROR],...",
-            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005: the image "
-            "is that of the scene which they make most probable, its standard errors count theirs. "
-            "Without ERROR, that of the <default> NAME_error. Default: what a calibrated scene "
-            "carries, in the standard errors alone; none: nothing.",
+            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005, in which "
+            "the standard errors count. Default: what a calibrated scene carries; none: nothing.",
             group=SCENE,
         ),
     ] = None,
