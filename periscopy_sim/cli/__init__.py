@@ -12,33 +12,58 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
-from periscopy_sim.cli import (
-    ambient,
-    analyze,
-    dataset,
-    design,
-    photograph,
-    reconstruct,
-    sweep,
-    transport,
-    video,
-)
-from periscopy_sim.cli.calibration import calibrate
-from periscopy_sim.cli.laboratory import draw, lab, prepare, view
 from periscopy_sim.cli.options import RENAMED, GroupedCommand
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
-from periscopy_sim.cli.start import demo, doctor, tutorial
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
 from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
 
+MODULES = {
+    "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.tutorial",
+    "transport": "transport", "draw": "laboratory.draw", "lab": "laboratory.lab",
+    "view": "laboratory.view", "photograph": "photograph", "prepare": "laboratory.prepare",
+    "ambient": "ambient", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
+    "calibrate": "calibration.calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
+}  # fmt: skip
+"""Where each command is: a function of its name, or the Typer `app` of a group of commands."""
+
+
+class _Commands(Mapping[str, Any]):
+    """The parsers of the commands by name; each imports its command when it is asked for."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(MODULES)
+
+    def __len__(self) -> int:
+        return len(MODULES)
+
+    def __getitem__(self, name: str) -> Any:
+        module = import_module(f"periscopy_sim.cli.{MODULES[name]}")
+        commands = getattr(module, "app", None)
+        if commands is None:
+            commands = typer.Typer(add_completion=False, rich_markup_mode=None)
+            commands.command(name, cls=GroupedCommand)(getattr(module, name))
+        return typer.main.get_command(commands)
+
+
+class _Periscopy(TyperGroup):
+    """The group of all commands."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands: Any = _Commands()
+
+
 app = typer.Typer(
+    cls=_Periscopy,
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
     context_settings={"token_normalize_func": lambda token: RENAMED.get(token, token)},
     rich_markup_mode=None,
@@ -56,15 +81,6 @@ def _periscopy(
 
         print(f"periscopy_sim {version_of('periscopy-sim')}")
         raise typer.Exit
-
-
-for _command in (
-    demo.demo, doctor.doctor, tutorial.tutorial, transport.transport, draw.draw, lab.lab,
-    view.view, photograph.photograph, prepare.prepare, ambient.ambient, reconstruct.reconstruct,
-    analyze.analyze, design.design, calibrate.calibrate, sweep.sweep, video.video,
-):  # fmt: skip
-    app.command(cls=GroupedCommand)(_command)
-app.add_typer(dataset.app, name="dataset")
 
 
 def main() -> None:

@@ -40,24 +40,6 @@ def test_rendered_and_analytic_models_agree(succeeds, tmp_path):
     assert json.loads((tmp_path / "analytic.json").read_text())["model"] == "analytic"
 
 
-def test_parameters_reach_the_scene(succeeds, tmp_path):
-    few = ("--hidden", "4x5", "--samples", "4")
-    settings = {
-        "here": ("resolution=24",),
-        "away": ("resolution=24", "occluder_dx=9"),
-        "coarse": ("resolution=12",),
-    }
-    matrices = []
-    for name, definitions in settings.items():
-        options = (word for definition in definitions for word in ("-D", definition))
-        succeeds("transport", "chair", *options, *few, "--out", f"{name}.npy")
-        matrices.append(np.load(tmp_path / f"{name}.npy"))
-    here, away, coarse = matrices
-    assert coarse.shape == (144, 20)
-    # Without the chair no point has less light, and many have more.
-    assert (away >= here).all() and np.mean(away > here) > 0.1
-
-
 def test_scene_of_ones_own_is_read_from_its_path(succeeds, edited_scene, tmp_path):
     scene = edited_scene(
         ('name="vertical_exponent" value="18"', 'name="vertical_exponent" value="0"')

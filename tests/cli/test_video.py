@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -67,6 +68,37 @@ def test_frames_are_those_of_the_coupling_asked_for(
     assert {name: summary[name] for name in settings} == settings
     weight = {"total-variation": {"temporal_weight"}, "l1": {"l1_weight"}, "none": set()}
     assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("options", "settings"),
+    [
+        ((), {"coupling": "l1"}),
+        (("--l1-weight", "3"), {"coupling": "l1", "l1_weight": 3.0}),
+        (("--coupling", "none"), {"coupling": "none"}),
+    ],
+)
+@pytest.mark.parametrize("batch", [2, 64])
+def test_frames_are_those_of_the_noise_aware_video(
+    options, settings, batch, photographs, transport, scenario, video, tmp_path
+):
+    np.save(tmp_path / "y.npy", photographs)
+    frames, summary, table = video("y.npy", "--method", "noise-aware", *options, "--batch", batch)
+    B = ps.point_light_backgrounds(scenario)
+    still = ps.NoiseAware.for_scene(scenario, transport, B)
+    method = NoiseAwareVideo(still, **settings)
+    expected = [method.solve_next(y) for y in photographs]
+    images = np.array([found.image for found in expected])
+    assert np.allclose(frames, images, rtol=1e-4, atol=1e-5 * images.max())
+    assert [int(row["iterations"]) for row in table] == [found.iterations for found in expected]
+    noise = [np.sqrt(np.mean(found.noise**2)) for found in expected]
+    assert np.allclose([float(row["noise"]) for row in table], noise, rtol=1e-4)
+    assert np.allclose([float(row["lambda"]) for row in table], [f.weight for f in expected])
+    told = {"method": "noise-aware", "l1_weight": method.l1_weight, **settings}
+    if settings["coupling"] == "none":
+        del told["l1_weight"]
+    assert {name: summary.get(name) for name in told} == told
 
 
 @pytest.mark.usefixtures("drawings")
@@ -148,6 +180,38 @@ def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     assert len(frames) == summary["frames"] == len(table) == 1
 
 
+# -- warnings ------------------------------------------------------------------------------------
+
+
+def test_what_holds_for_many_photographs_is_said_once(periscopy, tiny, results, tmp_path):
+    (tmp_path / "y").mkdir()
+    for k in range(5):
+        codes = np.random.default_rng(k).integers(99, 256, (24, 24, 3)).astype(np.uint8)
+        Image.fromarray(codes).save(tmp_path / "y" / f"{k}.png")
+    (tmp_path / "y" / "notes.txt").write_text("x")
+    outcome = periscopy("video", "y", *tiny, "--out", "out")
+    left_out, gamma, doubt = outcome.err.splitlines()
+    assert outcome.code == 0 and left_out == "periscopy: warning: y: left out notes.txt"
+    assert gamma.startswith("periscopy: warning: y/0.png: 8-bit PNG, which is normally gamma")
+    assert gamma.endswith(" (likewise 4 more)")
+    _, summary, _ = results(tmp_path / "out")
+    said = [f"periscopy: warning: {warning}" for warning in summary["warnings"]]
+    assert said == [left_out, gamma, doubt] and "frame 0.png: " in doubt
+
+
+def test_frames_that_show_nothing_are_told_by_one_line(
+    periscopy, photographs, tiny, results, tmp_path
+):
+    clip = np.ones((4, 24, 24, 3)) * np.arange(1, 5)[:, None, None, None]
+    clip[1] = photographs[0]
+    np.save(tmp_path / "y.npy", clip)
+    outcome = periscopy("video", "y.npy", *tiny, "--method", "noise-aware", "--out", "out")
+    (line,) = outcome.err.splitlines()
+    assert outcome.code == 0 and line.startswith("periscopy: warning: y.npy, frame 0: ")
+    assert "hidden image: " in line and line.endswith(" (likewise 2 more)")
+    assert results(tmp_path / "out")[1]["warnings"] == [line.partition("warning: ")[2]]
+
+
 # -- what is refused -----------------------------------------------------------------------------
 
 
@@ -172,6 +236,18 @@ def test_impossible_option_is_refused(options, message, refused, clip, tiny, tmp
     np.save(tmp_path / "dark.npy", np.where(np.arange(9)[:, None, None, None] == 4, -1, clip))
     (tmp_path / "empty").mkdir()
     assert message in refused("video", "y.npy", *tiny, *options, "--out", "out")
+
+
+def test_pictures_of_a_longer_video_are_not_mixed_with_this_one(
+    photographs, video, refused, tiny, tmp_path
+):
+    np.save(tmp_path / "y.npy", photographs)
+    np.save(tmp_path / "short.npy", photographs[:4])
+    video("y.npy")
+    line = refused("video", "short.npy", *tiny, "--out", "out")
+    assert line.startswith("out/frames/0004.png is of a longer video; remove out/frames")
+    frames, _, _ = video("y.npy", "--coupling", "none")  # the same length may replace it
+    assert len(frames) == 9
 
 
 @pytest.mark.thorough
