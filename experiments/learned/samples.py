@@ -84,10 +84,10 @@ def as_displaced(truth: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
 
 
 def told_values(
-    true: dict[str, float], factor: float, rng: np.random.Generator, scene: str = "chair"
+    true: dict[str, float], factor: float, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return the numbers of a scene as a ruler told them, off by `factor` declared errors."""
-    path = ps.find_scene(scene)
+    """Return a chair scene's numbers as a ruler gives them, off by `factor` declared errors."""
+    path = ps.find_scene("chair")
     values = {name: float(value) for name, value in read_document(path).defaults.items()} | true
     return true | {
         name: values[name] + factor * error * float(np.clip(rng.standard_normal(), -2, 2))
