@@ -19,7 +19,6 @@ POSIX_NAMES = {
 MEASURING = {
     "experiments/fuzz",
     "experiments/benchmarks/large.py",
-    "experiments/studies/dataset_kills.py",
     "benchmarks/entry.py",
 }
 RESERVED = {"con", "prn", "aux", "nul", *(f"{n}{k}" for n in ("com", "lpt") for k in range(1, 10))}
