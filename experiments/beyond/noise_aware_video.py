@@ -1,8 +1,6 @@
 """Video by the noise-aware method beside the paper's: the error of each frame, and the speed.
 
 The clips, the ambient light and the noise are those of Fig. 7, at two signal-to-background ratios.
-
-`python -m experiments.beyond.noise_aware_video --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, draw_means, drawn
-from experiments.page import alone
 from experiments.paper.fig7 import CONDITION, FRAMES, STARTS, STEADY, photographs_of
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
@@ -205,7 +202,3 @@ def _draw(setting: Setting, errors: Errors) -> None:
         for ax in panels[-1]:
             ax.set(xlabel="frame")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-
-
-if __name__ == "__main__":
-    alone(run)

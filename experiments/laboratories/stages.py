@@ -150,7 +150,7 @@ def run(laboratory: Laboratory, place: Workplace) -> Section:
     return Section(
         name=laboratory.name,
         title=f"The laboratory “{laboratory.name}”",
-        text=described(__doc__ + "\n\n"),
+        text=described(__doc__),
         claims=list(claims(ways)),
         pictures=pictures,
         tables=[_stages_table(laboratory, ways), _parameters_table(ways)],

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from experiments.page import Page, command_of
+from experiments.page import Page
 
 ROOT = Path(__file__).parents[2]
 RUNNABLE = 'if __name__ == "__main__":'
@@ -74,7 +74,7 @@ def options_of(module):
     if isinstance(page, Page):
         command, names = getattr(found, "main", None) or page.command(), set(page.names)
     else:
-        command, names = getattr(found, "main", None) or command_of(found.run), set()
+        command, names = found.main, set()
         names |= set(getattr(found, "CHECKS", ()))
     app = typer.Typer(add_completion=False)
     app.command()(command)

@@ -31,8 +31,8 @@ import typer
 import periscopy_sim as ps
 from experiments.page import described, one_line_errors
 from experiments.setting import package_sha256
-from experiments.studies.wrong_scenes.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes import outcome, subjects
+from experiments.studies.wrong_scenes.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes.outcome import SCENES, Outcome, Trial
 from experiments.studies.wrong_scenes.report import numbers_of, write_report
 from experiments.studies.wrong_scenes.subjects import Photographed

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from experiments.paper.ambient_model import outside
-from experiments.paper.background_models import sketched_basis
 from experiments.paper.fig8 import correlation
 from experiments.paper.fig10 import radial_spectrum, row_statistics
 from experiments.setting import NO_BEAM, Setting
@@ -53,14 +52,6 @@ def test_part_outside_a_subspace_is_found_beneath_independent_noise():
     assert found[0] == 1
     # One rendering alone would say 0.141; the product's error is about 0.1² / sqrt(12000).
     assert found[-1] == pytest.approx(0.1 / np.hypot(1, 0.1), rel=0.02)
-
-
-def test_mixtures_span_what_all_columns_span():
-    rng = np.random.default_rng(2)
-    B = rng.normal(size=(60, 5)) @ rng.normal(size=(5, 400))
-    Q = sketched_basis(B, width=20)
-    assert Q.shape == (60, 5)
-    np.testing.assert_allclose(Q @ (Q.T @ B), B, atol=1e-10)
 
 
 def test_correlation_ignores_each_channels_mean_and_scale():

@@ -10,9 +10,9 @@ import typer
 from typer.testing import CliRunner
 
 import periscopy_sim as ps
-from experiments.studies.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes import __main__ as study
 from experiments.studies.wrong_scenes import coverage, report, subjects
+from experiments.studies.wrong_scenes.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes.outcome import Outcome, Trial
 
 HIDDEN = (4, 5)
