@@ -15,13 +15,14 @@ from experiments.page import Page
 ROOT = Path(__file__).parents[2]
 RUNNABLE = 'if __name__ == "__main__":'
 WRITTEN_BY = ("*.py", "*.md", "*.toml", "Makefile")
+HISTORY = ROOT / "CHANGELOG.md"
 NOT_OURS = {".venv", "out", ".git", "build", "repository", "gallery"}  # two made for pages
 
 
 def files():
     for pattern in WRITTEN_BY:
         for file in sorted(ROOT.rglob(pattern)):
-            if file != Path(__file__) and not NOT_OURS & set(file.relative_to(ROOT).parts):
+            if file not in (Path(__file__), HISTORY) and not NOT_OURS & set(file.relative_to(ROOT).parts):
                 yield file
 
 
