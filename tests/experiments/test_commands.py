@@ -22,7 +22,9 @@ NOT_OURS = {".venv", "out", ".git", "build", "repository", "gallery"}  # two mad
 def files():
     for pattern in WRITTEN_BY:
         for file in sorted(ROOT.rglob(pattern)):
-            if file not in (Path(__file__), HISTORY) and not NOT_OURS & set(file.relative_to(ROOT).parts):
+            if file not in (Path(__file__), HISTORY) and not NOT_OURS & set(
+                file.relative_to(ROOT).parts
+            ):
                 yield file
 
 

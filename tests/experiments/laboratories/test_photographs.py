@@ -79,15 +79,6 @@ def test_points_lie_on_the_wall_where_the_truth_sees_them(made):
         assert np.hypot(*(seen - [row["column"], row["row"]])) < 4 * np.hypot(0.3, 0.6)
 
 
-def test_making_again_does_nothing(made):
-    from experiments.laboratories.making.render import make
-
-    laboratory, folder, out = made
-    before = (folder / "photograph.tiff").stat().st_mtime_ns
-    make(laboratory, out)
-    assert (folder / "photograph.tiff").stat().st_mtime_ns == before
-
-
 def test_the_truth_lies_in_its_own_folder(made):
     _, folder, _ = made
     assert (folder / "truth" / "scene.xml").is_file()
