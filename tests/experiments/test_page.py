@@ -1,4 +1,4 @@
-"""Pages of experiments: each can be loaded; a stopped run goes on; what fails costs nothing else."""
+"""Pages: every experiment loads, a stopped run goes on, and one that fails fails alone."""
 
 import json
 from pathlib import Path

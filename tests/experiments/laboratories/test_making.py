@@ -9,7 +9,7 @@ import pytest
 from experiments.laboratories.making import ruler
 from experiments.laboratories.making.camera import Camera
 from experiments.laboratories.making.laboratories import LABORATORIES
-from experiments.laboratories.making.paint import Paint, Poster
+from experiments.laboratories.making.paint import Paint
 
 MAKING = Path(ruler.__file__).parent
 NAMES = sorted(LABORATORIES)
@@ -70,14 +70,6 @@ def test_paint_correlates_as_far_as_its_grain():
     field = (field - field.mean()) / field.std()
     assert (field[:, 5:] * field[:, :-5]).mean() == pytest.approx(np.exp(-0.25), abs=0.03)
     assert (field[12:] * field[:-12]).mean() == pytest.approx(np.exp(-0.25), abs=0.03)
-
-
-def test_a_poster_covers_its_rectangle():
-    poster = Poster(0.1, 0.2, -0.3, 0.0)
-    places = np.array([[0.15, -0.1], [0.15, 0.01], [0.09, -0.1], [0.205, -0.1]])
-    assert poster.covers(places).tolist() == [True, False, False, False]
-    assert poster.covers(places, margin=0.011).tolist() == [True, True, True, True]
-    assert ((poster.reflectance(places) > 0) & (poster.reflectance(places) < 0.9)).all()
 
 
 def test_exposing_keeps_the_light_and_the_noise_that_is_asked():

@@ -1,7 +1,6 @@
 """The way that a user goes, with commands that answer what they are told to."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from experiments.laboratories import commands, overall, stages
 from experiments.laboratories.making.laboratories import LABORATORIES
-from experiments.laboratories.stages import Parameter, Stage, Way, Workplace
+from experiments.laboratories.stages import Parameter, Way, Workplace
 from experiments.report import Verdict
 
 LAMP = LABORATORIES["lamp"]
@@ -94,27 +93,6 @@ def test_a_step_that_fails_costs_only_those_that_need_it(place, monkeypatch):
     assert "error: no" in section.tables[0].rows[0][-1]
 
 
-def way_of(before, after, shift=0.0):
-    """Stages at so many dB, before a true scene of 25; the calibrated one's is shifted."""
-    decibels = {
-        stages.TRUE: 25.0,
-        stages.TRUE_OFF: 25.0,
-        stages.BACKGROUND: before,
-        stages.CALIBRATED: after,
-    }
-    found = [Stage(name, "", psnr, psnr) for name, psnr in decibels.items()]
-    found[-1] = replace(found[-1], psnr=after - shift)
-    return Way("lamp", 0, found)
-
-
-def test_overall_asks_for_the_median_and_counts_every_harm():
-    ways = [way_of(20, 24, shift=5.0), way_of(20, 21.5), way_of(20, 19.5)]
-    assert overall.loss(ways).verdict is Verdict.AGREES  # 1, 3.5 and 5.5 dB
-    assert overall.loss([*ways, ways[-1]]).verdict is Verdict.DIFFERS  # 4.5 dB
-    assert [claim.measured for claim in overall.harm(ways)] == ["2 of 3", "1 of 3"]
-    assert [claim.verdict for claim in overall.harm(ways[1:2])] == [Verdict.AGREES] * 2
-
-
 def test_overall_counts_determined_parameters_within_their_errors():
     def parameter(strays, determined):
         return Parameter("x", 0.0, 1.0 + strays * 0.1, 0.1, 1.0, determined)
@@ -123,8 +101,3 @@ def test_overall_counts_determined_parameters_within_their_errors():
     for bad, verdict in ((1, Verdict.AGREES), (2, Verdict.DIFFERS)):
         found = [*good, *[parameter(3.5, True)] * bad, parameter(9, False)]
         assert overall.confidence([Way("lamp", 0, [], found)]).verdict is verdict
-
-
-def test_a_commands_own_line_is_told():
-    with pytest.raises(commands.CommandError, match=r"periscopy reconstruct: .*"):
-        commands.periscopy("reconstruct", "no_such_photograph.exr")

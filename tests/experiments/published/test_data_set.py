@@ -4,7 +4,7 @@ import scipy.io
 
 import periscopy_sim as ps
 from experiments.published import layout
-from experiments.published.data_set import DataSet, read_capture
+from experiments.published.data_set import read_capture
 
 NPY = b"\x93NUMPY\x01\x00" + bytes(120)
 GREY = np.full((6, 8, 3), 0.5)
@@ -90,25 +90,3 @@ def test_blocks_that_cannot_be_halved_are_refused(tmp_path, published):
     published.save_capture(tmp_path / "c.mat", GREY, TRUTH, side=1)
     with pytest.raises(ps.PeriscopyError, match="1 x 1 colour pixels cannot be halved"):
         read(tmp_path / "c.mat")
-
-
-def test_problems_and_strangers_are_named(tmp_path, published):
-    chair = tmp_path / layout.CHAIR
-    published.save_capture(chair / "image_test_bur.mat", GREY, TRUTH)
-    (chair / "image_test_colbar.mat").write_bytes(b"")
-    (chair / "mine.mat").write_bytes(b"")
-    data = DataSet(tmp_path, (10, 12))
-    names = [f"{layout.CHAIR}/image_test_{name}" for name in ("bur", "colbar", "mushroom")]
-    assert [capture.name for capture in data.readable(names, (6, 8))] == names[:1]
-    assert list(data.problems) == names[1:]
-    assert "is empty" in data.problems[names[1]] and str(tmp_path) not in data.problems[names[1]]
-    assert "no such file" in data.problems[names[2]]
-    last = [name.rpartition("/")[2] for name in names]
-    assert data.problems_of(layout.CHAIR, last) == [
-        (f"{layout.CHAIR}: {name}", data.problems[f"{layout.CHAIR}/{name}"]) for name in last[1:]
-    ]
-    assert data.readable([f"{layout.PLATE}/image_test{end}" for end in ("", "_bur")], (6, 8)) == []
-    missing = data.problems_of(layout.PLATE, ["image_test", "image_test_bur"])
-    said = f"{layout.PLATE}: image_test, image_test_bur"
-    assert missing == [(said, "no such file; check the path")]
-    assert data.unknown() == [f"{layout.CHAIR}/mine.mat"]
