@@ -268,7 +268,7 @@ def kept(
 ) -> Array:
     """Render a picture, (rows, columns, 3), or read the file that holds it.
 
-    The file is taken if its metadata are what the picture `depends` on; `provenance` is only told.
+    The file is taken if its metadata are what the picture `depends` on; `provenance` is only recorded.
     """
     if not (file.is_file() and depends.items() <= read_exr(file)[1].items()):
         with staged_file(file) as staged:

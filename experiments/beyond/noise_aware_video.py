@@ -118,7 +118,7 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
     def steady(case: tuple[str, float], method: str, coupling: str) -> float:
         return float(errors[*case, method, coupling][:, STEADY].mean())
 
-    def told(ratios: Sequence[float]) -> str:
+    def ratios_text(ratios: Sequence[float]) -> str:
         texts = [f"{ratio:.2f}" for ratio in ratios]
         return f"{MOTION} {texts[0]} and {texts[1]}, {REST} {texts[2]} and {texts[3]}"
 
@@ -142,7 +142,7 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
             Claim(
                 "mean squared error from frame 7 on over that of stills, at both SBRs",
                 "below 1",
-                told(over_stills),
+                ratios_text(over_stills),
                 Verdict.of(max(over_stills) < 1),
                 "Drawn towards the frame before by the distance of its colours, a patch stays as "
                 "it was until the photograph has reason enough against it.",
@@ -150,7 +150,7 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
             Claim(
                 "the same, over that of the paper's method for video",
                 "",
-                told(over_paper),
+                ratios_text(over_paper),
                 Verdict.MEASURED,
             ),
         ],

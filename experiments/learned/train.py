@@ -50,7 +50,7 @@ class Curves:
     step: list[int] = field(default_factory=list)
     training: list[float] = field(default_factory=list)
     right: list[float] = field(default_factory=list)
-    told: list[float] = field(default_factory=list)
+    ruler: list[float] = field(default_factory=list)
     seconds: float = 0.0
 
 
@@ -140,15 +140,15 @@ def main(
         schedule.load_state_dict(held["schedule"])
         curves, best, least, first = Curves(**held["curves"]), held["best"], *held["at"]
     train, validate = (read_geometries(samples, split) for split in ("train", "validation"))
-    right, told = ([g for g in train if g.right is kind] for kind in (True, False))
+    right, ruler = ([g for g in train if g.right is kind] for kind in (True, False))
     known = {kind: [g for g in validate if g.right is kind] for kind in (True, False)}
     starts = {kind: validation(None, known[kind]) for kind in known}
-    print(f"noise-aware: {starts[True]:.2f} dB, told scenes {starts[False]:.2f} dB", flush=True)
+    print(f"noise-aware: {starts[True]:.2f} dB, ruler's scenes {starts[False]:.2f} dB", flush=True)
     losses: list[float] = []
     began = time.perf_counter() - curves.seconds
     for step in range(first, steps):
         rng = np.random.default_rng([seed, step])
-        kind = right if rng.random() < RIGHT or not told else told
+        kind = right if rng.random() < RIGHT or not ruler else ruler
         geometry = kind[int(rng.integers(len(kind)))]
         chosen = torch.from_numpy(rng.choice(len(geometry.truth), BATCH, replace=False))
         problems, truth = geometry.problems(chosen, torch.from_numpy(rng.permutation(3)))
@@ -164,7 +164,7 @@ def main(
             curves.step.append(step + 1)
             curves.training.append(float(np.mean(losses)))
             curves.right.append(errors[True])
-            curves.told.append(errors[False])
+            curves.ruler.append(errors[False])
             curves.seconds = time.perf_counter() - began
             losses.clear()
             if (mean := (errors[True] + errors[False]) / 2) < least:
@@ -178,8 +178,8 @@ def main(
                     "samples_sha256": samples_sha256,
                 }, staged)  # fmt: skip
             print(f"step {step + 1} of {steps}, {curves.seconds:.0f} s: training "
-                  f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, told scenes "
-                  f"{errors[False]:.2f} dB", flush=True)  # fmt: skip
+                  f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, ruler's "
+                  f"scenes {errors[False]:.2f} dB", flush=True)  # fmt: skip
     learner.load_state_dict(best)
     provenance = {
         "data": "experiments/learned/training.yaml", "samples_sha256": samples_sha256,
@@ -189,8 +189,8 @@ def main(
     weights = Weights(learner.state_dict(), HIDDEN, SETTINGS, provenance)
     file = out / f"{NETWORK}.safetensors"
     write_weights(weights, file)
-    told_curves = {**asdict(curves), "noise_aware": starts[True], "noise_aware_told": starts[False]}
-    (out / f"{NETWORK}.json").write_text(json.dumps(told_curves), "utf-8")
+    levels = {"noise_aware": starts[True], "noise_aware_ruler": starts[False]}
+    (out / f"{NETWORK}.json").write_text(json.dumps(asdict(curves) | levels), "utf-8")
     draw(curves, starts, out / f"{NETWORK}.png")
     print(f"wrote {file} ({weights.digest[:12]}), {out / NETWORK}.png")
 
@@ -198,9 +198,13 @@ def main(
 def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
     """Draw the errors beside those of the images that the network starts from."""
     with styled(), drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
-        titles = "Scene as it is", "Scene as a ruler told"
+        titles = "Scene as it is", "Scene with a ruler's errors"
         for ax, title, errors, start in zip(
-            figure.subplots(1, 2), titles, (curves.right, curves.told), starts.values(), strict=True
+            figure.subplots(1, 2),
+            titles,
+            (curves.right, curves.ruler),
+            starts.values(),
+            strict=True,
         ):
             ax.plot(curves.step, errors, label=NETWORK)
             ax.axhline(start, color="0.4", linestyle="--", label="noise-aware")

@@ -95,11 +95,11 @@ def _orientation(stills: Sequence[Still]) -> Claim:
             FLIPS, key=lambda flip: ps.registered(still.images[OURS], truth[FLIPS[flip]]).psnr
         )
         votes[best] += 1
-    told = ", ".join(f"{flip}: {count}" for flip, count in votes.items() if count)
+    counts = ", ".join(f"{flip}: {count}" for flip, count in votes.items() if count)
     return Claim(
         "ground truth in the orientation in which it agrees best",
         "as stored",
-        f"{told} of {len(stills)}",
+        f"{counts} of {len(stills)}",
         Verdict.of(max(votes, key=lambda flip: votes[flip]) == "as stored"),
         "If not, an axis of the data is read the wrong way round.",
     )

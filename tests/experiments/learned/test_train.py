@@ -27,7 +27,7 @@ def written(tmp_path_factory):
     N = SHAPE[0] * SHAPE[1]
     basis = SpectralBasis(np.diag(rng.random(N) + 0.1), SHAPE)
     for number, (split, kind) in enumerate(
-        [("train", "right"), ("train", "told"), ("validation", "right"), ("validation", "told")]
+        [("train", "right"), ("train", "ruler"), ("validation", "right"), ("validation", "ruler")]
     ):
         n = 20
         truth = np.broadcast_to(rng.random((n, 3, 1, 1)) + 0.2, (n, 3, *SHAPE)).astype(np.float32)
@@ -61,7 +61,7 @@ def test_error_is_the_metrics_own_after_the_best_gain():
     assert error == pytest.approx(10 * np.log10(mean + train.GOOD))
 
 
-def test_right_scenes_pay_for_a_wrong_brightness_and_told_ones_do_not():
+def test_right_scenes_pay_for_a_wrong_brightness_and_rulers_scenes_do_not():
     truth = torch.rand(2, 3, 4, 5, generator=torch.Generator().manual_seed(0))
     alike = [float(train.loss_of(factor * truth, truth, right=False)) for factor in (1, 1.5)]
     assert alike[0] == pytest.approx(alike[1], abs=1e-3)

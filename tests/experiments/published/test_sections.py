@@ -80,8 +80,8 @@ def test_noise_in_time_is_that_of_the_repeats(setting, published):
         expected = 10 * np.log10(energy / (noise * (1 + 0.5 + 1) / 3))
         assert first_number(claim.measured) == pytest.approx(expected, abs=0.3)
     for row in table(section, "Drift"):
-        if row["over told"]:
-            assert 0.05 < float(row["over told"]) < 1.2
+        if row["over reported"]:
+            assert 0.05 < float(row["over reported"]) < 1.2
 
 
 @pytest.mark.thorough
