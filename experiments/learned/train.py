@@ -199,13 +199,8 @@ def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
     """Draw the errors beside those of the images that the network starts from."""
     with styled(), drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
         titles = "Scene as it is", "Scene with a ruler's errors"
-        for ax, title, errors, start in zip(
-            figure.subplots(1, 2),
-            titles,
-            (curves.right, curves.ruler),
-            starts.values(),
-            strict=True,
-        ):
+        axes, series = figure.subplots(1, 2), (curves.right, curves.ruler)
+        for ax, title, errors, start in zip(axes, titles, series, starts.values(), strict=True):
             ax.plot(curves.step, errors, label=NETWORK)
             ax.axhline(start, color="0.4", linestyle="--", label="noise-aware")
             ax.set(title=title, xlabel="steps", ylabel="validation error (dB)")

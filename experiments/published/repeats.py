@@ -90,8 +90,8 @@ def run(setting: PublishedSetting) -> Section:
             Picture(
                 setting.out / "repeats.png",
                 "The first repeat's image, that of the mean photograph, and the scatter over the "
-                "repeats beside the reported standard errors (mean over the channels, % of the image's "
-                "99th percentile).",
+                "repeats beside the reported standard errors (mean over the channels, % of the "
+                "image's 99th percentile).",
             )
         ],
         tables=[_table(found), *tables],
@@ -144,10 +144,11 @@ def _table(found: Sequence[Repeated]) -> Table:
 
     return Table(
         "Drift: standard deviation of the photographs' means, %; scatter of a patch, root mean "
-        "square, % of the image's 99th percentile, and over the reported standard errors; PSNR in dB, "
-        "shifted, mean and standard deviation over the repeats, and of the mean photograph.",
+        "square, % of the image's 99th percentile, and over the reported standard errors; PSNR in "
+        "dB, shifted, mean and standard deviation over the repeats, and of the mean photograph.",
         (
-            "folder", "repeats", "drift", "method", "scatter", "over reported", "PSNR", "of the mean",
+            "folder", "repeats", "drift", "method", "scatter", "over reported", "PSNR",
+            "of the mean",
         ),
         [
             (

@@ -69,8 +69,8 @@ def _draw_covered(
 ) -> None:
     """Draw the coverage of all draws and each scene's against the nominal one.
 
-    The wanted range is a bar at 68 %. Grey is where all draws' would lie if standard errors were right,
-    or, without this band, all draws' standard error.
+    The wanted range is a bar at 68 %. Grey is where all draws' would lie if standard errors were
+    right, or, without this band, all draws' standard error.
     """
     ax.plot([0, 1], [0, 1], color="black", linewidth=0.6, linestyle=":")
     mean, error = of_draws(outcomes, z_of)

@@ -271,8 +271,8 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
             )
         )
     return Table(
-        "Each draw. Numbers within 1 / 3 standard errors of the true ones, of all and of those that "
-        "the photograph determines; the worst, in standard errors.",
+        "Each draw. Numbers within 1 / 3 standard errors of the true ones, of all and of those "
+        "that the photograph determines; the worst, in standard errors.",
         (
             "scene", "SBR", "draw", "ruler", "calibrated", "true scene", "numbers", "determined",
             "worst", "patches", "trusted", "processor seconds",
