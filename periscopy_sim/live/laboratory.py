@@ -7,6 +7,7 @@ never begun, and full pictures that are overtaken are given up.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from functools import partial
@@ -15,6 +16,8 @@ from threading import Condition, Thread
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import Level, LivePictures, Overtaken
+
+LOG = logging.getLogger(__name__)
 
 Save = Callable[[LivePictures], None]
 
@@ -156,8 +159,13 @@ class LiveLaboratory:
         try:
             do()
             told = ""
-        except (PeriscopyError, ValueError) as error:
+        except Overtaken:
+            raise
+        except Exception as error:  # one wish that fails must not end the page of all
             told = " ".join(str(error).split())
+            if not isinstance(error, PeriscopyError):
+                told = f"{type(error).__name__}: {told}"
+                LOG.exception("pictures failed")
         if number is None and not told:
             return  # what was done has told so itself
         with self._showing:

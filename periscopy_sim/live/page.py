@@ -6,10 +6,7 @@ All who look at it see and set the same. Nothing is computed here.
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
-import os
-import socket
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -17,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import LivePictures
@@ -75,25 +71,29 @@ class Page:
         is_given: bool,
     ) -> None:
         viser = require("viser")
-        refuse_taken(host, port)
+        from periscopy_sim.live import gate
+
+        self.gate = gate.Gate(host, port)
+        self._choices, self._interval = gate.choices, gate.interval
         self._choice, self._movables = first, {each.name: each for each in movables}
         self._lock = RLock()
         self._dragged: Handle | None = None
         self.want: Want = lambda *_: None
         self.save: Callable[[], None] = lambda: None
-        with _silence():
+        with _silence(), self.gate.guarding():
             self.server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
         self._gui = self.server.gui
         self._room = Room(self.server, scenario)
         self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
+        self.gate.offer("handle", self._choices([f"/handles/{each.name}" for each in handles]))
         self._sliders: dict[str, Any] = {}
         self._lay_out(offered, first, is_given)
         self.server.on_client_disconnect(lambda _: self._let_go())
 
     @property
-    def port(self) -> int:
-        """The port that it listens on."""
-        return int(self.server.get_port())
+    def url(self) -> str:
+        """The address of the page, which lets its reader in."""
+        return self.gate.url
 
     def handle(self, name: str) -> Handle:
         """Return one of its handles."""
@@ -168,11 +168,13 @@ class Page:
             allow_sbr()
             low, high = min(SNRS[0], first.snr), max(SNRS[1], first.snr)
             snr = gui.add_slider("SNR (dB)", low, high, 1.0, first.snr)
+            self._offer(snr, self._interval(low, high))
             snr.on_update(lambda event: self._change(SLIDING, snr=float(event.target.value)))
             hold = gui.add_checkbox(
                 "Keep the photograph", initial_value=False,
                 hint="The photograph stays as it was taken; only what the method believes moves.",
             )  # fmt: skip
+            self._offer(hold, bool)
             hold.on_update(lambda event: self._hold(bool(event.target.value)))
         with_handles = {name for handle, _ in self._handles.values() for name in handle.names}
         groups = grouped(self._movables, with_handles)
@@ -182,8 +184,10 @@ class Page:
                     label = name.removeprefix(f"{title}_")
                     self._sliders[name] = self._add_slider(self._movables[name], label)
         back = gui.add_button("Back to the file's values")
+        self._offer(back, bool)
         back.on_click(lambda _: self._set({n: m.value for n, m in self._movables.items()}, 0.0))
         write = gui.add_button("Write scene and pictures", color="green")
+        self._offer(write, bool)
         write.on_click(lambda _: self.save())
         self._note = gui.add_markdown("")
         self._pace = gui.add_markdown("")
@@ -197,13 +201,18 @@ class Page:
     ) -> Any:
         names = list(dict.fromkeys([*options, first]))
         box = self._gui.add_dropdown(label, names, initial_value=first)
+        self._offer(box, self._choices(names))
         box.on_update(lambda event: self._change(0.0, **change(event.target.value)))
         return box
+
+    def _offer(self, control: Any, values: Any) -> None:
+        self.gate.offer(control._impl.uuid, values)
 
     def _add_slider(self, movable: Movable, label: str) -> Any:
         slider = self._gui.add_slider(
             label, movable.low, movable.high, movable.step, movable.value, hint=movable.name
         )
+        self._offer(slider, self._interval(movable.low, movable.high))
 
         def slid(event: Any) -> None:
             value = float(event.target.value)
@@ -281,19 +290,3 @@ def grouped(
     others = groups.pop("", [])
     shown = [(title, names, True) for title, names in groups.items()]
     return [*shown, *([("other parameters", others, not shown)] if others else [])]
-
-
-def refuse_taken(host: str, port: int) -> None:
-    """Refuse a port that is taken, or an address that is none of this computer."""
-    try:
-        family, kind, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as trial:
-            if os.name == "posix":  # as servers do; elsewhere it lets two share a port
-                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind(address)
-    except (OSError, UnicodeError) as error:
-        taken = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
-        raise PeriscopyError(
-            f"cannot listen on {host}:{port}: {getattr(error, 'strerror', None) or error}; name "
-            f"another by {'--port' if taken else '--host'}"
-        ) from None

@@ -64,7 +64,7 @@ class Session:
             host, port, scenario, movables, handles, offered, first, is_given=shot is not None
         )
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
-        self.page.want = self._laboratory.want
+        self.page.want = self._want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
 
     def __enter__(self) -> Self:
@@ -85,12 +85,16 @@ class Session:
         # would wait for each other, and 0.1 s become seconds.
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
-            self._laboratory.want(self.page.choice)
+            self._want(self.page.choice, 0.0)
             self._laboratory.run()
 
     def stop(self) -> None:
         """End `run`."""
         self._laboratory.stop()
+
+    def _want(self, choice: Choice, rest: float) -> None:
+        self._light.want(choice.place)
+        self._laboratory.want(choice, rest)
 
     def _arrived(self, place: str) -> None:
         if self.page.choice.place == place:

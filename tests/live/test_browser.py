@@ -124,7 +124,7 @@ def test_a_second_viewer_sees_the_same_and_leaves_nothing_behind(session, page, 
 
 
 def test_no_request_leaves_the_machine(session, page):
-    home = f"//127.0.0.1:{session.page.port}"
+    home = f"//127.0.0.1:{session.page.gate.port}"
     asked = [url for url in page.requests if url.startswith(("http", "ws"))]
     assert len(asked) >= 2  # the client, in one file, and its websocket
     assert all(home in url for url in asked), asked
@@ -134,6 +134,6 @@ def test_it_listens_on_this_computer_alone(session):
     listening = [
         each.laddr.ip
         for each in psutil.Process().net_connections("inet")
-        if each.status == psutil.CONN_LISTEN and each.laddr.port == session.page.port
+        if each.status == psutil.CONN_LISTEN and each.laddr.port == session.page.gate.port
     ]
     assert listening == ["127.0.0.1"]

@@ -52,7 +52,7 @@ def test_level_axes_are_those_of_who_looks_at_the_wall(normal):
     across /= np.linalg.norm(across)
     frame = WallFrame(np.zeros(3), across, normal, np.cross(across, -normal))
     right, away = _level_axes(frame)
-    assert right[2] == away[2] == right @ away == 0
+    np.testing.assert_allclose([right[2], away[2], right @ away], 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm([right, away], axis=1), 1)
     np.testing.assert_allclose(np.cross(right, -away), [0, 0, 1])
     if abs(normal[2]) < 1:
