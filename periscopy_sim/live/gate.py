@@ -34,61 +34,22 @@ Number = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 """A finite number, as a camera or a handle has them."""
 
 
-class _Message(msgspec.Struct, tag_field="type", tag=True, forbid_unknown_fields=True):
-    """A message that the page sends, by viser's name."""
+_NAME = [("name", str), ("owner", str)]
+_POSE = [("wxyz", tuple[(Number,) * 4]), ("position", tuple[(Number,) * 3])]  # type: ignore[misc]
+_LOOK = [(name, tuple[(Number,) * 3]) for name in ("look_at", "up_direction")]  # type: ignore[misc]
+_LENS = [(name, Number) for name in ("fov", "near", "far", "image_height", "image_width")]
 
-
-class GuiUpdateMessage(_Message):
-    """A control has a new value."""
-
-    uuid: str
-    updates: dict[Literal["value"], Any]
-
-
-class TransformControlsDragStartMessage(_Message):
-    """A handle is grasped."""
-
-    name: str
-    owner: str
-
-
-class TransformControlsDragEndMessage(_Message):
-    """A handle is released."""
-
-    name: str
-    owner: str
-
-
-class TransformControlsUpdateMessage(_Message):
-    """A handle is dragged."""
-
-    name: str
-    owner: str
-    wxyz: tuple[Number, Number, Number, Number]
-    position: tuple[Number, Number, Number]
-
-
-class ViewerCameraMessage(_Message):
-    """The viewer looks from elsewhere."""
-
-    wxyz: tuple[Number, Number, Number, Number]
-    position: tuple[Number, Number, Number]
-    look_at: tuple[Number, Number, Number]
-    up_direction: tuple[Number, Number, Number]
-    fov: Number
-    near: Number
-    far: Number
-    image_height: int
-    image_width: int
-
-
-Sent = (
-    GuiUpdateMessage
-    | TransformControlsDragStartMessage
-    | TransformControlsDragEndMessage
-    | TransformControlsUpdateMessage
-    | ViewerCameraMessage
-)
+MESSAGES: dict[str, Any] = {
+    name: msgspec.defstruct(name, fields, forbid_unknown_fields=True)
+    for name, fields in (
+        ("GuiUpdateMessage", [("uuid", str), ("updates", dict[Literal["value"], Any])]),
+        ("TransformControlsDragStartMessage", _NAME),
+        ("TransformControlsUpdateMessage", _NAME + _POSE),
+        ("TransformControlsDragEndMessage", _NAME),
+        ("ViewerCameraMessage", _POSE + _LOOK + _LENS),
+    )
+}
+"""The messages that the page sends, by viser's names, and their fields."""
 
 
 class Gate:
@@ -124,13 +85,17 @@ class Gate:
         host = f"[{self._host}]" if ":" in self._host else self._host
         return f"http://{host}:{self.port}/{self.token}/"
 
-    def offer(self, control: str, values: Any) -> None:
-        """Accept values of a type, as msgspec validates it, from a control; see `choices`."""
-        self._offered[control] = values
+    def offer_names(self, control: str, names: Sequence[str]) -> None:
+        """Accept one of some names from a control; the control "handle" is all handles."""
+        self._offered[control] = Literal[tuple(names)]
 
-    def close(self) -> None:
-        """Stop listening, if no server does it."""
-        self._socket.close()
+    def offer_range(self, control: str, low: float, high: float) -> None:
+        """Accept numbers of a range from a control."""
+        self._offered[control] = Annotated[float, msgspec.Meta(ge=low, le=high)]
+
+    def offer_switch(self, control: str) -> None:
+        """Accept true and false from a control."""
+        self._offered[control] = bool
 
     @contextlib.contextmanager
     def guarding(self) -> Iterator[None]:
@@ -204,24 +169,15 @@ class Gate:
         if isinstance(message, str):
             return "a text message"
         try:
-            sent = msgspec.msgpack.decode(message, type=Sent)
-            if isinstance(sent, GuiUpdateMessage):
+            fields = msgspec.msgpack.decode(message, type=dict[str, Any])
+            sent = msgspec.convert(fields, MESSAGES[fields.pop("type")])
+            if hasattr(sent, "uuid"):
                 msgspec.convert(sent.updates["value"], self._offered[sent.uuid])
-            elif not isinstance(sent, ViewerCameraMessage):
+            elif hasattr(sent, "name"):
                 msgspec.convert(sent.name, self._offered["handle"])
-        except (msgspec.MsgspecError, KeyError, UnicodeDecodeError, RecursionError) as error:
+        except (msgspec.MsgspecError, LookupError, TypeError, ValueError, RecursionError) as error:
             return f"a message that no control sends: {error}"
         return ""
-
-
-def choices(names: Sequence[str]) -> Any:
-    """Return the type of some names."""
-    return Literal[tuple(names)]
-
-
-def interval(low: float, high: float) -> Any:
-    """Return the type of the numbers from `low` to `high`."""
-    return Annotated[float, msgspec.Meta(ge=low, le=high)]
 
 
 def _listen(host: str, port: int) -> socket.socket:

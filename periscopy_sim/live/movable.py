@@ -18,22 +18,22 @@ from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
 from periscopy_sim.scenario import Array, Scenario
 
 REACH = 10.0
-"""Ruler's errors that a slider reaches to either side: farther than anyone calibrates."""
+"""Standard errors of the prior to either side of a slider: farther than anyone calibrates."""
 
 FAR = 0.1
-"""Metres by which things move at a slider's ends, where no ruler's error is known."""
+"""Metres by which things move at a slider's ends, where the scene declares no error."""
 
 STEPS = 200
-"""Of a slider, from its middle to either end."""
+"""Of a slider, at least, from its middle to either end."""
 
 NUDGE = 1e-3
-"""By how much a parameter is changed to see what it moves; as a part of it, unless it is 0."""
+"""Change of a parameter that shows what it moves; relative, unless the parameter is 0."""
 
 STILL = 1e-7
 """Metres that count as not moved: Mitsuba's single precision."""
 
 RIGID = 1e-3
-"""Part of a move by which points may differ from it, and still move as one."""
+"""Deviation of points from a common shift, relative to it, that still counts as rigid."""
 
 Points = Mapping[str, Array]
 
@@ -64,7 +64,7 @@ class Handle:
     names
         The K parameters.
     directions
-        (K, 3) metres that it moves for each unit of them; linearly independent.
+        (K, 3) metres that it moves per unit of each parameter.
     center
         (3,) where it is, in metres, at the parameters' `start`, (K,).
     """
@@ -88,7 +88,8 @@ class Handle:
     @property
     def axes(self) -> tuple[bool, bool, bool]:
         """Whether it moves along x, y and z, each by itself."""
-        _, _, span = np.linalg.svd(self.directions, full_matrices=False)
+        _, size, span = np.linalg.svd(self.directions, full_matrices=False)
+        span = span[size > RIGID * size[0]]
         along = np.linalg.norm(span, axis=0) > 1 - RIGID
         return bool(along[0]), bool(along[1]), bool(along[2])
 
@@ -96,30 +97,32 @@ class Handle:
 def find_movables(
     path: Path, given: Mapping[str, str], load: Callable[[Mapping[str, str]], Scenario]
 ) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
-    """Return what of a scene can be moved, in the file's order, and its handles.
+    """Return the movable parameters of a scene, in the file's order, and its handles.
 
     `load` makes a scenario of values for the scene's ``<default>``s, one of a small photograph.
     Numbers that no neighbour can replace, such as whole ones, and those that change the
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
-    errors = declared_errors(path, given)
+    document, errors = read_document(path), declared_errors(path, given)
     here = load(given)
     before = _things(here)
     movables, moves = [], {}
-    for name, value in _numbers(path, given).items():
+    for name, text in document.defaults.items():
+        value = _number(given.get(name, text))
+        if name in document.errors or name == CALIBRATED or value is None:
+            continue
         nudge = NUDGE * (abs(value) or 1.0)
-        there = _beside(load, given, name, value, nudge)
-        if there is None:
+        try:
+            there = load({**given, name: f"{value + nudge:.17g}"})
+        except SceneError:
             continue
-        scenario, apart = there
-        if scenario.photograph_shape != here.photograph_shape:
+        if there.photograph_shape != here.photograph_shape:
             continue
-        moved = _moved(before, _things(scenario), apart)
+        moved = _moved(before, _things(there), nudge)
         if (shift := _shift(moved)) is not None:
-            moves[name] = (frozenset(moved), shift)
-        movables.append(
-            _movable(name, value, errors.get(name, 0.0), _farthest(moved), is_place=name in moves)
-        )
+            moves[name] = frozenset(moved), shift
+        farthest = max((np.linalg.norm(m, axis=1).max() for m in moved.values()), default=0.0)
+        movables.append(_movable(name, value, errors.get(name, 0.0), farthest, name in moves))
     if not movables:
         raise SceneError(
             f"scene '{path}' declares nothing that can be moved; declare a number, such as "
@@ -128,67 +131,33 @@ def find_movables(
     return tuple(movables), tuple(_handles(movables, moves, before))
 
 
-def _numbers(path: Path, given: Mapping[str, str]) -> dict[str, float]:
-    """Return the numbers that a scene declares, as they are set, but for the ruler's errors."""
-    document = read_document(path)
-    numbers = {}
-    for name, text in document.defaults.items():
-        if name in document.errors or name == CALIBRATED:
-            continue
-        try:
-            value = float(given.get(name, text))
-        except ValueError:
-            continue
-        if np.isfinite(value):
-            numbers[name] = value
-    return numbers
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
 
 
 def _things(scenario: Scenario) -> dict[str, Array]:
-    """Return points, (n, 3), of what a scene consists of, by its name."""
-    shapes = {
-        each.name: each.vertices if each.vertices is not None else each.bounds
-        for each in scenario.occluders
-    }
-    seen = {"camera": scenario.wall_points, "monitor": scenario.patch_centers}
-    return seen | {name: points for name, points in shapes.items() if points is not None}
+    """Return points, (n, 3), of the parts of a scene, by name."""
+    things = {"camera": scenario.wall_points, "monitor": scenario.patch_centers}
+    for each in scenario.occluders:
+        points = each.bounds if each.vertices is None else each.vertices
+        if points is not None:
+            things[each.name] = points
+    return things
 
 
-def _beside(
-    load: Callable[[Mapping[str, str]], Scenario],
-    given: Mapping[str, str],
-    name: str,
-    value: float,
-    nudge: float,
-) -> tuple[Scenario, float] | None:
-    """Return the scene with a parameter a little beside its value, and how far; or None."""
-    for apart in (nudge, -nudge):
-        try:
-            return load({**given, name: f"{value + apart:.17g}"}), apart
-        except SceneError:
-            continue
-    return None
-
-
-def _moved(before: Points, after: Points, apart: float) -> dict[str, Array]:
-    """Return how far the points of each thing have moved, (n, 3), for each unit of a parameter."""
-    moved = {}
-    for name in before.keys() & after.keys():
-        if before[name].shape != after[name].shape:
-            continue
-        change = after[name] - before[name]
-        if np.abs(change).max() > STILL:
-            moved[name] = change / apart
-    return moved
-
-
-def _farthest(moved: Points) -> float:
-    """Return how far the farthest point moves, in metres for each unit; 0 if none does."""
-    return max((float(np.linalg.norm(each, axis=1).max()) for each in moved.values()), default=0.0)
+def _moved(before: Points, after: Points, nudge: float) -> dict[str, Array]:
+    """Return the motion of the points of each part that moves, (n, 3), per unit of a parameter."""
+    both = [name for name in before if name in after and before[name].shape == after[name].shape]
+    changes = {name: after[name] - before[name] for name in both}
+    return {name: each / nudge for name, each in changes.items() if np.abs(each).max() > STILL}
 
 
 def _shift(moved: Points) -> Array | None:
-    """Return the direction, (3,), in which all that has moved does so as one; None otherwise."""
+    """Return the common shift, (3,), of all parts that move; None where there is none."""
     if not moved:
         return None
     every = np.concatenate(list(moved.values()))
@@ -196,65 +165,41 @@ def _shift(moved: Points) -> Array | None:
     length = float(np.linalg.norm(shift))
     if np.abs(every - shift).max() > RIGID * length:
         return None
-    exact = shift / length
-    exact[np.abs(exact) < RIGID] = 0  # of rounding, a handle would be turned a little
-    return np.asarray(length * exact / np.linalg.norm(exact))
+    return np.where(np.abs(shift) < RIGID * length, 0, shift)  # rounding would turn the handle
 
 
-def _movable(name: str, value: float, error: float, farthest: float, *, is_place: bool) -> Movable:
-    """Return a parameter with its range, from a ruler's error or from how far things move."""
+def _movable(name: str, value: float, error: float, farthest: float, is_place: bool) -> Movable:
+    """Return a parameter with its range, from its error or from how far things move."""
     half = FAR / farthest if farthest > 0 else abs(value) / 2 or 1.0
     if np.isfinite(error) and error > 0:
         half = REACH * error
     elif value and not is_place:  # a size, a factor, an exponent
         half = min(half, abs(value) / 2)
-    step = _round(half / STEPS)
-    below = STEPS
-    if 0 < value <= STEPS * step and not is_place:
-        below = max(1, int(0.9 * value / step))
-    low, high = (float(f"{value + n * step:.12g}") for n in (-below, STEPS))
-    return Movable(name, value, low, high, step)
-
-
-def _round(step: float) -> float:
-    """Return the round number next above a positive one: 1, 2 or 5 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(step))
-    return float(next(n for n in (1, 2, 5, 10) if n * power >= 0.999 * step) * power)
+    step = 10.0 ** np.floor(np.log10(half / STEPS * 1.001))
+    low = value - half
+    if value > 0 and not is_place:
+        low = max(low, value / 10)  # a size stays positive
+    low, high = (value + round((end - value) / step) * step for end in (low, value + half))
+    return Movable(name, value, float(f"{low:.12g}"), float(f"{high:.12g}"), float(step))
 
 
 def _handles(
     movables: Sequence[Movable], moves: Mapping[str, tuple[frozenset[str], Array]], things: Points
 ) -> list[Handle]:
-    """Return a handle for each set of things that some parameters move as one.
+    """Return a handle for each set of parts that some parameters shift together.
 
-    What is but a part of such a set has none: it would stand in the other's way.
+    A part of such a set has none: it would stand in the other's way.
     """
     values = {each.name: each.value for each in movables}
-    handles = []
     sets = dict.fromkeys(group for group, _ in moves.values())
-    for which in sets:
-        if any(which < other for other in sets):
+    handles = []
+    for group in sets:
+        if any(group < other for other in sets):
             continue
-        names: list[str] = []
-        directions: list[Array] = []
-        for name, (group, shift) in moves.items():
-            if group != which:
-                continue
-            spanned = np.array([*directions, shift])
-            if np.linalg.matrix_rank(spanned / np.abs(spanned).max(), tol=1e-2) > len(directions):
-                names.append(name)
-                directions.append(shift)
-        points = np.concatenate([things[name] for name in sorted(which)])
+        shifts = {name: shift for name, (moved, shift) in moves.items() if moved == group}
+        points = np.concatenate([things[name] for name in sorted(group)])
         center = (points.min(axis=0) + points.max(axis=0)) / 2
-        start = np.array([values[name] for name in names])
-        handles.append(Handle(_title(which), tuple(names), np.array(directions), center, start))
+        start = np.array([values[name] for name in shifts])
+        title = " + ".join(dict.fromkeys(name.split("_")[0] for name in sorted(group)))
+        handles.append(Handle(title, tuple(shifts), np.array(list(shifts.values())), center, start))
     return handles
-
-
-def _title(which: frozenset[str]) -> str:
-    """Return what moves in words: one name, or what several begin with."""
-    first, *others = sorted(which)
-    if not others:
-        return first
-    shared = [part for part in first.split("_") if all(part in o.split("_") for o in others)]
-    return "_".join(shared) or " + ".join([first, *others][:3])

@@ -130,12 +130,12 @@ def test_pages_of_others_cannot_connect(target, foreign, caplog):
 
 @pytest.mark.parametrize("headers", [{"Host": "evil.example"}, {"Origin": "http://evil.example"}])
 def test_pages_of_others_cannot_read_the_page(target, headers):
-    for url in (target.page.url, target.origin):
+    for url in (target.gate.url, target.origin):
         with pytest.raises(urllib.error.HTTPError) as refused:
             urllib.request.urlopen(urllib.request.Request(url, headers=headers))
         assert refused.value.code == 403
         refused.value.close()
-    with urllib.request.urlopen(target.page.url) as page:
+    with urllib.request.urlopen(target.gate.url) as page:
         assert b"<html" in page.read()
 
 

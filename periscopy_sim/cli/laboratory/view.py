@@ -99,7 +99,7 @@ def view(
 
         session = Session(scenario, first, _offered(), save, shot=shot, host=host, port=port)
     with session:
-        say(f"{session.page.url} shows {scenario.path.name}; Ctrl-C ends it")
+        say(f"{session.page.gate.url} shows {scenario.path.name}; Ctrl-C ends it")
         try:
             session.run()
         except KeyboardInterrupt:
