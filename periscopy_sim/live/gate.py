@@ -55,29 +55,21 @@ MESSAGES: dict[str, Any] = {
 class Gate:
     """A listening socket, the token of its page, and the values that the page's controls offer.
 
-    Parameters
-    ----------
-    host, port
-        Where to listen; port 0 takes a free one.
-
-    Attributes
-    ----------
-    token
-        The first part of every path that the server serves, new for each gate.
-    port
-        The port that it listens on.
-
-    Raises
-    ------
-    PeriscopyError
-        If the port is taken, or the address is none of this computer.
+    Port 0 takes a free one. `token` begins every path that the server serves. A PeriscopyError says
+    that the port is taken, or the address is none of this computer.
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._host, self._socket = host, _listen(host, port)
-        self.port = int(self._socket.getsockname()[1])
-        self.token = secrets.token_urlsafe(16)
+        self._host, self.token = host, secrets.token_urlsafe(16)
         self._offered: dict[str, Any] = {}
+        try:
+            family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self._socket = socket.create_server(address, family=family)
+        except (OSError, UnicodeError) as error:
+            raise PeriscopyError(
+                f"cannot listen on {host}:{port}: {error}; name another by --port or --host"
+            ) from None
+        self.port = int(self._socket.getsockname()[1])
 
     @property
     def url(self) -> str:
@@ -128,7 +120,7 @@ class Gate:
 
             options |= {
                 "process_request": process, "create_connection": Guarded, "max_size": LARGEST,
-                "logger": _brief_logger(), "sock": gate._socket,
+                "logger": CONNECTIONS, "sock": gate._socket,
             }  # fmt: skip
             return original(handler, **options)
 
@@ -155,14 +147,11 @@ class Gate:
 
     def _is_own(self, host: str) -> bool:
         """Return whether a Host is this computer's: its name or an address, not another's name."""
-        try:
+        with contextlib.suppress(ValueError):
             name = urlsplit(f"//{host}").hostname or ""
-            if name in {"localhost", self._host.lower(), socket.gethostname().lower()}:
-                return True
-            ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return True
+            own = {"localhost", self._host.lower(), socket.gethostname().lower()}
+            return name in own or bool(ipaddress.ip_address(name).packed)
+        return False
 
     def fault_of(self, message: bytes | str) -> str:
         """Return what of a message no control of the page offers; empty if one does."""
@@ -180,29 +169,14 @@ class Gate:
         return ""
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    try:
-        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        return socket.create_server(address, family=family)
-    except (OSError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise PeriscopyError(
-            f"cannot listen on {host}:{port}: {reason}; name another by --port or --host"
-        ) from None
-
-
 def _log(fault: str) -> None:
     LOG.warning("periscopy view dropped %.200s", ascii(fault))
 
 
-def _brief_logger() -> logging.Logger:
-    """Return the logger of websockets, but for tracebacks."""
+def _without_traceback(record: logging.LogRecord) -> bool:
+    record.exc_info = None
+    return True
 
-    def brief(record: logging.LogRecord) -> bool:
-        record.exc_info = None
-        return True
 
-    logger = LOG.getChild("connections")
-    if not logger.filters:
-        logger.addFilter(brief)
-    return logger
+CONNECTIONS = LOG.getChild("connections")
+CONNECTIONS.addFilter(_without_traceback)

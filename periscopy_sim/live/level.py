@@ -1,4 +1,4 @@
-"""A laboratory at one size: from what is set to its pictures."""
+"""A laboratory at one size: from a choice to its pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -39,28 +38,22 @@ RAYS = {True: 4, False: 16}
 SEED = 0
 """Of all noise: the same while a scene moves, so that pictures do not flicker."""
 
-RENDERING = Lock()
-"""Held while Mitsuba is used: one thread at a time."""
-
 Mask = NDArray[np.bool_]
-Values = Mapping[str, float]
-Light = Callable[[str], Array | None]
-"""The light of a place, (rows, columns, 3) of the full size; None while it is not known yet."""
 
 
 class Overtaken(Exception):  # noqa: N818  nothing is wrong
-    """Something else is wanted by now."""
+    """A newer wish came."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A photograph that was given, (rows, columns, 3), and where of it the wall is used."""
+    """A given photograph, (rows, columns, 3), and where the mask keeps it, (rows, columns)."""
 
     values: Array
     used: Mask | None = None
 
     def averaged(self, shape: tuple[int, int]) -> Shot:
-        """Return it with fewer pixels; those of which little is used are left out."""
+        """Return it with fewer pixels; the mask excludes those that it mostly covers."""
         if shape == self.values.shape[:2]:
             return self
         used = np.ones(self.values.shape[:2], bool) if self.used is None else self.used
@@ -73,36 +66,13 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class LivePictures:
-    """A laboratory's photograph, and what a method recovers from it.
+    """A laboratory's photograph, (rows, columns, 3), and its reconstruction, (R, C, 3).
 
-    Attributes
-    ----------
-    choice
-        The wish.
-    scenario
-        The scene at its values, which the method believes.
-    is_coarse
-        Whether this is the coarse size.
-    truth
-        (R, C, 3) the hidden image; None where it is unknown.
-    photograph
-        (rows, columns, 3), synthetic or given.
-    used
-        (rows, columns) where the mask keeps the wall; None for everywhere.
-    is_dark
-        Whether the ambient light has not come yet.
-    image
-        (R, C, 3) the reconstruction.
-    psnr
-        In dB, gain-matched; None without a truth.
-    standard_errors
-        (R, C, 3) of the reconstruction; None where the method reports none.
-    residual
-        What scene and image leave unexplained of a given photograph; None of a synthetic one.
-    remark, doubt
-        What the method reports and warns of.
-    seconds
-        How long the computation took.
+    `scenario` has the values of the choice, which the method believes. `used`, (rows, columns), is
+    where the mask keeps the wall, None for everywhere. `is_dark` says that the ambient light has
+    not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden image is unknown,
+    `standard_errors`, (R, C, 3), where the method reports none, and `residual`, the unexplained
+    light, of a synthetic photograph.
     """
 
     choice: Choice
@@ -124,21 +94,10 @@ class LivePictures:
 class Level:
     """A laboratory whose photograph and hidden image have certain sizes.
 
-    What was computed last is kept: of what is set, only what has changed is computed anew. For one
-    thread at a time.
-
-    Parameters
-    ----------
-    path, given
-        The scene, and values of those ``<default>``s that stay.
-    photograph, hidden
-        (rows, columns) of the photograph and of the hidden image.
-    light
-        The light of ambient places.
-    shot
-        A photograph that was given, of any size; None for synthetic ones.
-    is_coarse
-        Whether these are the coarse sizes.
+    `given` are values of those ``<default>``s that stay. `light` returns the light of a place,
+    (rows, columns, 3) of the full size, or None before it has come. `shot` is a given photograph of
+    any size, None for synthetic ones. A level keeps its last results, and computes only those anew
+    whose choices changed.
     """
 
     def __init__(
@@ -147,7 +106,7 @@ class Level:
         given: Mapping[str, str],
         photograph: tuple[int, int],
         hidden: tuple[int, int],
-        light: Light,
+        light: Callable[[str], Array | None],
         shot: Shot | None = None,
         *,
         is_coarse: bool,
@@ -160,18 +119,15 @@ class Level:
 
     def scenario(self, given: Mapping[str, str]) -> Scenario:
         """Load the scene at values given as text; a SceneError says that there is none."""
-        with RENDERING:
-            return load_scenario(
-                self._path, self.hidden_shape, given, photograph=self.photograph_shape
-            )
+        return load_scenario(self._path, self.hidden_shape, given, photograph=self.photograph_shape)
 
     def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> LivePictures:
-        """Compute the pictures of what is set.
+        """Compute the pictures of a choice.
 
         Raises
         ------
         Overtaken
-            As soon as it is known that something else is wanted.
+            As soon as `is_overtaken` says that a newer wish came.
         PeriscopyError
             If there is no such scene, light, image or method.
         """
@@ -181,19 +137,23 @@ class Level:
                 raise Overtaken
 
         begun = time.perf_counter()
-        scenario, A = self._transport(choice.values)
+        values = tuple(choice.values.values())
+        scenario, A = self._keep("A", values, lambda: self._transport(choice.values))
         unless_overtaken()
-        truth = self._truth(choice.image) if choice.image else None
+        truth = None
+        if choice.image:
+            path = find_image(choice.image)
+            truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         shot, is_dark = self._shot, False
         if shot is None:
-            shot, is_dark = self._expose(choice, truth)
+            shot, is_dark = self._expose(choice, truth, scenario, A)
             unless_overtaken()
         used = shot.used
         B = self._keep(
             "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
         )
         method = self._keep(
-            "method", (choice.method, tuple(choice.values.values())),
+            "method", (choice.method, values),
             lambda: fit_method(choice.method, scenario, A, B, used),
         )  # fmt: skip
         unless_overtaken()
@@ -226,38 +186,23 @@ class Level:
             self._kept[name] = key, make()
         return self._kept[name][1]
 
-    def _transport(self, values: Values, name: str = "transport") -> tuple[Scenario, Any]:
+    def _transport(self, values: Mapping[str, float]) -> tuple[Scenario, Any]:
         """Return the scene at some values, and its A."""
-
-        def make() -> tuple[Scenario, Any]:
-            given = {key: f"{value:.9g}" for key, value in values.items()}
-            scenario = self.scenario(self._given | given)
-            if has_areas(scenario):
-                A = area_transport(scenario)
-            else:
-                with RENDERING:
-                    A = render_transport(scenario, samples=RAYS[self.is_coarse], seed=SEED)
-            require_light(A, scenario)
-            return scenario, A
-
-        scenario, A = self._keep(name, tuple(values.values()), make)
+        given = {name: f"{value:.9g}" for name, value in values.items()}
+        scenario = self.scenario(self._given | given)
+        if has_areas(scenario):
+            A = area_transport(scenario)
+        else:
+            A = render_transport(scenario, samples=RAYS[self.is_coarse], seed=SEED)
+        require_light(A, scenario)
         return scenario, A
 
-    def _truth(self, name: str) -> Array:
-        """Return a hidden image, (R, C, 3)."""
-        image: Array = self._keep(
-            "truth", name, lambda: read_hidden_image(find_image(name), self.hidden_shape)
-        )
-        return image
-
-    def _expose(self, choice: Choice, truth: Array | None) -> tuple[Shot, bool]:
+    def _expose(
+        self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any
+    ) -> tuple[Shot, bool]:
         """Return a photograph, y = A f + b + noise, and whether its b is still missing."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        if choice.taken is None:
-            scenario, A = self._transport(choice.values)
-        else:
-            scenario, A = self._transport(choice.taken, "taken")
         signal = scenario.channel_gain * (A @ truth.reshape(-1, 3))
         y = signal.reshape(*self.photograph_shape, 3)
         if y.mean() <= 0:
@@ -272,7 +217,7 @@ class Level:
 def coarse_sizes(
     photograph: tuple[int, int], hidden: tuple[int, int], used: float = 1.0
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the coarse sizes of a photograph, of which a part is used, and of a hidden image."""
+    """Return the coarse sizes of a photograph, used in part, and of a hidden image."""
     pixels, patches = COARSE
     shape, size = fitted(photograph, pixels), fitted(hidden, patches)
     fewer = min(1.0, float(np.sqrt(MOST_PATCHES * used * np.prod(shape) / np.prod(size))))

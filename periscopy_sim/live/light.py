@@ -20,12 +20,9 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.ambient_library import find_condition
 
-TARGET = 0.05
-"""Relative error of a pixel: one round of samples reaches it. What is wrong of such light is
-smooth, too, so that methods reject it with the rest."""
-
-RAYS = 16
-"""Of light that has bounced, see `render_background`."""
+TARGET, RAYS = 0.05, 16
+"""Relative error of a pixel, and rays of bounced light, of `render_background`; the error is
+smooth, and methods project it out with the rest."""
 
 PIXELS = 48
 """Along the longer side of what is rendered; between them the light is interpolated."""
@@ -34,9 +31,8 @@ PIXELS = 48
 class AmbientLight:
     """Photographs of a scene's wall by the light of ambient places, as the scene was at first.
 
-    The scene is given by its path, its ``<default>``s and the size of its hidden image. Where its
-    camera moves, the light is taken as it was: lamps are far away. `arrived` is called, in a thread
-    of its own, with the name of each place whose light has come, or cannot be had.
+    Path, ``<default>``s and the size of the hidden image make the scene. A thread of its own calls
+    `arrived` with the place whose light has come or failed.
     """
 
     def __init__(

@@ -1,7 +1,6 @@
-"""What of a scene can be moved: its ``<default>``s, and handles for those that move things.
+"""The movable parameters of a scene, its ``<default>``s, and handles for those that move things.
 
-Which parameter moves what is not told by names: each is changed a little, and what has moved is
-compared with what stood there before.
+No names say which parameter moves what: a small change of each shows it.
 """
 
 from __future__ import annotations
@@ -29,11 +28,8 @@ STEPS = 200
 NUDGE = 1e-3
 """Change of a parameter that shows what it moves; relative, unless the parameter is 0."""
 
-STILL = 1e-7
-"""Metres that count as not moved: Mitsuba's single precision."""
-
-RIGID = 1e-3
-"""Deviation of points from a common shift, relative to it, that still counts as rigid."""
+STILL, RIGID = 1e-7, 1e-3
+"""Metres that count as not moved, and relative deviation from a rigid shift: single precision."""
 
 Points = Mapping[str, Array]
 
@@ -55,18 +51,10 @@ class Movable:
 
 @dataclass(frozen=True, eq=False)
 class Handle:
-    """Something that moves as one by some parameters: drag it, and these follow.
+    """A thing at `center`, (3,), in metres, that some parameters shift: drag it, and they follow.
 
-    Attributes
-    ----------
-    name
-        What moves, in words.
-    names
-        The K parameters.
-    directions
-        (K, 3) metres that it moves per unit of each parameter.
-    center
-        (3,) where it is, in metres, at the parameters' `start`, (K,).
+    `directions`, (K, 3), are the metres that it moves per unit of the K parameters `names`, which
+    have the values `start`, (K,), at its centre.
     """
 
     name: str
@@ -86,12 +74,9 @@ class Handle:
         return dict(zip(self.names, (self.start + moved).tolist(), strict=True))
 
     @property
-    def axes(self) -> tuple[bool, bool, bool]:
-        """Whether it moves along x, y and z, each by itself."""
-        _, size, span = np.linalg.svd(self.directions, full_matrices=False)
-        span = span[size > RIGID * size[0]]
-        along = np.linalg.norm(span, axis=0) > 1 - RIGID
-        return bool(along[0]), bool(along[1]), bool(along[2])
+    def axes(self) -> tuple[bool, ...]:
+        """Whether it moves along x, y and z."""
+        return tuple(np.any(self.directions != 0, axis=0).tolist())
 
 
 def find_movables(

@@ -79,7 +79,6 @@ class Page:
         self.gate.offer_names("handle", [f"/handles/{name}" for name in self._handles])
         self._sliders: dict[str, Any] = {}
         self._lay_out(offered, first, is_given)
-        self.server.on_client_disconnect(lambda _: self._release())
 
     def handle(self, name: str) -> Handle:
         """Return one of its handles."""
@@ -138,20 +137,17 @@ class Page:
             self._choose("Ambient light", "place", places)
             self._choose("SBR", "sbr", {f"{sbr:g}": sbr for sbr in sorted({*SBRS, first.sbr})})
             low, high = min(SNRS[0], first.snr), max(SNRS[1], first.snr)
-            self._slide("SNR (dB)", low, high, 1.0, first.snr, lambda v: {"snr": v})
-            hold = gui.add_checkbox(
-                "Keep the photograph", initial_value=False,
-                hint="The photograph stays as it was taken; only what the method believes moves.",
-            )  # fmt: skip
-            self.gate.offer_switch(hold._impl.uuid)
-            hold.on_update(lambda event: self._hold(bool(event.target.value)))
+            self._slide(
+                "SNR (dB)", low, high, 1.0, first.snr, lambda snr: self._change(SLIDING, snr=snr)
+            )
         leading = {n.split("_")[0] for handle, _ in self._handles.values() for n in handle.names}
         for title, is_leading in ("places", True), ("other parameters", False):
             names = [n for n in self._movables if (n.split("_")[0] in leading) is is_leading]
             if names:
                 with gui.add_folder(title, expand_by_default=is_leading or not leading):
                     for name in names:
-                        self._add_movable(self._movables[name])
+                        m = self._movables[name]
+                        self._add_movable(name, m.low, m.high, m.step, m.value)
         back = {name: each.value for name, each in self._movables.items()}
         self._press("Back to the file's values", lambda: self._set(back, 0.0))
         self._press("Write scene and pictures", lambda: self.save())
@@ -164,37 +160,20 @@ class Page:
         box.on_update(lambda event: self._change(0.0, **{field: options[event.target.value]}))
 
     def _slide(
-        self,
-        label: str,
-        low: float,
-        high: float,
-        step: float,
-        value: float,
-        change: Callable[[float], dict[str, Any]],
+        self, label: str, low: float, high: float, step: float, value: float, act: Any
     ) -> Any:
         slider = self.server.gui.add_slider(label, low, high, step, value)
         self.gate.offer_range(slider._impl.uuid, low, high)
-
-        def slid(event: Any) -> None:
-            with self._lock:
-                if changes := change(float(event.target.value)):
-                    self._change(SLIDING, **changes)
-
-        slider.on_update(slid)
+        slider.on_update(lambda event: act(float(event.target.value)))
         return slider
 
-    def _add_movable(self, movable: Movable) -> None:
-        name = movable.name
+    def _add_movable(self, name: str, low: float, high: float, step: float, value: float) -> None:
+        def slid(value: float) -> None:
+            with self._lock:  # a slider also follows a handle
+                if abs(value - self._choice.values[name]) > step / 2:
+                    self._set({name: value}, SLIDING)
 
-        def change(value: float) -> dict[str, Any]:
-            values = self._choice.values
-            if abs(value - values[name]) <= movable.step / 2:
-                return {}  # the slider follows a handle
-            return {"values": {**values, name: value}}
-
-        self._sliders[name] = self._slide(
-            name, movable.low, movable.high, movable.step, movable.value, change
-        )
+        self._sliders[name] = self._slide(name, low, high, step, value, slid)
 
     def _press(self, label: str, act: Callable[[], None]) -> None:
         button = self.server.gui.add_button(label)
@@ -224,21 +203,10 @@ class Page:
             self._dragged = None if phase == "end" else handle
             self._set(handle.values(position), 0.0 if phase == "end" else DRAGGING)
 
-    def _release(self) -> None:
-        """Release the handle that a viewer may have been dragging when the page was closed."""
-        with self._lock:
-            if self._dragged is not None:
-                self._dragged = None
-                self.want(self._choice, 0.0)
-
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
             within = {name: self._movables[name].within(value) for name, value in values.items()}
             self._change(rest, values={**self._choice.values, **within})
-
-    def _hold(self, is_held: bool) -> None:
-        with self._lock:
-            self._change(0.0, taken=dict(self._choice.values) if is_held else None)
 
     def _change(self, rest: float, **changes: Any) -> None:
         with self._lock:

@@ -19,25 +19,10 @@ from periscopy_sim.scenario import Scenario
 class Session:
     """A laboratory on a page; a context, at whose end neither thread nor process is left.
 
-    Parameters
-    ----------
-    scenario
-        The scene as it is at first, at its full sizes.
-    first
-        What is chosen at first, but for the values, which are the scene's.
-    offered
-        What can be chosen.
-    shot
-        A photograph that was given; None for synthetic ones.
-    save
-        Takes the full pictures of what is set, and returns what to tell, when asked by the button.
-    host, port
-        Where to listen; port 0 is a free one.
-
-    Raises
-    ------
-    PeriscopyError
-        If the extra is not installed, the port is taken, or nothing of the scene can be moved.
+    `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
+    `shot` a given photograph or None for synthetic ones. The page's button calls `save` with the
+    full pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says
+    that the extra is not installed, the port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(

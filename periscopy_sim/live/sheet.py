@@ -15,7 +15,6 @@ from periscopy_sim.storage.formats.srgb import srgb_bytes
 
 Pixels = NDArray[np.uint8]
 Tile = tuple[str, Pixels | None]
-"""A caption, and the picture where there is one."""
 
 SIDE, GAP = 348, 16
 """Size of a tile and space between tiles, in pixels."""

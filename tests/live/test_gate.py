@@ -212,10 +212,11 @@ def test_what_the_page_offers_is_granted(target):
         send(client, {"type": "TransformControlsDragStartMessage", **named})
         pose = {"wxyz": (1, 0, 0, 0), "position": position.tolist()}
         send(client, {"type": "TransformControlsUpdateMessage", **named, **pose})
-        send(client, {"type": "TransformControlsDragEndMessage", **named})
         parameter = handle.names[0]
         target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
     assert target.saved[0].choice.image == "bars"
+    target.until(lambda: target.page._dragged is None)  # the client left while it dragged
+    target.until(lambda: not target.shown[-1].is_coarse)
 
 
 def test_a_port_that_is_taken_is_rejected():
