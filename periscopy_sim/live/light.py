@@ -56,7 +56,11 @@ class AmbientLight:
         with self._lock:
             if self._rendering is not None and self._rendering[0] == place:
                 return
-            self._end()
+            if self._rendering is not None:
+                _, process = self._rendering
+                self._rendering = None
+                process.terminate()
+                process.join()
             if place and place not in self._results:
                 self._start(place)
 
@@ -71,16 +75,8 @@ class AmbientLight:
         return result
 
     def close(self) -> None:
-        """End what is being rendered."""
-        with self._lock:
-            self._end()
-
-    def _end(self) -> None:
-        if self._rendering is not None:
-            _, process = self._rendering
-            self._rendering = None
-            process.terminate()
-            process.join()
+        """End the present rendering."""
+        self.want("")
 
     def _start(self, place: str) -> None:
         receiver, sender = multiprocessing.Pipe(duplex=False)

@@ -5,7 +5,7 @@ No names say which parameter moves what: a small change of each shows it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +31,8 @@ NUDGE = 1e-3
 STILL, RIGID = 1e-7, 1e-3
 """Metres that count as not moved, and relative deviation from a rigid shift: single precision."""
 
-Points = Mapping[str, Array]
+Moves = dict[str, tuple[frozenset[str], Array]]
+"""The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
 
 
 @dataclass(frozen=True)
@@ -90,20 +91,26 @@ def find_movables(
     """
     document, errors = read_document(path), declared_errors(path, given)
     here = load(given)
-    before = _things(here)
-    movables, moves = [], {}
+    before = _parts(here)
+    movables: list[Movable] = []
+    moves: Moves = {}
     for name, text in document.defaults.items():
-        value = _number(given.get(name, text))
-        if name in document.errors or name == CALIBRATED or value is None:
+        if name in document.errors or name == CALIBRATED:
             continue
-        nudge = NUDGE * (abs(value) or 1.0)
         try:
+            value = float(given.get(name, text))
+            nudge = NUDGE * (abs(value) or 1.0)
             there = load({**given, name: f"{value + nudge:.17g}"})
-        except SceneError:
+        except (ValueError, SceneError):
             continue
         if there.photograph_shape != here.photograph_shape:
             continue
-        moved = _moved(before, _things(there), nudge)
+        moved = {
+            part: (points - before[part]) / nudge
+            for part, points in _parts(there).items()
+            if part in before and points.shape == before[part].shape
+            and np.abs(points - before[part]).max() > STILL
+        }  # fmt: skip
         if (shift := _shift(moved)) is not None:
             moves[name] = frozenset(moved), shift
         farthest = max((np.linalg.norm(m, axis=1).max() for m in moved.values()), default=0.0)
@@ -113,35 +120,18 @@ def find_movables(
             f"scene '{path}' declares nothing that can be moved; declare a number, such as "
             '<default name="occluder_dx" value="0"/>, and use it as $occluder_dx'
         )
-    return tuple(movables), tuple(_handles(movables, moves, before))
+    values = {each.name: each.value for each in movables}
+    return tuple(movables), tuple(_handles(values, moves, before))
 
 
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None
-
-
-def _things(scenario: Scenario) -> dict[str, Array]:
+def _parts(scenario: Scenario) -> dict[str, Array]:
     """Return points, (n, 3), of the parts of a scene, by name."""
-    things = {"camera": scenario.wall_points, "monitor": scenario.patch_centers}
-    for each in scenario.occluders:
-        points = each.bounds if each.vertices is None else each.vertices
-        if points is not None:
-            things[each.name] = points
-    return things
+    shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in scenario.occluders}
+    parts = {"camera": scenario.wall_points, "monitor": scenario.patch_centers, **shapes}
+    return {name: points for name, points in parts.items() if points is not None}
 
 
-def _moved(before: Points, after: Points, nudge: float) -> dict[str, Array]:
-    """Return the motion of the points of each part that moves, (n, 3), per unit of a parameter."""
-    both = [name for name in before if name in after and before[name].shape == after[name].shape]
-    changes = {name: after[name] - before[name] for name in both}
-    return {name: each / nudge for name, each in changes.items() if np.abs(each).max() > STILL}
-
-
-def _shift(moved: Points) -> Array | None:
+def _shift(moved: Mapping[str, Array]) -> Array | None:
     """Return the common shift, (3,), of all parts that move; None where there is none."""
     if not moved:
         return None
@@ -168,21 +158,18 @@ def _movable(name: str, value: float, error: float, farthest: float, is_place: b
     return Movable(name, value, float(f"{low:.12g}"), float(f"{high:.12g}"), float(step))
 
 
-def _handles(
-    movables: Sequence[Movable], moves: Mapping[str, tuple[frozenset[str], Array]], things: Points
-) -> list[Handle]:
+def _handles(values: Mapping[str, float], moves: Moves, parts: Mapping[str, Array]) -> list[Handle]:
     """Return a handle for each set of parts that some parameters shift together.
 
     A part of such a set has none: it would stand in the other's way.
     """
-    values = {each.name: each.value for each in movables}
     sets = dict.fromkeys(group for group, _ in moves.values())
     handles = []
     for group in sets:
         if any(group < other for other in sets):
             continue
         shifts = {name: shift for name, (moved, shift) in moves.items() if moved == group}
-        points = np.concatenate([things[name] for name in sorted(group)])
+        points = np.concatenate([parts[name] for name in sorted(group)])
         center = (points.min(axis=0) + points.max(axis=0)) / 2
         start = np.array([values[name] for name in shifts])
         title = " + ".join(dict.fromkeys(name.split("_")[0] for name in sorted(group)))
