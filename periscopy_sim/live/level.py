@@ -162,7 +162,6 @@ class Level:
             if isinstance(method, StillMethod):
                 solution = method.solve(shot.values)
                 image = np.asarray(solution.image, np.float32)
-                unless_overtaken()
                 errors = method.standard_errors(solution)
                 more = {
                     "standard_errors": None if errors is None else errors.reshape(image.shape),
