@@ -9,6 +9,7 @@ import contextlib
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -135,7 +136,7 @@ class Page:
             self._choose("Hidden image", "image", _names(offered.images, first.image))
             places = {"none": ""} | _names(offered.places, first.place)
             self._choose("Ambient light", "place", places)
-            self._choose("SBR", "sbr", {f"{sbr:g}": sbr for sbr in sorted({*SBRS, first.sbr})})
+            self._choose("SBR", "sbr", {str(sbr): sbr for sbr in sorted({*SBRS, first.sbr})})
             low, high = min(SNRS[0], first.snr), max(SNRS[1], first.snr)
             self._slide(
                 "SNR (dB)", low, high, 1.0, first.snr, lambda snr: self._change(SLIDING, snr=snr)
@@ -147,7 +148,8 @@ class Page:
                 with gui.add_folder(title, expand_by_default=is_leading or not leading):
                     for name in names:
                         m = self._movables[name]
-                        self._add_movable(name, m.low, m.high, m.step, m.value)
+                        act = partial(self._slid, m)
+                        self._sliders[name] = self._slide(name, m.low, m.high, m.step, m.value, act)
         back = {name: each.value for name, each in self._movables.items()}
         self._press("Back to the file's values", lambda: self._set(back, 0.0))
         self._press("Write scene and pictures", lambda: self.save())
@@ -167,13 +169,10 @@ class Page:
         slider.on_update(lambda event: act(float(event.target.value)))
         return slider
 
-    def _add_movable(self, name: str, low: float, high: float, step: float, value: float) -> None:
-        def slid(value: float) -> None:
-            with self._lock:  # a slider also follows a handle
-                if abs(value - self._choice.values[name]) > step / 2:
-                    self._set({name: value}, SLIDING)
-
-        self._sliders[name] = self._slide(name, low, high, step, value, slid)
+    def _slid(self, movable: Movable, value: float) -> None:
+        with self._lock:  # a slider also follows a handle
+            if abs(value - self._choice.values[movable.name]) > movable.step / 2:
+                self._set({movable.name: value}, SLIDING)
 
     def _press(self, label: str, act: Callable[[], None]) -> None:
         button = self.server.gui.add_button(label)

@@ -49,13 +49,8 @@ def draw_sheet(pictures: LivePictures) -> tuple[Pixels, str]:
         tile = Image.fromarray(pixels).resize((columns, rows), Image.Resampling.NEAREST)
         row, column = divmod(k, 2)
         sheet.paste(tile, (column * pitch, row * pitch + SIDE - rows))
-    captions = [caption for caption, _ in tiles]
-    rows_of_table = [
-        "| | |",
-        "|-|-|",
-        *("| {} | {} |".format(*captions[k : k + 2]) for k in (0, 2)),
-    ]
-    return np.asarray(sheet), "\n".join(rows_of_table)
+    captions = "| | |\n|-|-|\n| {} | {} |\n| {} | {} |".format(*(text for text, _ in tiles))
+    return np.asarray(sheet), captions
 
 
 def _photograph(pictures: LivePictures) -> Tile:
