@@ -64,7 +64,6 @@ def analyze(
     with told_folder(out) as folder:
         scenario = inputs.load(scene, hidden, define)
         unseen = inputs.warn_without_shadows(scenario, scene)
-        unseen += inputs.warn_of_long_patches(scenario, scene)
         used = inputs.read_mask(mask, scenario)
         dark = inputs.read_backgrounds(background, scenario, used)
         check_memory(scenario)

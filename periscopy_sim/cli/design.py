@@ -136,7 +136,6 @@ def design(
     from periscopy_sim.evaluation.design.search import Design, at_border, ranked, run_design
     from periscopy_sim.figures.design import draw_design
 
-    inputs.refuse_measurements(scene)
     path, given, size = find_scene(scene), parse_definitions(define), parse_size(hidden)
     variation = _variation(vary, path, given, grid, draws, seed)
     comparison = Comparison(snr, sbr, equal)
