@@ -52,18 +52,18 @@ def run(out: Path, stage: Stage, tried: Sequence[masks.Candidate] | None = None)
     tried = candidates() if tried is None else tried
     made_from = identity(stage)
     found: list[Outcome] = []
-    assessment = ambient = None
+    reference = ambient = None
     with counted_progress("trying occluders", "occluders") as progress:
         for candidate in tried:
             file = out / "cases" / f"{candidate.name}.npz"
             outcome = read_case(Outcome, file, made_from)
             if outcome is None:
-                if assessment is None:
-                    assessment = stage.assessment()
+                if reference is None:
+                    reference = stage.reference()
                     plate = stage.load("plate")
                     ambient = ambient_photographs(stage.places, plate, out / "ambient", trial.SEED)
                 assert ambient is not None
-                outcome = carried_out(candidate, stage, assessment, ambient, out / "scenes")
+                outcome = carried_out(candidate, stage, reference, ambient, out / "scenes")
                 write_case(outcome, file, made_from)
             found.append(outcome)
             progress(len(found), len(tried))

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.design.masks import Candidate, silhouette, write_scene
-from periscopy_sim.evaluation.design.comparison import Comparison
-from periscopy_sim.evaluation.design.merit import Assessment, assessment_of
+from periscopy_sim.evaluation.merit import Comparison, Reference, merit_of
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -57,11 +56,11 @@ class Stage:
         """Return the scenario of a scene."""
         return ps.load_scenario(scene, self.hidden, {"resolution": self.resolution})
 
-    def assessment(self) -> Assessment:
-        """Return the way to assess occluders beside the shipped plate."""
+    def reference(self) -> Reference:
+        """Return the reference that occluders are compared with: the shipped plate's."""
         scenario = self.load("plate")
         A, B = placed(scenario), ps.point_light_backgrounds(scenario)
-        return assessment_of(scenario, A, B, self.comparison, self.shown(), SEED)[0]
+        return merit_of(scenario, A, B, self.comparison, self.shown(), SEED)[1]
 
     def shown(self) -> dict[str, Array]:
         """Return the images, (R, C, 3), by name."""
@@ -94,7 +93,7 @@ METHODS = ("noise-aware", "preconditioned", "noise-aware, rough A")
 def carried_out(
     candidate: Candidate,
     stage: Stage,
-    assessment: Assessment,
+    reference: Reference,
     ambient: Mapping[str, Array],
     folder: Path,
 ) -> Outcome:
@@ -105,7 +104,8 @@ def carried_out(
     """
     scenario = stage.load(write_scene(candidate, folder))
     B = ps.point_light_backgrounds(scenario)
-    merit = assessment.merit(scenario, placed(scenario), B)
+    truths, placed_A = stage.shown(), placed(scenario)
+    merit, _ = merit_of(scenario, placed_A, B, stage.comparison, truths, SEED, reference)
     A = modelled(scenario)
     light = ps.render_transport(
         scenario, samples=RAYS[0], pixel_samples=RAYS[1], bounces=stage.bounces, seed=SEED + 1
@@ -115,7 +115,6 @@ def carried_out(
         ps.Periscope.for_scene(scenario, A, B),
         ps.NoiseAware.for_scene(scenario, modelled(scenario, ROUGH_RAYS), B),
     )
-    truths = stage.shown()
     errors = np.empty((len(methods), len(truths), len(ambient)))
     drawn = None
     for i, truth in enumerate(truths.values()):
