@@ -121,12 +121,13 @@ def _on_one_thread(
 @contextmanager
 def _silenced() -> Iterator[None]:
     """Let Dask log nothing: what matters is raised."""
-    handlers = logging.getLogger("distributed").handlers  # those of all its loggers
-    levels = [handler.level for handler in handlers]
-    for handler in handlers:
-        handler.setLevel(logging.CRITICAL + 1)
+    names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] == "distributed"]
+    loggers = [logging.getLogger(name) for name in ("distributed", *names)]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:  # those that come later inherit the first one's level
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        for handler, level in zip(handlers, levels, strict=True):
-            handler.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
