@@ -7,7 +7,8 @@ white screen. Random rays give A noise that looks like information: take an A wi
 Scenes differ in how much light they send to the wall, so units alone must win nothing. Two
 comparisons are fair. At an equal level each photograph is exposed to the same mean: all scenes have
 the same SNR and SBR. In equal time the room and the exposure are those of the scene as it stands:
-its ambient light stays, the monitor's light changes, and SBR and SNR with it, by photon noise. Both count the electrons of a whole photograph, however many pixels share them.
+its ambient light stays, the monitor's light changes, and SBR and SNR with it, by photon noise. In
+both the electrons of a whole photograph count, however many pixels share them.
 """
 
 from __future__ import annotations

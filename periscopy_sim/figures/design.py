@@ -24,8 +24,7 @@ DRAWN = {
 
 FAILED = "0.85"
 MARKS = (
-    "circle: as it stands; star: best by what was asked; "
-    "grey: no scene, or some patches are not determined"
+    "circle: as it stands; star: best by what was asked; grey: no scene, or undetermined patches"
 )
 MOST_DRAWN = 300.0
 """Percent of white: larger errors leave nothing to see in an image."""

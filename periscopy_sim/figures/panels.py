@@ -38,28 +38,43 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
 
 def enlarged(image: Image, width: int = 720) -> Image:
     """Repeat patches until the image is about `width` pixels wide."""
-    factor = _factor(image, width)
+    factor = max(1, width // image.shape[1])
     return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
 
 
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str], width: int = 720) -> None:
-    """Write what `enlarged` returns by `write_png`, but the sRGB curve is taken once a patch."""
-    write_png(path, image, text, _factor(image, width))
-
-
-def _factor(image: Image, width: int) -> int:
-    factor: int = max(1, width // image.shape[1])
-    return factor
+    """Write the picture that `enlarged` returns by `write_png`, encoding each patch once."""
+    write_png(path, image, text, max(1, width // image.shape[1]))
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
-    The false colours are as `imshow` takes them. Return what a colour bar is made of.
+    The false colours are as `imshow` takes them. Return the image, for a colour bar.
     """
     ax.set_title(title, fontsize=10)
     ax.set_axis_off()
     return ax.imshow(picture, interpolation="nearest", aspect="equal", **colours)
+
+
+def show_light(ax: Any, title: str, image: Image, white: float | None = None) -> None:
+    """Show linear light, (rows, columns, 3), exposed by `displayable`."""
+    show(ax, title, srgb_encode(displayable(image, white)))
+
+
+def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, unit: str) -> None:
+    """Show maps, (rows, columns), by their titles, red above 0 and blue below, with a colour bar.
+
+    Colours end at `bound` either way; NaN is grey.
+    """
+    from matplotlib import colormaps
+
+    colours = colormaps["RdBu_r"].with_extremes(bad="0.6")
+    for ax, (title, values) in zip(axes, maps.items(), strict=True):
+        picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
+    bar = axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8)
+    bar.set_label(unit, fontsize=8)
+    bar.ax.tick_params(labelsize=8)
 
 
 def draw_panels(
@@ -130,7 +145,7 @@ def draw_certainty(
     assumed: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a reconstruction beside the standard errors of its patches, and what is assumed there.
+    """Draw a reconstruction beside the standard errors of its patches, and their assumption.
 
     Both are (R, C, 3) in one unit; the errors are shown as the root mean square over the channels,
     in percent of the image's 99th percentile.
@@ -143,17 +158,14 @@ def draw_certainty(
     width = max(5.2 * aspect + 1.0, 4.5)
     figure = Figure(figsize=(width, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
-    show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
+    show_light(left, "reconstruction", image, white)
     top = float(errors.max()) or 1.0
     shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
     sentences = ["Right: how far each patch may be off (one standard deviation)."]
-    if assumed:
-        sentences.append(f"It is assumed that {assumed}.")
-    figure.supxlabel(
-        "\n".join(fill(sentence, int(16 * width)) for sentence in sentences), fontsize=7.5
-    )
+    sentences += [f"It is assumed that {assumed}."] * bool(assumed)
+    figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences), fontsize=7.5)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 
