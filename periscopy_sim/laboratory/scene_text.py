@@ -1,4 +1,4 @@
-"""The text of a scene as it grows: measured numbers as ``<default>``s, and the shapes they place."""
+"""The text of a scene as it grows: measured numbers as ``<default>``s, and what they place."""
 
 from __future__ import annotations
 
