@@ -1,4 +1,4 @@
-"""Pictures of a design: a curve over one parameter, maps over two, a ranking over more."""
+"""Pictures of a design: curves over one parameter, maps over two, points over more."""
 
 from __future__ import annotations
 
@@ -52,13 +52,10 @@ def draw_design(
     figure = Figure(layout="constrained")
     shown = [name for name in DRAWN if any(row[name] is not None for row in rows)]
     marked = [(rows[0], STANDS), *([] if best is None else [(best, BEST)])]
-    count = len(rows[0]["values"])
-    if count == 1:
-        _draw_curves(figure, rows, marked, shown)
-    elif count == 2 and grid is not None and grid > 1:
+    if len(rows[0]["values"]) == 2 and grid is not None and grid > 1:
         _draw_maps(figure, rows, marked, shown, grid)
     else:
-        _draw_ranking(figure, rows, marked, shown)
+        _draw_curves(figure, rows, marked, shown)
     figure.supxlabel("\n".join(filter(None, (caption, MARKS))), fontsize=8)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
@@ -67,26 +64,48 @@ Marked = Sequence[tuple[Row, dict[str, Any]]]
 
 
 def _draw_curves(figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequence[str]) -> None:
-    figure.set_size_inches(5.6, 5.2)
-    (name,) = rows[0]["values"]
-    errors, time = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    order = sorted(rows, key=lambda row: float(row["values"][name]))
-    edges = _edges(np.unique(_values(rows[1:], name)))
-    for number, colour in zip(shown, OKABE_ITO, strict=False):
-        ax = time if number == "exposure_time" else errors
-        label = DRAWN[number][0]
-        x, y = _values(order, name), _percent(order, number)
-        ax.plot(x, y, "-o", color=colour, ms=3, lw=1.3, label=label)
-        _mark(ax, marked, name, number)
-    for ax in (errors, time):
-        for x in _values([row for row in rows if row["failure"]], name):
-            cell = np.searchsorted(edges, x)
-            ax.axvspan(edges[cell - 1], edges[cell], color=FAILED, lw=0, zorder=0)
-        _style(ax, MOST_DRAWN if ax is errors else np.inf)
-    errors.set_ylabel("standard error of a patch,\n% of white", fontsize=9)
-    errors.legend(fontsize=8, frameon=False)
-    time.set_ylabel("exposure time for an\nequal bound, relative", fontsize=9)
-    time.set_xlabel(name, fontsize=9)
+    """Draw the errors over each parameter, and below them the exposure time if there is one."""
+    from matplotlib.ticker import MaxNLocator
+
+    names = list(rows[0]["values"])
+    is_curve, columns = len(names) == 1, min(len(names), 3)
+    lines = 2 if is_curve else -(-len(names) // columns)
+    figure.set_size_inches(
+        5.6 if is_curve else 3.4 * columns, 0.6 + (2.3 if is_curve else 2.6) * lines
+    )
+    grid = {"height_ratios": (2, 1), "sharex": True} if is_curve else {}
+    axes = figure.subplots(lines, columns, squeeze=False, **grid).ravel()
+    errors = [number for number in shown if number != "exposure_time"]
+    panels = [(ax, name, errors) for ax, name in zip(axes, names, strict=False)]
+    if is_curve:
+        panels.append((axes[1], names[0], ["exposure_time"]))
+    colours = dict(zip(DRAWN, OKABE_ITO, strict=False))
+    for ax, name, numbers in panels:
+        order = sorted(rows, key=lambda row: float(row["values"][name]))
+        for number in numbers:
+            look = {"color": colours[number], "label": DRAWN[number][0], "ms": 3 if is_curve else 5}
+            x, y = _values(order, name), _percent(order, number)
+            ax.plot(x, y, "-o" if is_curve else ".", lw=1.3, **look)
+            for row, mark in marked:  # matplotlib leaves out NaN
+                ax.plot(_values([row], name), _percent([row], number), ls="", **mark)
+        if is_curve:
+            edges = _edges(np.unique(_values(rows[1:], name)))
+            for x in _values([row for row in rows if row["failure"]], name):
+                cell = max(1, int(np.searchsorted(edges, x)))
+                ax.axvspan(*edges[cell - 1 : cell + 1], color=FAILED, lw=0, zorder=0)
+        _style(ax, MOST_DRAWN if numbers == errors else np.inf)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.set_xlabel(name, fontsize=9)
+    for ax in axes[len(panels) :]:
+        ax.set_axis_off()
+    for ax in axes[::columns]:
+        ax.set_ylabel("standard error of a patch,\n% of white", fontsize=9)
+    if is_curve:
+        axes[0].set_xlabel("")
+        axes[1].set_ylabel("exposure time for an\nequal bound, relative", fontsize=9)
+    handles, labels = axes[0].get_legend_handles_labels()
+    where = {"loc": "outside upper center", "fontsize": 8, "frameon": False}
+    figure.legend(handles, labels, ncols=1 if is_curve else 3, **where)
 
 
 def _draw_maps(
@@ -122,42 +141,6 @@ def _draw_maps(
         ax.set_xlabel(across, fontsize=9)
     for ax in axes[:, 0]:
         ax.set_ylabel(up, fontsize=9)
-
-
-def _draw_ranking(figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequence[str]) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    names, columns = list(rows[0]["values"]), 3
-    lines = -(-(len(names) + 1) // columns)
-    figure.set_size_inches(3.2 * columns, 0.4 + 2.5 * lines)
-    axes = figure.subplots(lines, columns, squeeze=False).ravel()
-    order = np.argsort(_percent(rows, "bound"))  # what is not finite comes last
-    errors = [number for number in shown if number != "exposure_time"]
-    for number, colour in zip(errors, OKABE_ITO, strict=False):
-        values, look = _percent(rows, number), {"color": colour, "ms": 5}
-        axes[0].plot(1 + np.arange(len(rows)), values[order], ".", label=DRAWN[number][0], **look)
-        for ax, name in zip(axes[1:], names, strict=False):
-            ax.plot(_values(rows, name), values, ".", **look)
-            _mark(ax, marked, name, number)
-            ax.set_xlabel(name, fontsize=9)
-            ax.xaxis.set_major_locator(MaxNLocator(5))
-    axes[0].set_xlabel("rank by the bound", fontsize=9)
-    for ax in axes[: len(names) + 1]:
-        _style(ax, MOST_DRAWN)
-    for ax in axes[::columns]:
-        ax.set_ylabel("% of white", fontsize=9)
-    for ax in axes[len(names) + 1 :]:
-        ax.set_axis_off()
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", fontsize=8, frameon=False, ncols=3
-    )  # fmt: skip
-
-
-def _mark(ax: Any, marked: Marked, name: str, number: str) -> None:
-    """Mark points on a number's curve over a parameter; matplotlib leaves out NaN."""
-    for row, mark in marked:
-        ax.plot(_values([row], name), _percent([row], number), ls="", **mark)
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:

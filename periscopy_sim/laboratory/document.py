@@ -73,11 +73,16 @@ class Wall(Strict):
     reflectance: Reflectance = (0.8, 0.8, 0.8)
 
 
-class PerspectiveCamera(Strict):
+class _Camera(Strict):
+    """Film of all cameras, in pixels."""
+
+    film: RowsAndColumns
+
+
+class PerspectiveCamera(_Camera):
     """A camera in the room: where it stands, where it looks, how wide or how high it sees."""
 
     kind: Literal["perspective"]
-    film: RowsAndColumns
     position: Place
     target: OnWall | None = None
     turn: Angle | None = None
@@ -111,20 +116,18 @@ class Corners(Strict):
     bottom_left: OnWall
 
 
-class CornersCamera(Strict):
+class CornersCamera(_Camera):
     """A camera whose direction and field of view follow from the four corners of what it sees."""
 
     kind: Literal["corners"]
-    film: RowsAndColumns
     position: Place
     corners: Corners
 
 
-class RectifiedCamera(Strict):
+class RectifiedCamera(_Camera):
     """A picture that was brought to an upright rectangle of the wall."""
 
     kind: Literal["rectified"]
-    film: RowsAndColumns
     bottom_left: OnWall
     width: Size
     height: Size

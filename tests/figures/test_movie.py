@@ -63,9 +63,8 @@ def test_video_that_fails_leaves_nothing(tmp_path):
 
 
 def test_what_cannot_be_encoded_is_refused(monkeypatch, tmp_path):
-    with pytest.raises(PeriscopyError, match="no video format 'gif'; use mp4 or webm"):
+    with pytest.raises(PeriscopyError, match="'gif'"):
         draw_movie(tmp_path / "video.gif", ["x"], [], rate=16)
-    encoding = movie.Encoding("libnone", {})
-    monkeypatch.setitem(movie.ENCODINGS, "mp4", encoding)
+    monkeypatch.setitem(movie.ENCODINGS, "mp4", ("libnone", {}))
     with pytest.raises(PeriscopyError, match="has no encoder libnone"):
         require_encoder("mp4")

@@ -107,9 +107,10 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
     corners, middle = survey.view_points[:4], survey.view_points[4]
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sight = survey.view_origins[4] - middle
-    slant = np.degrees(np.arccos(np.clip(sight @ normal / np.linalg.norm(sight), -1, 1)))
+    away = float(np.linalg.norm(sight))
+    slant = np.degrees(np.arccos(np.clip(sight @ normal / away, -1, 1)))
     aim = "" if survey.parallel else f" ({turn_and_tilt(-sight, -normal)})"
-    where = f"{in_words(np.linalg.norm(sight))} from the wall along its line of sight"
+    where = f"{in_words(away)} from the wall along its line of sight"
     if survey.parallel:
         where = "parallel rays, as of a picture that was brought to the wall's own rectangle"
     rows, columns = scenario.hidden_shape

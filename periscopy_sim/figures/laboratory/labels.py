@@ -10,8 +10,8 @@ import numpy as np
 from periscopy_sim.scenario import Array
 
 HOLLOW, LINE = 0.1, 20.0
-"""Weights of the area that a label covers of a hollow thing, and of a line or another label; that of
-a solid thing is 1."""
+"""Weights of the area that a label covers, of a hollow thing, and of a line or another label; the
+weight of a solid thing is 1."""
 
 FARTHER = 200.0
 """Pixels of a thing that a label may cover rather than stand farther from what it names."""

@@ -48,7 +48,7 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
     )
     picture, shown = render_overview(scenario, view), covered(survey, view)[..., None]
     screen = hull(view.project(survey.monitor_points)[0])
-    centres = np.stack(np.indices(shape)[::-1], axis=-1).reshape(-1, 2) + 0.5
+    centres = np.indices(shape)[::-1].reshape(2, -1).T + 0.5
     on_screen = Polyline(screen).contains_points(centres, radius=2).reshape(shape)
     lit = (shown[..., 0] > 0.99) & ~on_screen
     white = float(np.percentile(picture[lit], 98)) if lit.any() else 1.0
