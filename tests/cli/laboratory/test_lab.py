@@ -70,7 +70,7 @@ def test_mesh_is_read_before_anything_else_needs_mitsuba(tmp_path):
         check=False,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.startswith("wrote lab.xml, lab_cylinder.ply, lab_chair.ply\n")
+    assert ran.stdout.startswith("wrote lab.xml, lab_chair.ply, lab_cylinder.ply\n")
 
 
 def test_what_is_to_be_written_must_be_named(refused, tmp_path):
