@@ -10,6 +10,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -37,6 +38,17 @@ gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photograp
 off, which are columns of B for other methods."""
 MethodError = (Exception, SystemExit)
 """Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
+
+
+@dataclass(frozen=True)
+class Unfit:
+    """Replaces a method that cannot be fitted: every reconstruction raises the reason."""
+
+    reason: str
+
+    def reconstruct(self, _: Any) -> NDArray[np.float64]:
+        """Raise the reason."""
+        raise PeriscopyError(self.reason)
 
 
 def find_method(name: str) -> Factory:
@@ -150,8 +162,24 @@ def fit_methods(
     mask: Mask | None = None,
     backgrounds: Backgrounds | None = None,
 ) -> dict[str, Method]:
-    """Fit methods to a scene, each as `fit_method` does; return them by name, in order."""
-    return {name: fit_method(name, scenario, A, B, mask, backgrounds) for name in names}
+    """Fit methods to a scene, each as `fit_method` does; return them by name, in order.
+
+    It warns of a method that cannot be fitted and returns an `Unfit` for it; if none can be fitted,
+    it raises the first error.
+    """
+    methods: dict[str, Method] = {}
+    errors: list[ValueError] = []
+    for name in names:
+        try:
+            methods[name] = fit_method(name, scenario, A, B, mask, backgrounds)
+        except ValueError as error:  # a PeriscopyError too
+            methods[name] = Unfit(without_addresses(str(error)))
+            errors.append(error)
+    if len(errors) == len(names):
+        raise errors[0]
+    for error in errors:
+        warnings.warn(f"{error}; the other methods go on", stacklevel=2)
+    return methods
 
 
 def without_addresses(message: str) -> str:

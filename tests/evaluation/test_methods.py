@@ -12,6 +12,7 @@ import pytest
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import (
     METHODS,
+    Unfit,
     find_method,
     fit_method,
     fit_methods,
@@ -257,6 +258,19 @@ def test_whatever_an_own_method_raises_while_it_is_fitted_names_it_and_its_line(
     said = str(caught.value)
     assert said.startswith(f"method '{place}:{name}' cannot be fitted: {message}")
     assert said.endswith(f"({file}:{number})")
+
+
+def test_of_many_methods_one_that_cannot_be_fitted_fails_alone(mine):
+    mine.write_text(BROKEN)
+    names = ["mine.py:Leaving", "pseudoinverse", "preconditioned"]
+    with pytest.warns(UserWarning, match=r"mine\.py:Leaving"):
+        fitted = fit_methods(names, Scene(), A, B)
+    assert [type(method) for method in fitted.values()] == [Unfit, Periscope, Periscope]
+    with pytest.raises(PeriscopyError, match=r"mine\.py:Leaving"):
+        fitted["mine.py:Leaving"].reconstruct(photograph())
+    # Of rank 1, so that the package's own methods cannot be fitted either: nothing would go on.
+    with pytest.raises(PeriscopyError, match=r"mine\.py:Leaving"):
+        fit_methods(names, Scene(), np.ones((48, 6)), B)
 
 
 def test_a_lack_of_memory_is_not_put_on_the_method(mine):
