@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -44,8 +45,10 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                 yield client
             return
         try:
+            with ThreadPoolExecutor(1) as thread:  # a notebook has a loop of its own
+                thread.submit(asyncio.run, _check_answer(scheduler)).result()
             client = Client(scheduler, timeout=PATIENCE)
-        except (OSError, ValueError, TypeError) as error:
+        except Exception as error:  # of whatever listens there
             raise PeriscopyError(
                 f"no Dask scheduler answers at '{scheduler}'; start one by `dask scheduler`, and "
                 "give the address that it prints, such as tcp://host:8786"
@@ -57,6 +60,16 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                     f"`dask worker {scheduler}`"
                 )
             yield client
+
+
+async def _check_answer(address: str) -> None:
+    """Raise an error unless a scheduler answers: `Client` would wait forever for anything else."""
+    from distributed.core import rpc
+
+    async with rpc(address, timeout=PATIENCE) as scheduler:
+        identity = await asyncio.wait_for(scheduler.identity(), PATIENCE)
+    if identity["type"] != "Scheduler":
+        raise ConnectionError(f"{address} is no scheduler")
 
 
 def compute(

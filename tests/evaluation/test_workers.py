@@ -1,5 +1,8 @@
 import logging
+import socket
+import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -16,6 +19,28 @@ def test_scheduler_that_does_not_answer_is_one_line(address, capfd, monkeypatch)
     with refused as error, connect(address):
         pass
     assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" * 20])
+def test_other_servers_are_one_line_in_time(answer, monkeypatch, capfd):
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 1.0)
+    connections = []
+
+    def serve(server):
+        with suppress(OSError):
+            while True:
+                connections.append(server.accept()[0])
+                connections[-1].sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, args=(server,), daemon=True).start()
+        refused = pytest.raises(PeriscopyError, match="no Dask scheduler answers at")
+        with refused, connect(f"tcp://127.0.0.1:{server.getsockname()[1]}"):
+            pass
+        server.shutdown(socket.SHUT_RDWR)
+    for connection in connections:
+        connection.close()
     assert capfd.readouterr() == ("", "")
 
 
@@ -95,8 +120,6 @@ def test_logging_is_as_it_was_afterwards():
 
 
 def test_workers_of_this_process_start_beside_another_dask():
-    import socket
-
     with socket.socket() as held:
         try:
             held.bind(("127.0.0.1", 8787))  # Dask's own port
