@@ -177,8 +177,8 @@ def fit_methods(
             errors.append(error)
     if len(errors) == len(names):
         raise errors[0]
-    for error in errors:
-        warnings.warn(f"{error}; the other methods go on", stacklevel=2)
+    for unfit in errors:
+        warnings.warn(f"{unfit}; the other methods go on", stacklevel=2)
     return methods
 
 

@@ -89,7 +89,7 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
         ax.plot(place, values, ".", color=color, markersize=3, label=label)
     best = _best_so_far(visited.evidence)
     ax.plot(place, values[best], color="#08519c", linewidth=0.9, label="best so far")
-    ax.set_ylim(*_shown(calibration, k))
+    ax.set_ylim(*_range(calibration, k))
     ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":", label="start")
     ax.axhline(parameter.value, color="#d94801", linewidth=0.8, label="found")
     low, high = parameter.value + parameter.standard_error * np.array([-1, 1])
@@ -111,19 +111,10 @@ def _best_so_far(evidence: Array) -> NDArray[np.intp]:
     return np.asarray(np.maximum.accumulate(is_best))
 
 
-BEST = 10
-"""Points of the search that the picture must show; descents there judge by their own errors, so
-that these are the best but roughly."""
-
-
-def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
-    """Return the range of start, end, descent and a search's best; the search is wider."""
-    parameter, (*searches, descent) = calibration.parameters[k], calibration.path
+def _range(calibration: Calibration, k: int) -> tuple[float, float]:
+    """Return the range of a parameter's start, end and descent; the search is wider."""
+    parameter = calibration.parameters[k]
     ends = parameter.value + parameter.standard_error * np.array([-1, 1])
-    all_shown = [np.array([parameter.start]), ends, descent.values[:, k]]
-    for search in searches:
-        physical = np.isfinite(search.evidence)
-        all_shown.append(search.values[physical][np.argsort(search.evidence[physical])[:BEST], k])
-    shown = np.concatenate(all_shown)
+    shown = np.concatenate([[parameter.start], ends, calibration.path[-1].values[:, k]])
     margin = 0.08 * float(np.ptp(shown)) or 1.0
     return float(shown.min()) - margin, float(shown.max()) + margin

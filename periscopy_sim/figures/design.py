@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.evaluation.design import Row
-from periscopy_sim.figures.panels import OKABE_ITO
+from periscopy_sim.figures.panels import OKABE_ITO, plain_ticks
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def _draw_maps(
         bar = figure.colorbar(picture, ax=ax, shrink=0.92)
         bar.set_label("relative" if number == "exposure_time" else "% of white", fontsize=8)
         bar.ax.tick_params(labelsize=8, which="both")
-        _plain_ticks(bar.ax.yaxis)
+        plain_ticks(bar.ax.yaxis)
         for row, mark in marked:
             h, v = (float(row["values"][name]) for name in (across, up))
             if x[0] <= h <= x[-1] and y[0] <= v <= y[-1]:
@@ -167,19 +167,4 @@ def _style(ax: Any, most: float) -> None:
     ax.set_ylim(low, min(high, max(most, 2 * low)))
     ax.grid(True, which="major", color="0.9", lw=0.5)
     ax.tick_params(labelsize=8, which="both")
-    _plain_ticks(ax.yaxis)
-
-
-def _plain_ticks(axis: Any) -> None:
-    """Tick a logarithmic axis with plain numbers, as many as there is room for."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-
-    low, high = axis.get_view_interval()
-    span = np.log10(max(high, 1e-300) / max(low, 1e-300))
-    if span < 0.7:
-        axis.set_major_locator(MaxNLocator(4))
-        axis.set_minor_locator(LogLocator(subs=()))
-    else:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if span < 2.5 else (1,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
+    plain_ticks(ax.yaxis)

@@ -77,6 +77,34 @@ def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, un
     bar.ax.tick_params(labelsize=8)
 
 
+def panel_row(figure: Any, panels: Sequence[tuple[str, Image]], height: float) -> Any:
+    """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles; return the axes.
+
+    The figure becomes as large as pictures of `height` inches need.
+    """
+    aspects = [picture.shape[1] / picture.shape[0] for _, picture in panels]
+    figure.set_size_inches(height * sum(aspects) + 0.2, height + 0.4)
+    axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
+    for ax, (title, picture) in zip(axes, panels, strict=True):
+        show(ax, title, picture)
+    return axes
+
+
+def plain_ticks(axis: Any) -> None:
+    """Tick a logarithmic axis with plain numbers, as many as there is room for."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    span = np.log10(max(high, 1e-300) / max(low, 1e-300))
+    if span < 0.9:
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_minor_locator(LogLocator(subs=()))
+    else:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if span < 2.5 else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def draw_panels(
     path: Path,
     panels: Sequence[tuple[str, Image]],
@@ -90,14 +118,11 @@ def draw_panels(
     """
     from matplotlib.figure import Figure
 
-    aspects = [image.shape[1] / image.shape[0] for _, image in panels]
-    height = 2.6
-    size = (height * sum(aspects) + 0.2, height + (0.65 if caption else 0.4))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
-    for ax, (title, image) in zip(axes, panels, strict=True):
-        show(ax, title, srgb_encode(image))
+    figure = Figure(layout="constrained")
+    panel_row(figure, [(title, srgb_encode(image)) for title, image in panels], 2.6)
     if caption:
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + 0.25)
         figure.supxlabel(caption, fontsize=9)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
@@ -116,11 +141,11 @@ def draw_maps(
     """
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter
 
     values = np.concatenate([np.ravel(values) for _, values in maps])
     norm = LogNorm(float(values.min()), float(values.max()))
-    figure = Figure(figsize=(3.6 * len(maps) + 0.9, 3.4), layout="constrained")
+    height = 1.1 + 3.1 * max(each.shape[0] / each.shape[1] for _, each in maps)
+    figure = Figure(figsize=(3.6 * len(maps) + 0.9, height), layout="constrained")
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     for ax, (title, values) in zip(axes, maps, strict=True):
         picture = ax.imshow(values, norm=norm, cmap="viridis", interpolation="nearest")
@@ -129,9 +154,7 @@ def draw_maps(
         ax.tick_params(labelsize=8)
     axes[0].set_ylabel("patch row", fontsize=9)
     bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
-    bar.ax.yaxis.set_major_formatter(plain)
-    bar.ax.yaxis.set_minor_formatter(plain)
+    plain_ticks(bar.ax.yaxis)
     bar.ax.tick_params(labelsize=8, which="both")
     if caption:
         figure.supxlabel(caption, fontsize=9)
@@ -178,7 +201,6 @@ def draw_sweep(
     their 10th to their 90th percentile. Where a method failed it is left out.
     """
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     labels = ("algorithm", "sbr", "background", "seed")
     errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
@@ -200,15 +222,8 @@ def draw_sweep(
         )  # fmt: skip
     ax.set_xscale("log")
     ax.set_yscale("log")
-    bottom, top = ax.get_ylim()
-    if top < 4 * bottom:  # room for two labelled ticks
-        middle = np.sqrt(bottom * top)
-        ax.set_ylim(middle / 2, middle * 2)
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(plain)
-        axis.set_minor_formatter(NullFormatter())
+        plain_ticks(axis)
     ax.set_xlabel("signal-to-background ratio", fontsize=8)
     ax.set_ylabel("mean squared error", fontsize=8)
     ax.tick_params(labelsize=7, which="both")
