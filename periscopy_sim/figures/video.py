@@ -9,8 +9,7 @@ import numpy as np
 
 from periscopy_sim.evaluation.metrics import gain_matched
 from periscopy_sim.figures import contact_sheet
-from periscopy_sim.figures.animation import draw_animation
-from periscopy_sim.figures.movie import draw_movie
+from periscopy_sim.figures.animation import draw_animation, draw_movie
 from periscopy_sim.figures.panels import Image, displayable, write_enlarged
 
 SHEET_COLUMNS = 8
@@ -85,7 +84,7 @@ def draw_video(
 ) -> None:
     """Draw photograph, reconstruction and, if it is known, the truth side by side in time.
 
-    By the path's ending an animated PNG, or a video of `movie.ENCODINGS`.
+    By the path's ending an animated PNG, or a video of `animation.ENCODINGS`.
     """
     panels = {
         "photograph": (photographs, white_of(photographs)),
