@@ -144,14 +144,14 @@ def _add_camera(
     target: Iterable[Measured] | None
     field, side = "field_of_view", "x"
     if aim is not None:
-        found = {name: Measured(value, aim.errors[name]) for name, value in aim.values.items()}
+        solution = {name: Measured(value, aim.errors[name]) for name, value in aim.values.items()}
         scene.section(
             "Found from the four corners on the wall, which this leaves by "
             f"{1000 * aim.residual:.2g} mm (rms): the wall's point in the picture's middle, how "
             "far the camera is rolled clockwise, and the angle of the picture's width."
         )
-        target = (found["target_x"], found["target_z"])
-        roll, width = found["camera_roll"], found["field_of_view"]
+        target = (solution["target_x"], solution["target_z"])
+        roll, width = solution["camera_roll"], solution["field_of_view"]
     else:
         assert isinstance(camera, PerspectiveCamera)
         target, roll = camera.target, camera.roll
