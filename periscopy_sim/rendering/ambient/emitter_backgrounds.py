@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import SceneError, VariantError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import placed_in, relative_errors
 from periscopy_sim.rendering.ambient.irradiance import (
     NEARLY,
@@ -27,7 +27,7 @@ from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_opaque
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
 from periscopy_sim.shipped import find_scene
 
@@ -103,14 +103,9 @@ def emitter_backgrounds(
     RuntimeWarning
         The target was not reached within `max_rounds`.
     """
-    use_variant()
     if not pane > 0:
         raise ValueError(f"panes of {pane:g} m: give a side above 0")
-    if not is_vectorized():
-        raise VariantError(
-            "backgrounds of a scene's emitters are rendered in llvm_ad_rgb or cuda_ad_rgb only; in "
-            "scalar variants take Eq. 4's lights"
-        )
+    require_vectorized("light of a scene's emitters")
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters, _check_shadows)
     if any(shape.id() == "monitor" for shape in scene.shapes()):

@@ -19,14 +19,13 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.transport.paths import make_tracer
-from periscopy_sim.rendering.transport.scalar_paths import make_scalar_tracer, white_direct_light
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
 from periscopy_sim.scenario import Array, Scenario
 
-TARGET, SCALAR_TARGET = 2e-4, 1e-3
-"""Error of a white image's photograph by what has bounced, over the photograph: a fifth of a 60 dB
-photograph's noise; in scalar variants, where that would take hours, all of that noise."""
+TARGET = 2e-4
+"""Error of a white image's photograph by bounced light, relative to the photograph: a fifth of a
+60 dB photograph's noise."""
 
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
@@ -38,8 +37,8 @@ photograph's brightness."""
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
 
-ROUNDS, SCALAR_ROUNDS = 96, 8
-"""Most rounds, and in scalar variants, where one takes minutes."""
+ROUNDS = 96
+"""Most rounds."""
 
 BLOCKS = 4
 """Parts of the monitor along each side, each of whose light the polynomials have to follow."""
@@ -89,7 +88,7 @@ def render_bounced_light(
     scenario: Scenario,
     *,
     bounces: int | None = None,
-    target: float | None = None,
+    target: float = TARGET,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedLight:
@@ -102,7 +101,7 @@ def render_bounced_light(
     bounces
         Most reflections of a path, 2 or more; None of any number.
     target
-        `BouncedLight.relative_error` at which to stop; None takes `TARGET` or `SCALAR_TARGET`.
+        `BouncedLight.relative_error` at which to stop.
     seed
         Seed of the paths. The same seed and variant give the same bytes.
     progress
@@ -115,10 +114,11 @@ def render_bounced_light(
     Raises
     ------
     SceneError
-        If the wall is not diffuse, and is textured or the variant scalar. In scalar variants also
-        if it is black, in any channel, at a pixel looked at.
+        If the wall is textured and not diffuse.
     ValueError
         If `bounces` is not a whole number from 2 on.
+    VariantError
+        In scalar variants.
 
     Warns
     -----
@@ -131,17 +131,14 @@ def render_bounced_light(
     if check_bounces(bounces) == DIRECT:
         raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
     check_bouncing_wall(scenario)
-    vectorized = is_vectorized()
-    most = ROUNDS if vectorized else SCALAR_ROUNDS
-    if target is None:
-        target = TARGET if vectorized else SCALAR_TARGET
+    most = ROUNDS
     report = progress or (lambda _: None)
     shape = scenario.photograph_shape
     sites = chosen_sites(shape, SITES)
     texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
-    trace = (make_tracer if vectorized else make_scalar_tracer)(scenario, sites, bounces)
+    trace = make_tracer(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
-    direct = (_direct if vectorized else white_direct_light)(scenario, pixels, seed)
+    direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(most * REPLICAS).reshape(most, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
@@ -183,20 +180,13 @@ def render_bounced_light(
 
 
 def check_bouncing_wall(scenario: Scenario) -> None:
-    """Set the variant, and refuse walls of which bounced light is not known by a SceneError."""
-    use_variant()
-    if scenario.wall_reflectance is not None:
-        return
-    if scenario.wall_texture is not None:
+    """Raise a VariantError in scalar variants, a SceneError for walls textured and not diffuse."""
+    require_vectorized("light that bounces")
+    if scenario.wall_reflectance is None and scenario.wall_texture is not None:
         raise SceneError(
             f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
             "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
             "another bsdf"
-        )
-    if not is_vectorized():
-        raise SceneError(
-            f"scene '{scenario.path}': in scalar variants light that bounces is known of diffuse "
-            "walls; take direct light, bounces=1, another bsdf, or llvm_ad_rgb or cuda_ad_rgb"
         )
 
 

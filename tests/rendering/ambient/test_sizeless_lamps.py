@@ -203,21 +203,6 @@ def test_emitters_without_a_size_are_those_that_mitsuba_flags_so(variant):  # no
         assert mi.has_flag(built.flags(), mi.EmitterFlags.Delta) == (kind in SIZELESS), kind
 
 
-def test_scalar_variants_refuse_the_same(room, place, scalar):
-    code = """
-import sys
-from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.background import render_background
-from periscopy_sim.rendering.scene.load import load_scenario
-try:
-    render_background(sys.argv[2], load_scenario(sys.argv[1], (1, 1)))
-except SceneError as error:
-    print(error)
-"""
-    paths = room.write(camera=room.camera((4, 4))), place(LAMP, pane(CLEAR["mask"]))
-    assert "emitter 'bulb' (point) has no size" in scalar(code, *paths)
-
-
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("light", [LAMP, GLOBE])
 def test_prototypes_are_refused_where_light_comes_through_a_shape(place, scenario, light):

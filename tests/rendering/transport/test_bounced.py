@@ -12,8 +12,7 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport.bounced import render_bounced_light
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
-from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 from tests.rendering.conftest import Room
 from tests.rendering.materials import BLEND, BUMPS, MEASURED, SLOPE, write_files
 

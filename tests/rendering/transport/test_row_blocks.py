@@ -5,8 +5,7 @@ import pytest
 
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 
 
 @pytest.mark.usefixtures("jit")
@@ -71,17 +70,3 @@ def test_it_makes_a_linear_operator_that_passes_the_dot_test(shipped):
 def test_settings_out_of_range_are_refused(shipped, settings, message):
     with pytest.raises(ValueError, match=message):
         RenderedTransport(shipped("chair", (2, 2), 4), **settings)
-
-
-def test_scalar_variants_are_refused_with_what_to_do(scalar):
-    code = (
-        "import periscopy_sim as ps\n"
-        "from periscopy_sim.rendering.transport.row_blocks import RenderedTransport\n"
-        "scene = ps.load_scenario(ps.find_scene('chair'), (2, 2), {'resolution': 4})\n"
-        "try:\n"
-        "    next(RenderedTransport(scene).row_blocks())\n"
-        "except ps.PeriscopyError as error:\n"
-        "    print(type(error).__name__, error)\n"
-    )
-    printed = scalar(code)
-    assert printed.startswith("VariantError") and "memory_map" in printed
