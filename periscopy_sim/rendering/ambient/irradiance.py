@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.ambient.light_paths import collected
-from periscopy_sim.rendering.ambient.path_numbers import PathNumbers
+from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.scenario import Array
 
 SPLIT = 4
@@ -103,7 +102,7 @@ class BouncedIrradiance:
         """Trace rays in cosine-weighted directions, and the paths that go on from them.
 
         Return the radiance that each ray brings, (rays, 3), and what all paths first meet, those
-        of the rays before others, as `collected` does.
+        of the rays before others, as `trace_paths` does.
         """
         import drjit as dr
         import mitsuba as mi
@@ -115,10 +114,10 @@ class BouncedIrradiance:
             np.concatenate([ray_of.ravel(), np.repeat(ray_of, SPLIT - 1, axis=1).ravel()])
         )
         frame = mi.Frame3f(gathered(mi.Normal3f, self._normals, ray_of // n))
-        sample = (dr.gather(mi.Float, numbers.at(mi.UInt32(k)), ray_of) for k in range(2))
+        sample = (dr.gather(mi.Float, numbers(k), ray_of) for k in range(2))
         direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(*sample)))
         ray = mi.Ray3f(gathered(mi.Point3f, self._points, ray_of // n), direction)
-        light, hits = collected(self._scene, numbers, 2, ray)
+        light, hits = trace_paths(self._scene, numbers, 2, ray)
         dr.eval(light, hits)
         first, others = np.split(rows_of(light), [m * n])
         others = others.reshape(m, SPLIT - 1, n, 3).sum(axis=1).reshape(m * n, 3)

@@ -11,14 +11,16 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.paths import PathNumbers, trace_paths
+from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
-from periscopy_sim.rendering.transport.paths import make_tracer
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
 from periscopy_sim.scenario import Array, Scenario
@@ -42,6 +44,11 @@ ROUNDS = 96
 
 BLOCKS = 4
 """Parts of the monitor along each side, each of whose light the polynomials have to follow."""
+
+
+FINEST = 2.0**-40
+"""Radiance in which light is summed: whole numbers add up alike in any order. A white monitor all
+around would send a pixel 1 at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +151,7 @@ def render_bounced_light(
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
-            total[replica] += trace(PATHS, one)
+            total[replica] += trace(one)
             fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / most)
             report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
@@ -188,6 +195,69 @@ def check_bouncing_wall(scenario: Scenario) -> None:
             "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
             "another bsdf"
         )
+
+
+def make_tracer(
+    scenario: Scenario, sites: NDArray[np.intp], bounces: int | None
+) -> Callable[[int], Array]:
+    """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
+
+    It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
+    radiance, as if the wall reflected its mean albedo there. `bounces` is the most reflections of a
+    path, 2 or more; None for any number.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    # Textured, so that Mitsuba samples points of the monitor by its UV coordinates.
+    scene = build_scene(scenario, np.ones((2, 2, 3)), only_monitor=True)
+    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    rows, columns = scenario.photograph_shape
+    R, C = scenario.hidden_shape
+    lanes = len(sites) * PATHS
+    path_numbers = PathNumbers(len(sites), (PATHS,))
+
+    def trace(seed: int) -> Array:
+        numbers = path_numbers.shifted(seed)
+        site = dr.arange(mi.UInt32, lanes) // PATHS
+        pixel = dr.gather(mi.UInt32, mi.UInt32(sites.astype(np.uint32)), site)
+        x, y = pixel % columns + numbers(0), pixel // columns + numbers(1)
+        ray, _ = camera.sample_ray(
+            0.0, 0.0, mi.Point2f(x / columns, y / rows), mi.Point2f(numbers(2), numbers(3))
+        )
+        si = scene.ray_intersect(ray, +mi.RayFlags.All, True)
+        active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
+        # A texture is left to A's rows, and colour to the channels' gain.
+        where = mi.Point2f(numbers(5), numbers(6))
+        if scenario.wall_reflectance is None:
+            context, gain = mi.BSDFContext(), mi.Color3f(*map(float, scenario.channel_gain))
+            sample, weight = wall.bsdf().sample(context, si, numbers(4), where, active)
+            direction, throughput = sample.wo, weight / gain
+        else:
+            direction = mi.warp.square_to_cosine_hemisphere(where)
+            direction.z = dr.mulsign(direction.z, si.wi.z)
+            throughput = mi.Color3f(float(np.mean(scenario.wall_reflectance)))
+        sums = dr.zeros(mi.Int64, len(sites) * R * C * 3)
+
+        def splat(light: Any, uv: Any, radiance: Any, active: Any) -> Any:
+            """Add radiance, (3,), to what comes from a patch."""
+            across = 1 - uv.x if scenario.mirrored else uv.x
+            row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
+            column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
+            at = (site * (R * C) + row * C + column) * 3
+            for c in range(3):
+                whole = mi.Int64(dr.round(radiance[c] / FINEST))
+                dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))
+            return light
+
+        trace_paths(
+            scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
+            active=active, most=0xFFFFFFFF if bounces is None else bounces, deposit=splat,
+        )  # fmt: skip
+        whole = np.array(sums).reshape(len(sites), R * C, 3)
+        return np.asarray(whole * (FINEST / PATHS))
+
+    return trace
 
 
 def _best_powers(

@@ -3,8 +3,7 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.rendering import wall_polynomials
-from periscopy_sim.rendering.ambient.replicas import SITES
-from periscopy_sim.rendering.ambient.smoothing import best_estimate
+from periscopy_sim.rendering.ambient.replicas import SITES, best_estimate
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 
 SHAPE = (32, 28)
