@@ -27,13 +27,6 @@ def test_malformed_xml_is_refused(tmp_path, content, refusal):
     assert "is not well-formed XML" in refusal(path)
 
 
-@pytest.mark.parametrize("content", ["<foo/>", "<scene/>", '<scene version="3.0.0"><a/></scene>'])
-def test_xml_that_is_no_scene_is_refused(tmp_path, content, refusal):
-    path = tmp_path / "bad.xml"
-    path.write_text(content)
-    refusal(path)
-
-
 def test_unknown_plugin_and_unknown_property_are_refused_with_mitsubas_reason(room, refusal):
     message = refusal(room.write('<shape type="blob" id="ball"/>'))
     assert 'Plugin "blob" not found' in message
