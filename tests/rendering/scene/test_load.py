@@ -54,11 +54,6 @@ def test_pixels_that_an_object_hides_are_counted_and_the_first_is_named(room):
     assert "1 of 30 camera pixels miss the wall, the first at row 3, column 1;" in message
 
 
-@pytest.mark.parametrize("hidden", [(0, 3), (2, 0), (-1, -1)])
-def test_hidden_image_without_patches_is_refused(room, hidden):
-    assert "give at least 1x1" in refusal(room, hidden=hidden)
-
-
 def test_more_patches_than_pixels_are_refused(room):
     assert room.load(hidden=(5, 6)).transport_shape == (30, 30)
     message = refusal(room, hidden=(1, 31))
@@ -99,14 +94,6 @@ def test_monitor_that_faces_away_is_refused(room, turn, flip):
 
 def test_monitor_behind_the_wall_is_refused(room):
     assert "is behind it" in refusal(room, monitor=room.monitor(turn=0, y=2))
-
-
-def test_monitor_without_emitter_is_refused(room):
-    assert "'monitor' has no emitter" in refusal(room, monitor=room.monitor(""))
-
-
-def test_film_of_another_type_is_refused(room):
-    assert "no film of type hdrfilm" in refusal(room, camera=room.camera(film="specfilm"))
 
 
 SCREEN_PLY = """ply

@@ -25,14 +25,6 @@ def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes):
         assert covered == len(A)
 
 
-@pytest.mark.usefixtures("jit")
-def test_midpoint_strata_are_passed_on(shipped):
-    scene = shipped("chair", (4, 5), 12)
-    A = render_transport(scene, strata="midpoint", samples=4)
-    ((_, block),) = RenderedTransport(scene, strata="midpoint", samples=4).row_blocks()
-    np.testing.assert_array_equal(block, A)
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_reconstruction_without_a_stored_matrix_is_that_with_it(shipped):
@@ -55,18 +47,3 @@ def test_it_makes_a_linear_operator_that_passes_the_dot_test(shipped):
     rng = np.random.default_rng(1)
     f, y = rng.normal(size=20), rng.normal(size=144)
     assert (operator @ f) @ y == pytest.approx(f @ (operator.H @ y), rel=1e-12)
-
-
-@pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"samples": 0}, "all must be positive"),
-        ({"pixel_samples": 0}, "all must be positive"),
-        ({"lanes": 0}, "all must be positive"),
-        ({"strata": "random"}, "strata 'random' are not known"),
-    ],
-)
-def test_settings_out_of_range_are_refused(shipped, settings, message):
-    with pytest.raises(ValueError, match=message):
-        RenderedTransport(shipped("chair", (2, 2), 4), **settings)
