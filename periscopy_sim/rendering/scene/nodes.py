@@ -22,9 +22,6 @@ from periscopy_sim.rendering.scene.document import SceneDocument, read_document,
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply, check_mesh
 from periscopy_sim.scenario import EmissionProfile
 
-OTHER_MESHES = ("gltf", "dae", "fbx", "3ds", "3mf", "step", "stp")
-"""Mesh formats that are not read: most of them scatter a mesh over several files."""
-
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
 
@@ -318,11 +315,6 @@ def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path
     """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
     name, plugin = props["filename"], props.plugin_name()
     where = f"scene '{path}': {plugin} '{props.id()}'"
-    if plugin in OTHER_MESHES:
-        raise SceneError(
-            f"{where}: {plugin.upper()} files are not read; save '{name}' as "
-            f"{', '.join(map(str.upper, FORMATS))} and name that"
-        )
     file = document.find(name)
     if file is None:
         raise SceneError(f"{where} names a missing file '{path.parent / name}'")
