@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -91,9 +92,9 @@ def seen_wall(
     normals = np.where(own, shading, normals)
     normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
     aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
-    met = map_points(meet, film + aside)
+    hit_aside, color_aside = map_points(lambda at: itemgetter(4, 7)(meet(at)), film + aside)
     # At the pixels' centres alone a wallpaper could look plain.
-    colors_met = np.concatenate([colors[1], met[7][met[4][:, 0] != 0]])
+    colors_met = np.concatenate([colors[1], color_aside[hit_aside[:, 0] != 0]])
     if np.ptp(colors_met, axis=0).max() <= UNIFORM * colors_met.max():
         albedo = colors[1].mean(axis=0)
         texture, gain = None, albedo / albedo.mean()
@@ -115,7 +116,7 @@ def _averaged(
 
     def total_of(points: int) -> Array:
         offsets = (sequence.random(points) - 0.5) / size[::-1]
-        met = [map_points(meet, film + offset)[7] for offset in offsets]
+        met = [map_points(lambda at: (meet(at)[7],), film + offset)[0] for offset in offsets]
         return np.asarray(np.sum(met, axis=0))
 
     points, most = TEXTURE_POINTS
