@@ -2,12 +2,12 @@
 
 from .adapters.linear_operator import transport_operator
 from .adapters.torch_transport import TorchTransport
+from .analytic.area_transport import analytic_transport
 from .analytic.point_light import (
     paper_grid,
     point_light_backgrounds,
     point_light_response,
 )
-from .analytic.transport import analytic_transport
 from .calibration.calibrate import calibrate
 from .calibration.result import Calibration
 from .calibration.silhouette.recover import recover_silhouette

@@ -261,9 +261,9 @@ def _ranges(vary: str, path: Path, given: Mapping[str, str]) -> dict[str, tuple[
 def _transport(scenario: Scenario, samples: int, model: Model, seed: int) -> Any:
     """Return A by rays to fixed places of patches: noise of random ones looks like information."""
     if model is Model.analytic:
-        from periscopy_sim.analytic.transport import analytic_transport
+        from periscopy_sim.analytic.area_transport import analytic_transport
 
-        return analytic_transport(scenario, samples=samples)
+        return analytic_transport(scenario)
     from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
     return render_transport(scenario, samples=samples, strata="gauss", seed=seed)

@@ -58,8 +58,8 @@ def test_monitor_that_faces_away_is_refused(edited_scene, refused):
     [
         (None, "missing file"),
         (b"", "empty file"),
-        (b"solid metal\n", "no PLY header"),
-        (1500, "is cut short"),
+        (b"solid metal\n", "cannot be read"),
+        (1500, "cannot be read"),
     ],
 )
 def test_unreadable_mesh_is_refused_by_name(content, message, edited_scene, refused, tmp_path):
