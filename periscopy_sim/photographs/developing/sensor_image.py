@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real, with_channels
+from periscopy_sim.photograph import check_real, with_channels
 
 Mask = NDArray[np.bool_]
 

@@ -36,7 +36,7 @@ MATRIX = np.random.default_rng(5).random((576, 20))
         (np.where(np.arange(20) == 7, np.nan, MATRIX), "NaN or infinities"),
         (np.where(np.arange(20) == 7, np.inf, MATRIX), "NaN or infinities"),
         (MATRIX.astype(complex), "complex numbers"),
-        (MATRIX > 0.5, "truth values"),
+        (MATRIX > 0.5, "bool"),
         (np.ones((576, 20)), "B explains all of it"),
         (np.zeros((576, 20)), "B explains all of it"),
     ],
