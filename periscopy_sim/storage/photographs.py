@@ -18,7 +18,7 @@ from periscopy_sim.photograph import (
     with_channels,
 )
 from periscopy_sim.photographs.defects import saturated_pixels
-from periscopy_sim.photographs.developing.sensor_image import SensorImage, sensor_image
+from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
 from periscopy_sim.storage.formats.colour_profile import SRGB, encoding_of
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts

@@ -68,7 +68,7 @@ def test_zarr_in_the_current_folder_is_read(monkeypatch, save, tmp_path):
         (CLIP[..., :2], "has shape (12, 6, 5, 2)"),
         (CLIP[..., 0], "has shape (12, 6, 5)"),
         (CLIP[:0], "holds no frames"),
-        (CLIP * 1j, "complex numbers"),
+        (CLIP * 1j, "complex"),
         (CLIP > 1.5, "bool"),
     ],
 )

@@ -1,13 +1,12 @@
-"""Pixels of a photograph averaged to those of a scene's film, by blocks or by the area they cover.
+"""Pixels of a photograph averaged to those of a scene's film, by the area that each covers.
 
 Nothing is interpolated: noise of different new pixels stays independent but for the pixels on their
-borders. Flaws are kept apart: where anything saturated or masked would enter, the new pixel is not
-measured; single defective pixels are left out of the average.
+borders. A new pixel that any saturated or masked pixel enters is not used; averages leave out
+single defective pixels.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
@@ -15,90 +14,45 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.numerics.threads import in_parallel, ranges
-from periscopy_sim.photographs.film.blocks import block_means
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from periscopy_sim.scenario import Array
 
 SLIVER = 1e-6
-"""Part of a new pixel's area below which what it covers does not count: rounding of its corners."""
+"""Fraction of a new pixel's area that does not count: rounding of its corners."""
 
 LEAST_MEASURED = 0.5
-"""Part of a new pixel's area that sound pixels must cover."""
+"""Fraction of a new pixel's area that sound pixels must cover."""
 
 
 class Flaw(IntFlag):
-    """Why a pixel of a photograph does not measure the wall's light."""
+    """Why a pixel does not measure the wall's light."""
 
     SATURATED = 1
     MASKED = 2
     DEFECTIVE = 4
+    """A dead or hot pixel; a new pixel with one is used."""
+    OUTSIDE = 8
+    """A new pixel that reaches out of the photograph."""
+    TAG = 16
+    """A new pixel beneath a tag's paper."""
+    SPARSE = 32
+    """A new pixel of which sound pixels cover less than `LEAST_MEASURED`."""
 
 
-@dataclass(frozen=True, eq=False)
-class Resampled:
-    """A photograph in new pixels.
+def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
+    """Return the corners, (rows + 1, columns + 1, 2), of a film of (rows, columns) equal blocks.
 
-    Attributes
-    ----------
-    values
-        (rows, columns, channels) float64; NaN where nothing sound is covered.
-    covered
-        (rows, columns) part of each new pixel that lies in the photograph.
-    measured
-        (rows, columns) part of each new pixel that sound pixels cover.
-    flaws
-        (rows, columns) uint8, the `Flaw`s within each new pixel.
+    `size` is the photograph's (rows, columns).
     """
-
-    values: Array
-    covered: Array
-    measured: Array
-    flaws: NDArray[np.uint8]
-
-    @property
-    def outside(self) -> Mask:
-        """(rows, columns) bool, new pixels that reach out of the photograph."""
-        return np.asarray(self.covered < 1 - SLIVER)
-
-    @property
-    def used(self) -> Mask:
-        """(rows, columns) bool, new pixels that measure the wall."""
-        spoiled = (self.flaws & (Flaw.SATURATED | Flaw.MASKED)) != 0
-        return np.asarray(~self.outside & ~spoiled & (self.measured >= LEAST_MEASURED))
+    row, column = (np.linspace(0, whole, n + 1) for whole, n in zip(size, shape, strict=True))
+    return np.stack(np.meshgrid(column, row), axis=-1)
 
 
-def average_blocks(
-    image: NDArray[np.floating], flaws: NDArray[np.uint8], shape: tuple[int, int]
-) -> Resampled:
-    """Return an image averaged over equal blocks of whole pixels.
-
-    Parameters
-    ----------
-    image
-        (k rows, l columns, channels) with whole numbers k and l.
-    flaws
-        (k rows, l columns) uint8 of `Flaw`.
-    shape
-        (rows, columns) of the result.
-    """
-    sound = (flaws == 0)[..., np.newaxis]
-    measured = block_means(sound, shape)
-    with np.errstate(invalid="ignore"):
-        values = block_means(np.where(sound, image, 0), shape) / measured
-    rows, columns = shape
-    blocks = flaws.reshape(rows, flaws.shape[0] // rows, columns, flaws.shape[1] // columns)
-    found = np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1)
-    values[measured[..., 0] == 0] = np.nan
-    return Resampled(values, np.ones(shape), measured[..., 0], found)
-
-
-def average_quadrilaterals(
+def average_areas(
     image: NDArray[np.floating], flaws: NDArray[np.uint8], corners: Array
-) -> Resampled:
-    """Return an image averaged over quadrilaterals, each pixel weighted by the area in them.
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Return an image averaged over quadrilaterals, each pixel weighted by its area in them.
 
-    The areas are exact: each quadrilateral is clipped by every pixel that it meets.
+    The areas are exact: every pixel clips each quadrilateral that it meets.
 
     Parameters
     ----------
@@ -109,11 +63,18 @@ def average_quadrilaterals(
     corners
         (rows + 1, columns + 1, 2) column and row in the image of the new pixels' corners, finite;
         the image's first pixel reaches from 0 to 1.
+
+    Returns
+    -------
+    values
+        (rows, columns, channels); NaN where a new pixel covers no sound pixel.
+    flaws
+        (rows, columns) uint8, the flaws within each new pixel and its own.
     """
     rows, columns = corners.shape[0] - 1, corners.shape[1] - 1
     image = np.ascontiguousarray(image, dtype=np.float32)
     values = np.zeros((rows, columns, image.shape[2]))
-    covered, measured = np.zeros((rows, columns)), np.zeros((rows, columns))
+    covered, measured = np.zeros((2, rows, columns))
     found = np.zeros((rows, columns), np.uint8)
     corners = np.ascontiguousarray(corners, dtype=np.float64)
 
@@ -121,7 +82,9 @@ def average_quadrilaterals(
         _average_rows(image, flaws, corners, *part, values, covered, measured, found)
 
     in_parallel(average, ranges(rows))
-    return Resampled(values, covered, measured, found)
+    found |= np.uint8(Flaw.OUTSIDE) * (covered < 1 - SLIVER)
+    found |= np.uint8(Flaw.SPARSE) * (measured < LEAST_MEASURED)
+    return values, found
 
 
 @compiled
@@ -142,10 +105,8 @@ def _average_rows(
     cell, spare = np.empty((16, 2)), np.empty((16, 2))
     for i in range(start, stop):
         for j in range(corners.shape[1] - 1):
-            for axis in range(2):
-                quad[0, axis], quad[1, axis] = corners[i, j, axis], corners[i, j + 1, axis]
-                quad[2, axis] = corners[i + 1, j + 1, axis]
-                quad[3, axis] = corners[i + 1, j, axis]
+            quad[0], quad[1] = corners[i, j], corners[i, j + 1]
+            quad[2], quad[3] = corners[i + 1, j + 1], corners[i + 1, j]
             whole = _area(quad, 4)
             inside = sound = 0.0
             top, bottom = _span(quad, 4, 1, height)
@@ -184,10 +145,10 @@ def _span(polygon: Array, sides: int, axis: int, count: int) -> tuple[int, int]:
 
 @compiled
 def _clip(polygon: Array, sides: int, axis: int, bound: float, sign: float, kept: Array) -> int:
-    """Keep what of a polygon lies on one side of a line along the grid (Sutherland, Hodgman 1974).
+    """Keep the part of a polygon on one side of a grid line (Sutherland, Hodgman 1974).
 
-    The side is that of larger coordinates where `sign` is 1, of smaller ones where it is -1. The
-    number of corners kept is returned.
+    That side has larger coordinates where `sign` is 1, smaller ones where it is -1. Return the
+    number of corners kept.
     """
     count = 0
     for k in range(sides):
