@@ -14,12 +14,12 @@ DEEPEST = 0.03
 """Largest depth of a stripe, as a fraction of the photograph's rows or columns."""
 
 GROSS = 0.1
-"""Least step of a stripe, as a fraction of a channel's mean light. Of three real photographs the
-steepest step at a border is 0.047; a mask of a step of 0.026 there loses 0.8 dB."""
+"""Least step of a stripe, as a fraction of a channel's mean light. The borders of three real
+photographs have steps up to 0.047; masking a step of 0.026 loses 0.8 dB."""
 
 STEEPER = 3.0
-"""Least step of a stripe over the steepest inside the photograph. At 2, two of 1,920 closed-form
-photographs of displaced scenes have a stripe, which are edges of a board along the whole side."""
+"""Least step of a stripe over the steepest inside. At 2, two of 1,920 closed-form photographs of
+displaced scenes have a stripe, the edge of a board along a whole side."""
 
 SMALLEST = 32
 """Fewest rows and columns of a photograph that is searched."""

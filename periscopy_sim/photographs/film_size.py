@@ -7,7 +7,6 @@ larger than this step mix what distinguishes patches; much smaller ones show not
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import gcd
 
@@ -73,30 +72,19 @@ class FilmAdvice:
         enough = [each for each in allowed if self.pixels_in_step(each) >= PIXELS_IN_STEP]
         return enough[0] if enough else allowed[-1]
 
-    def size(self, shape: tuple[int, int]) -> int:
-        """Return the bytes of A in single precision."""
-        return 4 * shape[0] * shape[1] * self.patches
-
     def fits(self, shape: tuple[int, int]) -> bool:
         """Return whether the default method has memory for A and its factors."""
         return has_memory(transport_memory(shape[0] * shape[1], self.patches))
 
 
 def advise(scenario: Scenario, hidden: tuple[int, int] | None = None) -> FilmAdvice:
-    """Return which film a scene needs for a hidden image of (rows, columns).
-
-    None takes the scenario's own hidden size.
-    """
+    """Return which film a scene needs for a hidden image of (rows, columns), None for its own."""
     hidden = hidden or scenario.hidden_shape
     shape = scenario.photograph_shape
     grid = scenario.wall_points.reshape(*shape, 3)
-    sides = [
-        float(np.median(np.linalg.norm(np.diff(grid, axis=axis), axis=2)))
-        for axis in (0, 1)
-        if shape[axis] > 1
-    ]
-    step = shadow_step(scenario, hidden)
-    return FilmAdvice(step, max(sides, default=0.0), shape, hidden[0] * hidden[1])
+    sides = [np.linalg.norm(np.diff(grid, axis=k), axis=2) for k in (0, 1) if shape[k] > 1]
+    pixel = max((float(np.median(each)) for each in sides), default=0.0)
+    return FilmAdvice(shadow_step(scenario, hidden), pixel, shape, hidden[0] * hidden[1])
 
 
 def shadow_step(scenario: Scenario, hidden: tuple[int, int]) -> float | None:
@@ -109,28 +97,23 @@ def shadow_step(scenario: Scenario, hidden: tuple[int, int]) -> float | None:
     """
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     axes = np.stack([frame.across, frame.up, frame.normal], axis=1)
-    wall = (scenario.wall_points - frame.center) @ axes
-    low, high = wall[:, :2].min(axis=0), wall[:, :2].max(axis=0)
+    wall = (scenario.wall_points - frame.center) @ axes[:, :2]
     middle = (scenario.patch_centers.mean(axis=0) - frame.center) @ axes
-    across, up = (
-        each.mean(axis=0) @ axes * count
-        for each, count in zip((scenario.patch_across, scenario.patch_up),
-                               scenario.hidden_shape[::-1], strict=True)
-    )  # fmt: skip
-    sources = [middle + i * across / 2 + j * up / 2 for i in (-1, 1) for j in (-1, 1)]
-    steps = [np.zeros(0)]
-    for points in _edge_points(scenario):
-        points = (points - frame.center) @ axes
-        between = points[(points[:, 2] > 0) & (points[:, 2] < middle[2])]
-        shadows = np.stack([_shadows(source, between) for source in (*sources, middle)])
-        falls = ((shadows >= low) & (shadows <= high)).all(axis=2).any(axis=0)
-        moves = [
-            np.linalg.norm(_shadows(middle + patch, between) - shadows[-1], axis=1)
-            for patch in (across / hidden[1], up / hidden[0])
-        ]
-        steps.append(np.minimum(*moves)[falls])
-    found = np.concatenate(steps)
-    return float(np.percentile(found, SHARPEST)) if found.size else None
+    rows, columns = scenario.hidden_shape
+    width = scenario.patch_across.mean(axis=0) @ axes * columns
+    height = scenario.patch_up.mean(axis=0) @ axes * rows
+    points = (_edge_points(scenario) - frame.center) @ axes
+    points = points[(points[:, 2] > 0) & (points[:, 2] < middle[2])]
+    corners = [middle + i * width / 2 + j * height / 2 for i in (-1, 1) for j in (-1, 1)]
+    shadows = np.stack([_shadows(source, points) for source in (*corners, middle)])
+    in_view = (
+        ((shadows >= wall.min(axis=0)) & (shadows <= wall.max(axis=0))).all(axis=2).any(axis=0)
+    )
+    moves = [
+        np.linalg.norm(_shadows(middle + patch, points) - shadows[-1], axis=1)[in_view]
+        for patch in (width / hidden[1], height / hidden[0])
+    ]
+    return float(np.percentile(np.minimum(*moves), SHARPEST)) if in_view.any() else None
 
 
 def _shadows(source: Array, points: Array) -> Array:
@@ -140,16 +123,17 @@ def _shadows(source: Array, points: Array) -> Array:
         return np.asarray(source[:2] + stretch * (points[:, :2] - source[:2]))
 
 
-def _edge_points(scenario: Scenario) -> Iterator[Array]:
-    """Yield points along the edges of each occluder's triangles, (n, 3)."""
-    part = (np.arange(_ON_EDGE) + 0.5) / _ON_EDGE
+def _edge_points(scenario: Scenario) -> Array:
+    """Return points along the edges of the occluders' triangles, (n, 3)."""
+    part = (np.arange(_ON_EDGE) + 0.5)[:, np.newaxis] / _ON_EDGE
+    points = [np.zeros((0, 3))]
     for occluder in scenario.occluders:
-        if occluder.vertices is None or occluder.faces is None:
-            continue
-        faces = occluder.faces[:: 1 + 3 * _ON_EDGE * len(occluder.faces) // _MOST_POINTS]
-        start, end = occluder.vertices[faces], occluder.vertices[np.roll(faces, -1, axis=1)]
-        along = start[:, :, np.newaxis] + part[:, np.newaxis] * (end - start)[:, :, np.newaxis]
-        yield along.reshape(-1, 3)
+        if occluder.vertices is not None and occluder.faces is not None:
+            faces = occluder.faces[:: 1 + 3 * _ON_EDGE * len(occluder.faces) // _MOST_POINTS]
+            start = occluder.vertices[faces][:, :, np.newaxis]
+            end = np.roll(start, -1, axis=1)
+            points.append((start + part * (end - start)).reshape(-1, 3))
+    return np.concatenate(points)
 
 
 def films_of_blocks(size: tuple[int, int]) -> dict[int, tuple[int, int]]:

@@ -59,11 +59,10 @@ class WallTags:
 
     def __post_init__(self) -> None:
         """Reject a number that is listed twice, and sizes that are not positive."""
-        numbers, counts = np.unique(self.ids, return_counts=True)
-        if (counts > 1).any():
-            raise PhotographError(f"{self.source}: tag {numbers[counts > 1][0]} is listed twice")
-        if not (self.sizes > 0).all():
-            raise PhotographError(f"{self.source}: a tag's size is not positive; give metres")
+        if len(np.unique(self.ids)) < len(self.ids) or not (self.sizes > 0).all():
+            raise PhotographError(
+                f"{self.source}: list each tag once, with the positive size of its side in metres"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +110,7 @@ class Marks:
     @property
     def are_tags(self) -> bool:
         """Whether the marks are tags."""
-        return self.pixels.shape[1] > 1
+        return len(self.pixels[0]) > 1
 
     def turned(self, angles: Array) -> Array:
         """Return (n, p, 2) places on the wall of marks turned by (n,) angles in radians."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,9 +21,6 @@ PAPER = 1.5
 
 OFF_WALL = 0.02
 """Distance of marks from the wall that counts as on it, over the diagonal of the field of view."""
-
-FAR = 10.0
-"""Distance of marks from the field of view that only a wrong unit gives, over its diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,25 +102,18 @@ def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallT
     return PlacedFilm(view, plane, on_sensor, coverage, float(placement), missing)
 
 
-def _on_wall(positions: Array, plane: WallPlane, names: list[str]) -> Array:
+def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
     """Return where marks are in the wall's plane; raise if one is off it."""
-    heights, on_wall = np.abs(plane.heights(positions)), plane.coordinates(positions)
-    corners = plane.pixel_corners()
-    extent = float(np.linalg.norm(np.ptp(corners, axis=0)))
-    away = np.linalg.norm(on_wall - corners.mean(axis=0), axis=1).min()
-    if away > FAR * extent:
-        raise PhotographError(
-            f"all marks lie {away:.3g} m or more from the middle of what the camera sees, "
-            f"{extent:.2g} m wide; give their positions in metres, in the scene's coordinates"
-        )
+    heights = np.abs(plane.heights(positions))
+    extent = float(np.linalg.norm(np.ptp(plane.pixel_corners(), axis=0)))
     worst = int(heights.argmax())
     if not heights[worst] <= OFF_WALL * extent:
         raise PhotographError(
             f"{names[worst]} lies {heights[worst]:.3g} m off the scene's wall, more than "
-            f"{OFF_WALL:.0%} of the field of view; measure it in the scene's coordinates, or move "
-            "the scene's wall"
+            f"{OFF_WALL:.0%} of the field of view; measure it in metres, in the scene's "
+            "coordinates, or move the scene's wall"
         )
-    return on_wall
+    return plane.coordinates(positions)
 
 
 def _coverage(corners: Array) -> float:

@@ -12,17 +12,11 @@ from periscopy_sim.photograph import Mask
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.photographs.film_size import PLACED, films_of_blocks
 from periscopy_sim.photographs.marks import WallPoints, WallTags
-from periscopy_sim.photographs.placing import PlacedFilm, place_film
+from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
 from periscopy_sim.photographs.sensor_image import SensorImage, mask_of_pixels, sensor_image
 from periscopy_sim.photographs.view_fit import FittedView
 from periscopy_sim.scenario import Array, Scenario
-
-LOST = 10.0
-"""Standard error with which marks place the film's pixels, in pixels, that is useless."""
-
-MOST_OUTSIDE = 0.5
-"""Fraction of the film outside the photograph that causes a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +97,12 @@ def prepare(
         raise PhotographError("points and tags both show the view; give one of them")
     if (marks := points or tags) is not None:
         film = place_film(light, scenario, marks)
-        warnings = _warnings(film, marks.source)
+        warnings = [f"the photograph does not show tag {number}" for number in film.missing]
+        if film.placement > PLACED:
+            warnings.append(
+                f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
+                "only, where it is worst; measure more of them, further apart"
+            )
     elif shape not in (films := list(films_of_blocks(light.size).values())):
         sizes = ", ".join(f"{rows}x{columns}" for rows, columns in films[:12])
         raise PhotographError(
@@ -133,16 +132,6 @@ def prepare(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
             "saturated or masked; check the marks and the exposure"
         )
-    outside = float(np.mean((found & Flaw.OUTSIDE) != 0))
-    if outside > MOST_OUTSIDE:
-        warnings.append(
-            f"{outside:.0%} of the scene's film lie outside of the photograph; check the points, "
-            "and what the scene's camera sees (in measurements: kind rectified)"
-        )
-    if mask is not None and not (found & Flaw.MASKED).any():
-        warnings.append(
-            "the mask leaves out no pixel of the scene's film; paint black what is not wall"
-        )
     return Prepared(
         values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
@@ -153,27 +142,3 @@ def prepare(
         placement=film.placement if film else 0.0,
         warnings=tuple(warnings),
     )
-
-
-def _warnings(film: PlacedFilm, source: str) -> list[str]:
-    """Return what is doubtful about a placed film; raise if the marks do not place it at all."""
-    warnings = []
-    if film.placement > LOST:
-        raise PhotographError(
-            f"the marks place the photograph to {film.placement:.0f} of the scene's pixels only, "
-            "where it is worst; spread them over what is used"
-        )
-    if film.missing:
-        numbers = ", ".join(map(str, film.missing))
-        warnings.append(f"{source}: the photograph does not show tags {numbers}")
-    if film.placement > PLACED:
-        warnings.append(
-            f"the marks place the photograph to {film.placement:.1f} of the scene's pixels only, "
-            "where it is worst; measure more of them, further apart"
-        )
-    if film.coverage < 1:
-        warnings.append(
-            f"the scene's pixels are finer than the photograph's ({film.coverage:.2f} in each); "
-            "give its film fewer"
-        )
-    return warnings

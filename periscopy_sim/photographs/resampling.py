@@ -73,17 +73,15 @@ def average_areas(
     """
     rows, columns = corners.shape[0] - 1, corners.shape[1] - 1
     image = np.ascontiguousarray(image, dtype=np.float32)
-    values = np.zeros((rows, columns, image.shape[2]))
-    covered, measured = np.zeros((2, rows, columns))
-    found = np.zeros((rows, columns), np.uint8)
     corners = np.ascontiguousarray(corners, dtype=np.float64)
-
-    def average(part: tuple[int, int]) -> None:
-        _average_rows(image, flaws, corners, *part, values, covered, measured, found)
-
-    in_parallel(average, ranges(rows))
-    found |= np.uint8(Flaw.OUTSIDE) * (covered < 1 - SLIVER)
-    found |= np.uint8(Flaw.SPARSE) * (measured < LEAST_MEASURED)
+    values = np.zeros((rows, columns, image.shape[2]))
+    found, covered = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns, 2))
+    in_parallel(
+        lambda part: _average_rows(image, flaws, corners, *part, values, found, covered),
+        ranges(rows),
+    )
+    found |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
+    found |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
     return values, found
 
 
@@ -95,11 +93,13 @@ def _average_rows(
     start: int,
     stop: int,
     values: Array,
-    covered: Array,
-    measured: Array,
     found: NDArray[np.uint8],
+    covered: Array,
 ) -> None:
-    """Average what the new pixels in rows from start to stop cover."""
+    """Average what the new pixels in rows from start to stop cover.
+
+    `covered` gets the fractions of their areas that all pixels and that sound ones cover.
+    """
     height, width, channels = image.shape
     quad, strip = np.empty((4, 2)), np.empty((16, 2))
     cell, spare = np.empty((16, 2)), np.empty((16, 2))
@@ -127,8 +127,7 @@ def _average_rows(
                         for channel in range(channels):
                             values[i, j, channel] += area * image[row, column, channel]
             values[i, j] /= sound  # NaN where there is none
-            covered[i, j] = inside / whole
-            measured[i, j] = sound / whole
+            covered[i, j, 0], covered[i, j, 1] = inside / whole, sound / whole
 
 
 @compiled

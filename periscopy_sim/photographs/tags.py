@@ -56,20 +56,15 @@ def find_tags(
     wanted = {int(number) for number in ids}
     family = max(FAMILIES, key=lambda name: len(wanted & set(found[name][0])))
     numbers, corners = found[family]
-    for number in sorted(wanted):
-        if numbers.count(number) > 1:
-            raise PhotographError(
-                f"tag {number} is in the photograph {numbers.count(number)} times; cover all but one"
-            )
+    if twice := [number for number in sorted(wanted) if numbers.count(number) > 1]:
+        raise PhotographError(f"the photograph shows tag {twice[0]} twice; cover all but one")
     places = [place for place, number in enumerate(ids) if int(number) in numbers]
     if len(places) < FEWEST:
-        others = [
-            f"{', '.join(map(str, sorted(n)))} ({name})" for name, (n, _) in found.items() if n
-        ]
+        shown = [f"{sorted(n)} ({name})" for name, (n, _) in found.items() if n]
         raise PhotographError(
-            f"of the tags {', '.join(map(str, sorted(wanted)))}, the photograph shows "
-            f"{len(places)}, of {FEWEST} needed; it shows {'; '.join(others) or 'none of any family'}: "
-            "check their numbers, the light on them, and that each has a white border"
+            f"the photograph shows {len(places)} of the tags {sorted(wanted)}, of {FEWEST} needed, "
+            f"and {', '.join(shown) or 'none of any family'}: check their numbers, the light on "
+            "them, and that each has a white border"
         )
     modules = _dictionary(family).markerSize + 2
     rough = [corners[numbers.index(int(ids[place]))] for place in places]

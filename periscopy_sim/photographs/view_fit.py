@@ -25,10 +25,7 @@ FEWEST_FREE = 4
 """Measurements beyond the unknowns that a fit with distortion must leave."""
 
 CLICK = 0.5
-"""Error of a mark's coordinate in the photograph that clicks have, in pixels."""
-
-RULER = 1e-3
-"""Error of a mark's coordinate on the wall that a ruler has, in metres."""
+"""Error of a mark's coordinate in the photograph, in pixels, where no residual shows it."""
 
 ROUNDING = 1e-3
 """Error of any coordinate in the photograph, in pixels: exact marks make no test certain."""
@@ -44,28 +41,23 @@ class FittedView:
     Attributes
     ----------
     marks
-        The marks it was fitted to.
+        The marks, as they were given.
     view
         Where the photograph shows each point of the wall.
-    solution
-        8 numbers of a homography, coefficients of the lens, angles of tags.
     places
         (n, p, 2) places of the marks on the wall, tags turned.
     residuals
         (n p, 2) pixels between where the view and the photograph show each place.
+    freedom
+        Measurements beyond the unknowns; where it is 0 the residuals show nothing.
     """
 
     marks: Marks = field(repr=False)
     view: WallView
-    solution: Array = field(repr=False)
     places: Array = field(repr=False)
     residuals: Array = field(repr=False)
+    freedom: int
     _moves: Callable[[Array | None], Array] = field(repr=False)  # of points or marks, per unknown
-
-    @property
-    def freedom(self) -> int:
-        """Measurements beyond the unknowns; where it is 0 the residuals show nothing."""
-        return int(self.residuals.size - self.solution.size)
 
     @property
     def squares(self) -> float:
@@ -80,18 +72,13 @@ class FittedView:
     @property
     def rms(self) -> float:
         """Root mean square of the residuals' lengths, in pixels."""
-        return _rms(self.residuals)
+        return float(np.sqrt(2 * np.mean(self.residuals**2)))
 
     @property
     def rms_on_wall(self) -> float:
         """The same in metres on the wall."""
-        return _rms(np.linalg.solve(self.slopes(), self.residuals[..., np.newaxis])[..., 0])
-
-    @property
-    def expected(self) -> float:
-        """`rms` that errors of `CLICK` in the photograph and of `RULER` on the wall give."""
-        variance = 2 * CLICK**2 + RULER**2 * np.mean(np.sum(self.slopes() ** 2, axis=(1, 2)))
-        return float(np.sqrt(variance * self.freedom / self.residuals.size))
+        on_wall = np.linalg.solve(self.slopes(), self.residuals[..., np.newaxis])
+        return float(np.sqrt(2 * np.mean(on_wall**2)))
 
     def slopes(self) -> Array:
         """Return (n p, 2, 2) derivatives of pixels by metres across and up, at the marks."""
@@ -133,7 +120,7 @@ def fit_view(marks: Marks, size: tuple[int, int]) -> FittedView:
     points = marks.as_points()
     for k in range(len(points) if kind == "points" else 0):
         others = points.without(k)
-        if _on_a_line(others.centers, LINE) or _on_a_line(others.pixels[:, 0], LINE):
+        if _on_a_line(others.centers) or _on_a_line(others.pixels[:, 0]):
             raise PhotographError(
                 f"all points, or all but {points.names[k]}, lie on a line, or nearly; measure more "
                 "beside it"
@@ -152,8 +139,9 @@ def fit_view(marks: Marks, size: tuple[int, int]) -> FittedView:
 def _least_squares(marks: Marks, size: tuple[int, int], order: int) -> FittedView:
     """Return the view of least squares with `order` coefficients of the lens.
 
-    Every unknown is about 1: the homography is that between the wall about the marks and the
-    picture about the lens's axis.
+    Unknown are 8 numbers of a homography, the lens's coefficients, and the angle of each tag. The
+    homography is that from the wall about the marks to the picture about the lens's axis, which
+    makes each unknown about 1.
     """
     from scipy.optimize import least_squares
 
@@ -166,7 +154,9 @@ def _least_squares(marks: Marks, size: tuple[int, int], order: int) -> FittedVie
     def view_of(solution: Array) -> WallView:
         scaled = np.append(solution[:8], 1).reshape(3, 3)
         homography = np.linalg.solve(picture, scaled @ wall)
-        return WallView(homography, center, radius, tuple(map(float, solution[8 : 8 + order])))
+        return WallView(
+            np.asarray(homography), center, radius, tuple(map(float, solution[8 : 8 + order]))
+        )
 
     def places_of(solution: Array) -> Array:
         return marks.turned(solution[8 + order :] if marks.are_tags else np.zeros(len(marks)))
@@ -189,7 +179,8 @@ def _least_squares(marks: Marks, size: tuple[int, int], order: int) -> FittedVie
             "number"
         ) from None
     return FittedView(
-        marks, view_of(found.x), found.x, places_of(found.x), found.fun.reshape(-1, 2),
+        marks, view_of(found.x), places_of(found.x), found.fun.reshape(-1, 2),
+        found.fun.size - found.x.size,
         lambda points: _derivative(lambda solution: pixels_of(solution, points), found.x),
     )  # fmt: skip
 
@@ -200,25 +191,22 @@ def _start(marks: Marks) -> tuple[Array, Array]:
         return fit_homography(marks.centers, marks.pixels[:, 0]), np.zeros(0)
     # The largest tag shows the view but for its own turn; the other tags' middles show that.
     points, plane = marks.as_points(), np.array([1, 1j])
-    sides = np.linalg.norm(marks.pixels[:, 2] - marks.pixels[:, 0], axis=1)
-    largest = int(np.argmax(sides))
+    largest = int(np.linalg.norm(marks.pixels[:, 2] - marks.pixels[:, 0], axis=1).argmax())
     seen = np.linalg.inv(fit_homography(marks.arms[largest], marks.pixels[largest]))
     offsets = project(seen, points.pixels[:, 0]) @ plane
     expected = (marks.centers - marks.centers[largest]) @ plane
     turn = np.angle(np.sum(expected * offsets.conj()))
     on_wall = marks.turned(np.full(len(marks), turn))[largest]
     homography = fit_homography(on_wall, marks.pixels[largest])
-    if len(marks) >= 4 and not _on_a_line(marks.centers, 10 * LINE):
-        homography = fit_homography(marks.centers, points.pixels[:, 0])
     back = project(np.linalg.inv(homography), marks.pixels.reshape(-1, 2)).reshape(-1, 4, 2)
     turned = (back - marks.centers[:, np.newaxis]) @ plane
     return homography, np.angle(np.sum(turned * (marks.arms @ plane).conj(), axis=1))
 
 
-def _on_a_line(points: Array, tolerance: float) -> bool:
-    """Return whether (n, 2) points lie on a line: their rms width is `tolerance` of the length."""
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(len(spread) < 2 or spread[1] <= tolerance * spread[0])
+def _on_a_line(points: Array) -> bool:
+    """Return whether three (n, 2) points or more lie on a line, within `LINE` of its length."""
+    length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(width <= LINE * length)
 
 
 def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
@@ -226,10 +214,6 @@ def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
     steps = 1e-6 * np.eye(len(at))
     moved = [(function(at + step) - function(at - step)).ravel() / 2e-6 for step in steps]
     return np.stack(moved, axis=1)
-
-
-def _rms(vectors: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
 # -- tests ---------------------------------------------------------------------------------------

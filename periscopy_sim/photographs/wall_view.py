@@ -40,7 +40,7 @@ def fit_homography(source: Array, target: Array) -> Array:
 
 
 def similarity(center: Array, scale: float) -> Array:
-    """Return the (3, 3) homography that moves a (2,) centre to the origin and divides by a scale."""
+    """Return the (3, 3) homography that subtracts a (2,) centre and divides by a scale."""
     return np.array([[1, 0, -center[0]], [0, 1, -center[1]], [0, 0, scale]]) / scale
 
 
@@ -148,7 +148,7 @@ def wall_plane(scenario: Scenario) -> WallPlane:
             f"{where}: the wall is curved (it leaves a plane by {1e3 * off:.3g} mm), and marks "
             "rectify a plane wall alone; let the scene's camera be the photograph's, without marks"
         )
-    film = np.indices(shape).reshape(2, -1).T[:, ::-1] + 0.5  # column and row
+    film = np.indices(shape).reshape(2, -1).T[:, ::-1] + np.float64(0.5)  # column and row
     some = np.arange(len(film)).reshape(shape)[:: 1 + shape[0] // 16, :: 1 + shape[1] // 16].ravel()
     homography = fit_homography(film[some], on_wall[some])
     if np.abs(project(homography, film) - on_wall).max() > 10 * tolerance:

@@ -33,9 +33,6 @@ FILM_SIZES = (
 )  # fmt: skip
 """Names that a scene's <default>s for the rows and columns of its film may have."""
 
-GOOD = 2.0
-"""Residual of marks over what clicks and a ruler give, up to which it is good."""
-
 Photos = Annotated[
     list[Path],
     typer.Argument(
@@ -137,21 +134,20 @@ def prepare(
     if min(patches) < 1:
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     times = None if exposures is None else _times(exposures)
-    factor = None if bin_by is None else _factor(bin_by)
     written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, find_scene(scene)
     spare_inputs(written, given_files)
     with ExitStack() as stack:
         staged = [stack.enter_context(staged_file(path)) for path in written]
-        with progress("reading the scene and the photograph") as report:
+        with progress("reading the scene and the photograph"):
             scenario = inputs.load(scene, "1x1", define)
-            light, used = _developed(photos, black, dark, flat, white, times, mask, report)
+            light, used = _developed(photos, black, dark, flat, white, times, mask)
         marks = _marks(points, tags)
         advice = advise(scenario, patches)
         film: dict[str, str] = {}
-        if factor is not None:
+        if bin_by is not None:
             film = _film_definitions(
-                scenario, _film(light, scenario, advice, factor, marks), define
+                scenario, _film(light, scenario, advice, bin_by, marks), define
             )
             more = [f"{name}={value}" for name, value in film.items()]
             scenario = inputs.load(scene, "1x1", [*(define or []), *more])
@@ -190,24 +186,17 @@ def _developed(
     white: float | None,
     times: Sequence[float] | None,
     mask: Path | None,
-    report: Any,
 ) -> tuple[SensorImage, inputs.Mask | None]:
     """Read the photographs, and make one picture of linear light of them."""
     from periscopy_sim.photographs.develop import average, black_level_warning, develop
     from periscopy_sim.photographs.sensor_image import mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 
-    count = len(photos) + len(dark or ()) + len(flat or ())
-    done = 0
-
     def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
-        nonlocal done
         for path in paths:
             exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
             for warning in warnings:
                 warn(warning)
-            done += 1
-            report(done / count)
             yield exposure
 
     offset = average(pictures(dark), f"the dark frame {dark[-1]}") if dark else None
@@ -218,9 +207,8 @@ def _developed(
     on_photograph = None
     if used is not None and max(used.shape) >= max(first.size):  # smaller ones are the film's
         on_photograph = mask_of_pixels(used, first)
-    light = develop(
-        chain([first], taken), times=times, black=black, dark=offset, flat=even, mask=on_photograph
-    )
+    every = chain([first], taken)
+    light = develop(every, times=times, black=black, dark=offset, flat=even, mask=on_photograph)
     source = f"--black {black:g}" if black else f"--dark {_listed(dark)}" if dark else "the file"
     if warning := black_level_warning(light, on_photograph, source):
         warn(f"{photos[0]}: {warning}")
@@ -243,15 +231,6 @@ def _times(text: str) -> list[float]:
         raise PeriscopyError(f"--exposures '{text}': give times separated by commas") from None
 
 
-def _factor(text: str) -> int:
-    """Read the side of a block; 0 stands for auto."""
-    if text == "auto":
-        return 0
-    if not (text.isascii() and text.isdigit() and 0 < int(text) < 10**4):
-        raise PeriscopyError(f"--bin '{text}' is neither auto nor a whole number; write --bin 8")
-    return int(text)
-
-
 def _listed(paths: Sequence[Path] | None) -> str | None:
     return ", ".join(map(str, paths)) if paths else None
 
@@ -265,29 +244,28 @@ def _sha256(path: Path) -> str:
 
 
 def _film(
-    light: SensorImage,
-    scenario: Scenario,
-    advice: FilmAdvice,
-    factor: int,
-    marks: Mapping[str, Any],
+    light: SensorImage, scenario: Scenario, advice: FilmAdvice, by: str, marks: Mapping[str, Any]
 ) -> tuple[int, int]:
-    """Return the (rows, columns) of the film for --bin; a factor of 0 stands for auto."""
+    """Return the (rows, columns) of the film for --bin: auto, or the side of a block."""
     from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
     from periscopy_sim.photographs.placing import place_film
 
+    factor = int(by) if by.isascii() and by.isdigit() else 0
+    if by != "auto" and not 0 < factor < 10**4:
+        raise PeriscopyError(f"--bin '{by}' is neither auto nor a whole number; write --bin 8")
     rows, columns = scenario.photograph_shape
     if marks:
         placed = place_film(light, scenario, *marks.values())
-        if not factor:
-            return advice.choose(films_of_marks((rows, columns), placed.coverage, placed.placement))
         side = np.sqrt(placed.coverage)
+        if by == "auto":
+            return advice.choose(films_of_marks((rows, columns), placed.coverage, placed.placement))
         films = films_of_shape((rows, columns), side)
         return min(films, key=lambda film: abs(film[0] - rows * side / factor))
     sizes = films_of_blocks(light.size)
     if (factor and factor not in sizes) or rows * light.size[1] != columns * light.size[0]:
         raise PeriscopyError(
             f"--bin: {light.size[0]} x {light.size[1]} pixels (rows x columns) are no film of the "
-            f"proportions of {rows} x {columns}, the scene's, by blocks of a side of one of "
+            f"proportions of {rows} x {columns}, the scene's, by blocks with a side of one of "
             f"{', '.join(map(str, sizes))}; crop the photograph, or change the scene's film"
         )
     return sizes[factor] if factor else advice.choose(list(sizes.values()))
@@ -299,14 +277,11 @@ def _film_definitions(
     """Return the values of the scene's <default>s that give its film a size of (rows, columns)."""
     from periscopy_sim.rendering.scene.document import read_document
 
-    declared = read_document(scenario.path).defaults
-    chosen = arguments.parse_definitions(define)
+    declared = read_document(scenario.path).defaults.keys()
     for names in FILM_SIZES:
-        if set(names) <= declared.keys() and (len(names) == 2 or shape[0] == shape[1]):
-            if set(names) & chosen.keys():
-                raise PeriscopyError(
-                    f"--bin sets {' and '.join(names)}, which -D sets, too; leave one of them out"
-                )
+        if set(names) <= declared and (len(names) == 2 or shape[0] == shape[1]):
+            if set(names) & arguments.parse_definitions(define).keys():
+                raise PeriscopyError(f"--bin and -D both set {' and '.join(names)}; give one")
             return dict(zip(names, map(str, shape), strict=False))
     raise PeriscopyError(
         f"--bin: scene '{scenario.path}' declares no <default> for its film's size; write <default "
@@ -326,63 +301,53 @@ def _lines(
     from periscopy_sim.photographs.resampling import Flaw
 
     shape = prepared.mask.shape[0], prepared.mask.shape[1]
-    if prepared.view is not None:
+    if (fit := prepared.view) is not None:
         pixel = 1e3 * advice.pixel * advice.shape[0] / shape[0]
         yield (
-            f"{len(prepared.view.marks)} marks {_fit(prepared.view)}; they place the scene's "
-            f"pixels to {prepared.placement:.2f} of one ({pixel * prepared.placement:.2g} mm on "
-            "the wall) where it is worst"
+            f"{len(fit.marks)} marks {_fit(fit)}; they place the scene's pixels to "
+            f"{prepared.placement:.2f} of one ({pixel * prepared.placement:.2g} mm on the wall) "
+            "where it is worst"
         )
-    line = f"{size[0]}x{size[1]} pixels averaged to {shape[0]}x{shape[1]}"
-    line += f", {prepared.coverage:.3g} in each"
+    notes = [f"{prepared.coverage:.3g} in each"]
     if prepared.defects:
-        line += f"; {prepared.defects} dead or hot ones left out"
-    counts, rest = [], ~prepared.mask  # each pixel counts once
+        notes.append(f"without {prepared.defects} dead or hot ones")
+    rest = ~prepared.mask  # each pixel counts once
     for flaw, reason in (
         (Flaw.OUTSIDE, "outside of the photograph"), (Flaw.MASKED, "by the mask"),
         (Flaw.TAG, "beneath tags"), (Flaw.SATURATED, "saturated"),
         (Flaw.SPARSE, "mostly dead or hot"),
     ):  # fmt: skip
         pixels = rest & ((prepared.flaws & flaw) != 0)
-        counts += [f"{np.count_nonzero(pixels)} {reason}"] * bool(pixels.any())
+        if pixels.any():
+            notes.append(f"left out {np.count_nonzero(pixels)} {reason}")
         rest &= ~pixels
-    yield f"{line}; left out {', '.join(counts)}" if counts else line
+    yield f"{size[0]}x{size[1]} pixels averaged to {shape[0]}x{shape[1]}: {', '.join(notes)}"
 
-    room = f"A takes {advice.size(shape) / 1e6:.3g} MB"
-    room += "" if advice.fits(shape) else ", too much here"
+    film = f"A takes {4 * shape[0] * shape[1] * advice.patches / 1e6:.3g} MB"
+    film += "" if advice.fits(shape) else ", too much here"
     if advice.step is None:
-        yield f"film: {'no mesh casts the shadows; ' if casts else ''}{room}"
+        yield f"film: {'no mesh casts the shadows; ' if casts else ''}{film}"
         return
     pixels_in_step = advice.pixels_in_step(shape)
     finer = films_of_marks(shape, prepared.coverage, prepared.placement)
     if not advice.fits(shape) or pixels_in_step >= 2 * PIXELS_IN_STEP:
-        room += "; coarser would do: --bin auto"
+        film += "; coarser would do: --bin auto"
     elif pixels_in_step < PIXELS_IN_STEP and advice.choose(finer) > shape:
-        room += "; finer may show more: --bin auto"
+        film += "; finer may show more: --bin auto"
     yield (
         f"film: {pixels_in_step:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm "
-        f"from patch to patch); {room}"
+        f"from patch to patch); {film}"
     )
 
 
 def _fit(view: FittedView) -> str:
-    """Return how well a view fits its marks, and whether clicks and a ruler explain the rest."""
-    from periscopy_sim.photographs.view_fit import CLICK, RULER
-
+    """Return how well a view fits its marks."""
     if not view.freedom:
         return "are as many as the view needs: nothing checks them"
     lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
-    errors = (
-        f"errors of {CLICK:g} pixels in the photograph and {1e3 * RULER:g} mm on the wall give "
-        f"({view.expected:.2f} pixels)"
-    )
-    is_good = view.rms <= GOOD * view.expected
-    judged = f"no more than {errors}"
-    if not is_good:
-        judged = f"more than {errors}: check the points, and the wall's flatness"
     return (
         f"fit to {view.rms:.2f} pixels of the photograph ({1e3 * view.rms_on_wall:.2g} mm on the "
-        f"wall) rms, {judged}{lens}"
+        f"wall) rms{lens}"
     )
 
 
