@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
@@ -14,7 +14,7 @@ import typer
 
 from periscopy_sim.cli import arguments, inputs
 from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.output import progress, say, say_written, warn
+from periscopy_sim.cli.output import fixable, progress, say, say_written, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -22,6 +22,7 @@ from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.photographs.film_size import FilmAdvice
+    from periscopy_sim.photographs.marks import WallPoints, WallTags
     from periscopy_sim.photographs.prepare import Prepared
     from periscopy_sim.photographs.sensor_image import SensorImage
     from periscopy_sim.photographs.view_fit import FittedView
@@ -126,14 +127,15 @@ def prepare(
     from periscopy_sim.photographs.prepare import prepare as prepared_from
     from periscopy_sim.storage.formats.exr import write_exr
     from periscopy_sim.storage.pictures import write_png
+    from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
 
     arguments.require_suffix(out, ".exr", "the photograph")
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags both show the view; give one of them")
-    patches = arguments.parse_size(hidden)
-    if min(patches) < 1:
+    if min(patches := arguments.parse_size(hidden)) < 1:
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
-    times = None if exposures is None else _times(exposures)
+    with fixable("--exposures"):
+        times = None if exposures is None else [float(each) for each in exposures.split(",")]
     written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, find_scene(scene)
     spare_inputs(written, given_files)
@@ -142,17 +144,17 @@ def prepare(
         with progress("reading the scene and the photograph"):
             scenario = inputs.load(scene, "1x1", define)
             light, used = _developed(photos, black, dark, flat, white, times, mask)
-        marks = _marks(points, tags)
+        on_wall = read_wall_points(points) if points else None
+        tags_on_wall = read_wall_tags(tags) if tags else None
         advice = advise(scenario, patches)
         film: dict[str, str] = {}
         if bin_by is not None:
-            film = _film_definitions(
-                scenario, _film(light, scenario, advice, bin_by, marks), define
-            )
+            shape = _film(light, scenario, advice, bin_by, on_wall or tags_on_wall)
+            film = _film_definitions(scenario, shape, define)
             more = [f"{name}={value}" for name, value in film.items()]
             scenario = inputs.load(scene, "1x1", [*(define or []), *more])
         with progress("averaging its pixels"):
-            prepared = prepared_from(light, scenario, mask=used, **marks)
+            prepared = prepared_from(light, scenario, points=on_wall, tags=tags_on_wall, mask=used)
         shadowless = inputs.warn_without_shadows(scenario, scene)
         for warning in prepared.warnings:
             warn(f"{photos[0]}: {warning}")
@@ -215,22 +217,6 @@ def _developed(
     return light, used
 
 
-def _marks(points: Path | None, tags: Path | None) -> dict[str, Any]:
-    from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
-
-    if points is not None:
-        return {"points": read_wall_points(points)}
-    return {} if tags is None else {"tags": read_wall_tags(tags)}
-
-
-def _times(text: str) -> list[float]:
-    """Read exposure times."""
-    try:
-        return [float(each) for each in text.split(",")]
-    except ValueError:
-        raise PeriscopyError(f"--exposures '{text}': give times separated by commas") from None
-
-
 def _listed(paths: Sequence[Path] | None) -> str | None:
     return ", ".join(map(str, paths)) if paths else None
 
@@ -244,7 +230,11 @@ def _sha256(path: Path) -> str:
 
 
 def _film(
-    light: SensorImage, scenario: Scenario, advice: FilmAdvice, by: str, marks: Mapping[str, Any]
+    light: SensorImage,
+    scenario: Scenario,
+    advice: FilmAdvice,
+    by: str,
+    marks: WallPoints | WallTags | None,
 ) -> tuple[int, int]:
     """Return the (rows, columns) of the film for --bin: auto, or the side of a block."""
     from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
@@ -254,8 +244,8 @@ def _film(
     if by != "auto" and not 0 < factor < 10**4:
         raise PeriscopyError(f"--bin '{by}' is neither auto nor a whole number; write --bin 8")
     rows, columns = scenario.photograph_shape
-    if marks:
-        placed = place_film(light, scenario, *marks.values())
+    if marks is not None:
+        placed = place_film(light, scenario, marks)
         side = np.sqrt(placed.coverage)
         if by == "auto":
             return advice.choose(films_of_marks((rows, columns), placed.coverage, placed.placement))
@@ -341,7 +331,7 @@ def _lines(
 
 
 def _fit(view: FittedView) -> str:
-    """Return how well a view fits its marks."""
+    """Return how well a view fits its marks, in words."""
     if not view.freedom:
         return "are as many as the view needs: nothing checks them"
     lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
