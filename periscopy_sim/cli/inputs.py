@@ -198,7 +198,7 @@ def look_for_defects(
     sound = border.inside(photograph.shape[:2]) if mask is None else mask
     used, warnings = mask, []
     if border:
-        outstanding = f"{border}, darker or brighter all along than the light farther inside"
+        outstanding = f"border lines that are far too dark or bright ({border})"
         if maskable:
             used = sound
             warnings.append(f"{name}: left out {outstanding}; --mask takes exactly what it shows")

@@ -39,14 +39,9 @@ class BadBorder:
         return any(astuple(self))
 
     def __str__(self) -> str:
-        """Return the numbers and the sides."""
-        lines = ("row", "top"), ("row", "bottom"), ("column", "left"), ("column", "right")
-        counts = [
-            f"{count} {line}{'s' * (count > 1)} at the {side}"
-            for count, (line, side) in zip(astuple(self), lines, strict=True)
-            if count
-        ]
-        return ", ".join(counts) or "none"
+        """Return the numbers of lines and the sides."""
+        sides = zip(astuple(self), ("top", "bottom", "left", "right"), strict=True)
+        return ", ".join(f"{count} at the {side}" for count, side in sides if count)
 
     def inside(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
         """Return a mask of a photograph's (rows, columns), False in the border."""

@@ -103,17 +103,16 @@ def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallT
 
 
 def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
-    """Return where marks are in the wall's plane; raise if one is off it."""
-    heights = np.abs(plane.heights(positions))
+    """Return where marks are in the wall's plane, (n, 2); raise if one is off it."""
+    local = plane.coordinates(positions)
     extent = float(np.linalg.norm(np.ptp(plane.pixel_corners(), axis=0)))
-    worst = int(heights.argmax())
-    if not heights[worst] <= OFF_WALL * extent:
+    worst = int(np.abs(local[:, 2]).argmax())
+    if not (off := abs(local[worst, 2])) <= OFF_WALL * extent:
         raise PhotographError(
-            f"{names[worst]} lies {heights[worst]:.3g} m off the scene's wall, more than "
-            f"{OFF_WALL:.0%} of the field of view; measure it in metres, in the scene's "
-            "coordinates, or move the scene's wall"
+            f"{names[worst]} lies {off:.3g} m off the scene's wall, more than {OFF_WALL:.0%} of "
+            "the field of view; measure it in metres, in the scene's coordinates"
         )
-    return plane.coordinates(positions)
+    return local[:, :2]
 
 
 def _coverage(corners: Array) -> float:

@@ -135,11 +135,8 @@ def _span(polygon: Array, sides: int, axis: int, count: int) -> tuple[int, int]:
     """Return the first pixel of `count` along an axis that a polygon meets, and the one after."""
     if sides == 0:
         return 0, 0
-    low = high = polygon[0, axis]
-    for k in range(1, sides):
-        low, high = min(low, polygon[k, axis]), max(high, polygon[k, axis])
-    low, high = min(max(low, 0.0), float(count)), min(max(high, 0.0), float(count))
-    return int(np.floor(low)), int(np.ceil(high))
+    low, high = polygon[:sides, axis].min(), polygon[:sides, axis].max()
+    return int(np.floor(min(max(low, 0.0), count))), int(np.ceil(min(max(high, 0.0), count)))
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,8 @@ def fit_homography(source: Array, target: Array) -> Array:
     2nd edition, algorithm 4.2), exact for exact points. The homography has norm 1, and its third
     coordinate is positive at the source's centroid.
     """
-    (before, x), (after, y) = _normalized(source), _normalized(target)
+    before, after = _normalizing(source), _normalizing(target)
+    x, y = project(before, source), project(after, target)
     rows = np.zeros((2 * len(x), 9))
     rows[0::2, 0:3] = rows[1::2, 3:6] = np.column_stack([x, np.ones(len(x))])
     rows[0::2, 6:9] = -y[:, :1] * rows[0::2, 0:3]
@@ -44,11 +45,10 @@ def similarity(center: Array, scale: float) -> Array:
     return np.array([[1, 0, -center[0]], [0, 1, -center[1]], [0, 0, scale]]) / scale
 
 
-def _normalized(points: Array) -> tuple[Array, Array]:
-    """Return the similarity that centres points and makes their mean distance sqrt(2), and them."""
+def _normalizing(points: Array) -> Array:
+    """Return the similarity that centres points and makes their mean distance sqrt(2)."""
     distance = np.linalg.norm(points - points.mean(axis=0), axis=1).mean()
-    moved = similarity(points.mean(axis=0), distance / np.sqrt(2) or 1.0)
-    return moved, project(moved, points)
+    return similarity(points.mean(axis=0), distance / np.sqrt(2) or 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +110,9 @@ class WallPlane:
     film: Array = field(repr=False)
 
     def coordinates(self, points: Array) -> Array:
-        """Return (n, 2) metres across and up of (n, 3) points, projected onto the plane."""
-        return (points - self.frame.center) @ np.stack([self.frame.across, self.frame.up], axis=1)
-
-    def heights(self, points: Array) -> Array:
-        """Return (n,) metres of (n, 3) points ahead of the plane, towards the camera."""
-        return np.asarray((points - self.frame.center) @ self.frame.normal)
+        """Return (n, 3) metres across, up and ahead, towards the camera, of (n, 3) points."""
+        axes = np.stack([self.frame.across, self.frame.up, self.frame.normal], axis=1)
+        return (points - self.frame.center) @ axes
 
     def pixel_corners(self) -> Array:
         """Return ((rows + 1) (columns + 1), 2) corners of the film's pixels in the plane."""
@@ -138,12 +135,12 @@ def wall_plane(scenario: Scenario) -> WallPlane:
     if min(shape) < 2:
         raise SceneError(f"{where}: the film has {shape[0]}x{shape[1]} pixels; give it 2x2")
     points = scenario.wall_points
-    frame = wall_frame(points, scenario.wall_normals, shape)
-    on_wall = (points - frame.center) @ np.stack([frame.across, frame.up], axis=1)
+    plane = WallPlane(wall_frame(points, scenario.wall_normals, shape), shape, np.eye(3))
+    across, up, ahead = plane.coordinates(points).T
+    on_wall = np.stack([across, up], axis=1)
     pixel = np.linalg.norm(np.diff(on_wall.reshape(*shape, 2), axis=1), axis=2).mean()
-    tolerance = FLATNESS * pixel + 1e-6 * np.abs(points - frame.center).max()
-    off = np.abs((points - frame.center) @ frame.normal).max()
-    if off > tolerance:
+    tolerance = FLATNESS * pixel + 1e-6 * np.abs(on_wall).max()
+    if (off := np.abs(ahead).max()) > tolerance:
         raise SceneError(
             f"{where}: the wall is curved (it leaves a plane by {1e3 * off:.3g} mm), and marks "
             "rectify a plane wall alone; let the scene's camera be the photograph's, without marks"
@@ -156,4 +153,4 @@ def wall_plane(scenario: Scenario) -> WallPlane:
             f"{where}: its camera does not show straight lines straight; rectify into a "
             "perspective or orthographic one"
         )
-    return WallPlane(frame, shape, homography)
+    return replace(plane, film=homography)

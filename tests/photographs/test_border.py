@@ -108,5 +108,5 @@ def test_stripes_at_all_sides_are_found_and_masked():
 
 
 def test_it_is_told_in_words():
-    assert str(BadBorder(3, 0, 1)) == "3 rows at the top, 1 column at the left"
+    assert str(BadBorder(3, 0, 1)) == "3 at the top, 1 at the left"
     assert not BadBorder() and any(astuple(BadBorder(right=1)))

@@ -171,11 +171,10 @@ def test_corners_of_squares_stay_within_a_tenth_of_a_pixel_with_clicked_points(s
     off = []
     for seed in range(5):
         points = clicked(20, seed, noise=0.3)
-        names = [str(k) for k in range(20)]
-        view = fit_view(Marks.of_points(points.pixels, plane.coordinates(points.positions), names),
-                        SIZE)  # fmt: skip
+        on_wall = plane.coordinates(points.positions)[:, :2]
+        view = fit_view(Marks.of_points(points.pixels, on_wall, [""] * 20), SIZE)
         expected = seen(scenario.wall_points)
-        found = view.view.pixels_of(plane.coordinates(scenario.wall_points))
+        found = view.view.pixels_of(plane.coordinates(scenario.wall_points)[:, :2])
         off.append(np.sqrt(np.mean((found - expected) ** 2)))
     assert np.median(off) < 0.15
 
@@ -184,9 +183,9 @@ def test_the_film_is_where_the_scene_says(scenario):
     plane = wall_plane(scenario)
     corners = plane.pixel_corners().reshape(81, 121, 2)
     middles = (corners[1:, 1:] + corners[:-1, :-1]) / 2
-    expected = plane.coordinates(scenario.wall_points).reshape(80, 120, 2)
+    expected = plane.coordinates(scenario.wall_points)[:, :2].reshape(80, 120, 2)
     assert np.abs(middles - expected).max() < 1e-6
-    assert np.abs(plane.heights(scenario.wall_points)).max() < 1e-6
+    assert np.abs(plane.coordinates(scenario.wall_points)[:, 2]).max() < 1e-6
 
 
 def test_points_off_the_wall_are_refused_by_name(photograph, scenario):
