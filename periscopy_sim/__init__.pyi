@@ -27,9 +27,9 @@ from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .photographs.border import bad_border
 from .photographs.defects import defective_pixels
-from .photographs.developing.develop import develop
+from .photographs.develop import develop
+from .photographs.marks import WallPoints, WallTags
 from .photographs.prepare import Prepared, prepare
-from .photographs.view.wall_marks import WallPoints, WallTags
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction

@@ -94,7 +94,7 @@ def reconstruct(
     from periscopy_sim.evaluation.methods import check_able, find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
     from periscopy_sim.figures.residual import draw_residual
-    from periscopy_sim.photographs.checking import blackened
+    from periscopy_sim.photograph import blackened
 
     find_method(method)
     settings = settings_for(method, options, FOR_STILLS)

@@ -198,7 +198,7 @@ def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
 def _background(path: Path, scenario: Scenario, used: inputs.Mask | None, flips: bool) -> Array:
     """Read ambient light, (rows, columns, 3); all that its flips show must be finite, too."""
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.photographs.checking import used_pixels
+    from periscopy_sim.photograph import used_pixels
 
     light = inputs.read_photograph(path, scenario, used).values
     turned = sweeps.flips({"": light}).values() if flips else ()

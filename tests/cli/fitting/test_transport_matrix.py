@@ -11,7 +11,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli.fitting.transport_matrix import check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
-from periscopy_sim.photographs.film.size import FilmAdvice
+from periscopy_sim.photographs.film_size import FilmAdvice
 from periscopy_sim.rendering.transport import bounced, bounced_transport
 from periscopy_sim.storage.transport_matrix import read_transport
 
@@ -35,8 +35,8 @@ MATRIX = np.random.default_rng(5).random((576, 20))
         (MATRIX.ravel(), "shape (11520,)"),
         (np.where(np.arange(20) == 7, np.nan, MATRIX), "NaN or infinities"),
         (np.where(np.arange(20) == 7, np.inf, MATRIX), "NaN or infinities"),
-        (MATRIX.astype(complex), "complex numbers"),
-        (MATRIX > 0.5, "truth values"),
+        (MATRIX.astype(complex), "complex"),
+        (MATRIX > 0.5, "bool"),
         (np.ones((576, 20)), "B explains all of it"),
         (np.zeros((576, 20)), "B explains all of it"),
     ],

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.developing.sensor_image import sensor_image
-from periscopy_sim.photographs.film.placing import PAPER, PlacedFilm, place_film
-from periscopy_sim.photographs.view.fitting import fit_view
-from periscopy_sim.photographs.view.marks import tags_as_marks
-from periscopy_sim.photographs.view.wall_marks import WallPoints, WallTags
-from periscopy_sim.photographs.view.wall_view import wall_plane
+from periscopy_sim.photographs.marks import Marks, WallPoints
+from periscopy_sim.photographs.placing import PAPER, PlacedFilm, place_film
+from periscopy_sim.photographs.sensor_image import sensor_image
+from periscopy_sim.photographs.view_fit import fit_view
+from periscopy_sim.photographs.wall_view import wall_plane
 
 SIDE, MARGIN = 6, np.array([10.0, 4.0])  # of a pixel of the film; to the left and above the film
 SIZE = (24 * SIDE + 8, 24 * SIDE + 20)
@@ -41,11 +39,11 @@ def test_film_is_where_the_points_place_it(scenario, points, cell):
     """A cell of a mosaic is two pixels wide, but marks are the sensor's."""
     rows, columns = SIZE
     light = sensor_image(np.ones((rows // cell, columns // cell)), "y", cell=cell)
-    film = place_film(light, scenario, points=points)
+    film = place_film(light, scenario, points)
     assert np.abs(film.corners - corners_on_film(cell)).max() < 1e-3
     assert film.coverage == pytest.approx((SIDE / cell) ** 2, rel=1e-4)
-    whole = place_film(sensor_image(np.ones(SIZE), "y"), scenario, points=points)
-    assert film.placement == pytest.approx(whole.placement) and not film.warnings
+    whole = place_film(sensor_image(np.ones(SIZE), "y"), scenario, points)
+    assert film.placement == pytest.approx(whole.placement) and not film.missing
     assert not film.beneath_tags().any()
 
 
@@ -63,7 +61,7 @@ def test_pixels_that_the_paper_of_a_tag_touches_are_beneath_it(scenario):
         cos, sin = np.cos(angle), np.sin(angle)
         squares.append(place + 0.03 * OFFSETS @ np.array([[cos, sin], [-sin, cos]]))
     seen = np.array([SIDE * on_film(square) + MARGIN for square in squares])
-    view = fit_view(tags_as_marks(seen, places, np.full(3, 0.03), list("abc")), SIZE)
+    view = fit_view(Marks.of_tags(seen, places, np.full(3, 0.03), list("abc")), SIZE)
     hidden = PlacedFilm(view, plane, corners_on_film(), SIDE**2, 0.0).beneath_tags()
     touched = np.zeros_like(hidden)
     part = np.linspace(0, 1, 200)[:, np.newaxis]
@@ -75,9 +73,3 @@ def test_pixels_that_the_paper_of_a_tag_touches_are_beneath_it(scenario):
         touched[inside[:, 1], inside[:, 0]] = True
     assert touched.any() and hidden[touched].all()
     assert hidden.sum() < 3 * (PAPER * 0.03 * np.sqrt(2) / (0.401 / 24) + 2) ** 2
-
-
-def test_points_and_tags_are_not_taken_together(scenario, points):
-    tags = WallTags(np.array([1]), np.zeros((1, 3)), np.ones(1))
-    with pytest.raises(PhotographError, match="give one of them"):
-        place_film(sensor_image(np.ones(SIZE), "y"), scenario, points=points, tags=tags)

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.developing.develop import develop
-from periscopy_sim.photographs.developing.exposures import merge
-from periscopy_sim.photographs.developing.sensor_image import sensor_image
+from periscopy_sim.photographs.develop import black_level_warning, develop, merge
+from periscopy_sim.photographs.sensor_image import sensor_image
 
 SIZE = (40, 60)
 LIGHT = np.random.default_rng(2).uniform(100, 200, (*SIZE, 3))
@@ -80,12 +79,12 @@ def test_flat_field_takes_vignetting_off_and_keeps_the_mean_light():
 def test_flat_field_with_a_zero_is_refused_but_where_a_mask_leaves_it_out():
     flat = np.ones((*SIZE, 3))
     flat[7, 8] = 0
-    with pytest.raises(PhotographError, match="1 pixels are not positive, the first in row 7, col"):
+    with pytest.raises(PhotographError, match=r"1 pixels .* row 7, column 8"):
         develop([LIGHT], flat=flat)
     mask = np.ones(SIZE, bool)
     mask[7, 8] = False
     assert np.isfinite(develop([LIGHT], flat=flat, mask=mask).values).all()
-    with pytest.raises(PhotographError, match="are saturated"):
+    with pytest.raises(PhotographError, match=r"flat field.* saturated"):
         develop([LIGHT], flat=np.full((*SIZE, 3), 255, np.uint8))
 
 
@@ -134,3 +133,19 @@ def test_what_is_no_picture_is_refused():
     ):
         with pytest.raises(PhotographError):
             sensor_image(wrong, "y")
+
+
+@pytest.mark.parametrize("given", ["dark", "flat"])
+def test_photograph_is_no_frame_of_its_own(given):
+    with pytest.raises(PhotographError, match=r"^the .*: is the photograph itself"):
+        develop([LIGHT + 1, LIGHT], **{given: LIGHT.copy()})
+
+
+def test_black_level_above_the_light_causes_a_warning_with_the_share():
+    light = develop([LIGHT], black=150)
+    below = (LIGHT < 150).any(axis=2)
+    assert black_level_warning(light, None, "it").startswith(f"{100 * below.mean():.0f} %")
+    assert black_level_warning(light, ~below, "it") == ""
+    assert black_level_warning(develop([LIGHT], black=90), None, "it") == ""
+    with pytest.raises(PhotographError, match="all pixels are below the black level; check it"):
+        black_level_warning(develop([LIGHT], black=1e4), None, "it")
