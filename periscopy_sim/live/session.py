@@ -16,7 +16,7 @@ from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.scenario import Scenario
 
 
-class Session:
+class LiveSession:
     """A laboratory on a page; a context, at whose end neither thread nor process is left.
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,

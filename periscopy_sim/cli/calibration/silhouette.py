@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.output import Stopwatch, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.percentages import percentages

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene

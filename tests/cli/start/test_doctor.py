@@ -1,4 +1,3 @@
-import ctypes.util
 import os
 import subprocess
 import sys
@@ -51,44 +50,6 @@ def test_extras_that_are_missing_are_listed(monkeypatch, succeeds):
     lacking = succeeds("doctor").splitlines()
     assert "[dataset]    not installed (lacks zarr): pip install -e '.[dataset]'" in lacking
     assert "[torch]      not installed (lacks zarr, torch): pip install -e '.[torch]'" in lacking
-
-
-def test_variant_asked_for_is_named():
-    ended = examine(PERISCOPY_VARIANT="scalar_rgb")
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert ended.stdout.splitlines()[-2:] == [
-        "PERISCOPY_VARIANT is set to scalar_rgb",
-        "rendering    with scalar_rgb",
-    ]
-
-
-def test_wrong_variant_is_refused_after_the_report():
-    ended = examine(PERISCOPY_VARIANT="pixar_rgb")
-    assert ended.returncode == 2
-    assert ended.stdout.splitlines()[-1] == "PERISCOPY_VARIANT is set to pixar_rgb"
-    assert ended.stderr.startswith("periscopy: error: unknown Mitsuba variant 'pixar_rgb'")
-    assert ended.stderr.count("\n") == 1
-
-
-@pytest.mark.parametrize("content", [None, b"", b"no library"])
-def test_why_the_named_llvm_does_not_load_is_told_as_the_loader_says_it(tmp_path, content):
-    library = tmp_path / "libLLVM.so"
-    if content is not None:
-        library.write_bytes(content)
-    with pytest.raises(OSError) as caught:
-        ctypes.CDLL(str(library))
-    ended = examine(PERISCOPY_VARIANT="scalar_rgb", DRJIT_LIBLLVM_PATH=str(library))
-    assert ended.returncode == 0
-    line = next(line for line in ended.stdout.splitlines() if line.startswith("llvm_ad_rgb"))
-    why = f"DRJIT_LIBLLVM_PATH names '{library}', which does not load ({caught.value}); install"
-    assert f"does not work: {why} LLVM 17 or newer" in line
-    assert f"DRJIT_LIBLLVM_PATH is set to {library}" in ended.stdout.splitlines()
-
-
-def test_a_library_that_is_no_llvm_is_called_that():
-    other = ctypes.util.find_library("m")
-    ended = examine(PERISCOPY_VARIANT="scalar_rgb", DRJIT_LIBLLVM_PATH=other)
-    assert f"DRJIT_LIBLLVM_PATH names '{other}', which is no libLLVM; install" in ended.stdout
 
 
 def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
-from periscopy_sim.cli.output import Stopwatch, fixable, progress, say, told_folder, write_json
-from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.cli.light import TransportRequest
+from periscopy_sim.cli.options import Out, Seed, option
+from periscopy_sim.cli.output import fixable, say, told_folder
+from periscopy_sim.cli.session import Session
+
+if TYPE_CHECKING:
+    from periscopy_sim.scenario import Array
 
 SBR = 0.5
 SNR = 60.0
@@ -21,7 +23,7 @@ COLOUR = (1.0, 0.9, 0.85)
 
 
 def demo(
-    out: arguments.Out,
+    out: Out,
     hidden: Annotated[
         str | None, option("ROWSxCOLUMNS", "Hidden patches; 29x36, or 14x18 if only scalar works.")
     ] = None,
@@ -30,9 +32,9 @@ def demo(
         option("NUMBER", "Pixels along each side; 126, or 63 if only scalar works.", min=2),
     ] = None,
     image: Annotated[str, option("IMAGE", "What the monitor shows.")] = "mushroom",
-    seed: arguments.Seed = 0,
+    seed: Seed = 0,
     effort: Annotated[
-        float, option("NUMBER", "Part of the path tracer's samples.", min=0, max=1, hidden=True)
+        float, option("NUMBER", "Fraction of the path tracer's samples.", min=0, max=1, hidden=True)
     ] = 1.0,
 ) -> None:
     """Photograph a shipped scene, and recover what it hides.
@@ -45,41 +47,20 @@ def demo(
     from periscopy_sim.measurement import add_noise, composite
     from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
     from periscopy_sim.reconstruction.preconditioned.still import Periscope
-    from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
     from periscopy_sim.storage.formats.exr import write_exr
 
-    timed = Stopwatch()
     with told_folder(out) as folder:
-        variant = use_variant()
-        say(f"rendering with {variant}")
+        say(f"rendering with {use_variant()}")
         fast = is_vectorized()
-
         patches = hidden or ("29x36" if fast else "14x18")
         pixels = resolution or (126 if fast else 63)
-        scenario = inputs.load("chair", patches, [f"resolution={pixels}"])
-        truth = inputs.hidden_image(image, scenario.hidden_shape)
+        session = Session("chair", patches, [f"resolution={pixels}"], seed)
+        scenario, timed = session.scenario, session.timed
+        truth = session.hidden_image(image)
         with timed("transport matrix"):
-            A = AskedTransport(16, seed).matrix(scenario)
-        with timed("photograph"):
-            if fast:
-                signal = inputs.photograph(scenario, truth, max(1, round(effort * 4096)), seed)
-            else:  # path tracing takes minutes: another rendering of A shows the image
-                again = AskedTransport(16, seed + 1).matrix(scenario)
-                seen = again @ truth.reshape(-1, 3)
-                signal = seen.reshape(*scenario.photograph_shape, 3) * scenario.channel_gain
-        with timed("ambient light"), progress("path tracing the ambient light") as report:
-            if fast:
-                ambient = render_background(
-                    "ambient/ceiling_panels",
-                    scenario,
-                    target=3e-4 / math.sqrt(max(effort, 1e-3)),
-                    seed=seed + 1,
-                    progress=report,
-                ).photograph
-            else:
-                lamps = point_light_backgrounds(scenario, np.array(LAMPS)).sum(axis=1)
-                ambient = np.multiply.outer(lamps, COLOUR).reshape(signal.shape)
+            A = TransportRequest(16, seed).matrix(scenario)
+        signal, ambient = _light(session, truth, effort) if fast else _slow_light(session, truth)
         photograph = add_noise(composite(signal, ambient, SBR), SNR, seed)
         B = point_light_backgrounds(scenario)
         with timed("form the preconditioner"), fixable(f"scene '{scenario.path}'"):
@@ -93,8 +74,7 @@ def demo(
         with timed("reconstruct"):
             recovered = method.reconstruct(photograph)
         light = "ambient light" if fast else "direct light of the monitor, lamps' light"
-        provenance = inputs.provenance_of(scenario, seed)
-        text = as_text(provenance)
+        text = session.metadata
         matched = metrics.gain_matched(recovered, truth)
         psnr, psnr_by_paper = (metrics.psnr(image, truth) for image in (recovered, by_paper))
         np.save(folder / "A.npy", A)
@@ -117,21 +97,42 @@ def demo(
             f"SNR {SNR:g} dB; PSNR after one gain per channel",
             metadata=text,
         )
-        summary = {
-            "psnr": psnr,
-            "psnr_preconditioned": psnr_by_paper,
-            "mean_squared_error": metrics.mean_squared_error(recovered, truth),
-            "sbr": SBR,
-            "snr": SNR,
-            "hidden_shape": scenario.hidden_shape,
-            "photograph_shape": scenario.photograph_shape,
-            "seconds": timed.seconds,
-            "provenance": provenance,
-        }
-        write_json(folder / "summary.json", summary)
+        session.write_summary(
+            folder / "summary.json",
+            {
+                "psnr": psnr,
+                "psnr_preconditioned": psnr_by_paper,
+                "mean_squared_error": metrics.mean_squared_error(recovered, truth),
+                "sbr": SBR,
+                "snr": SNR,
+            },
+        )
     for stage, seconds in timed.seconds.items():
         say(f"{stage:33} {seconds:8.3f} s")
     say(
         f"PSNR {psnr:.1f} dB, by the paper's method {psnr_by_paper:.1f} dB, after one gain per "
         "channel that fits the truth"
     )
+
+
+def _light(session: Session, truth: Array, effort: float) -> tuple[Array, Array]:
+    """Path trace the monitor's light on the wall and the room's, (rows, columns, 3) each."""
+    with session.timed("photograph"):
+        signal = session.synthetic_photograph(truth, max(1, round(effort * 4096)))
+    with session.timed("ambient light"):
+        target = 3e-4 / math.sqrt(max(effort, 1e-3))
+        return signal, session.ambient_light("ceiling_panels", target)
+
+
+def _slow_light(session: Session, truth: Array) -> tuple[Array, Array]:
+    """Return direct light, where path tracing takes minutes, by another A and by Eq. 4."""
+    from periscopy_sim.analytic.point_light import point_light_backgrounds
+
+    scenario = session.scenario
+    with session.timed("photograph"):
+        again = TransportRequest(16, session.seed + 1).matrix(scenario)
+        seen = again @ truth.reshape(-1, 3)
+        signal = seen.reshape(*scenario.photograph_shape, 3) * scenario.channel_gain
+    with session.timed("ambient light"):
+        lamps = point_light_backgrounds(scenario, np.array(LAMPS)).sum(axis=1)
+        return signal, np.multiply.outer(lamps, COLOUR).reshape(signal.shape)

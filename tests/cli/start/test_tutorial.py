@@ -21,14 +21,6 @@ def test_files_are_copied_as_they_are_shipped(succeeds, tmp_path):
     assert told[0].startswith("wrote deep/mine/lamp.stl, deep/mine/measurements.yaml, ")
 
 
-def test_own_files_beside_them_stay(succeeds, tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "notes.txt").write_text("the lamp is 36 cm high")
-    succeeds("tutorial", "--out", "mine")
-    own = {"notes.txt": b"the lamp is 36 cm high"}
-    assert contents(tmp_path / "mine") == contents(SHIPPED) | own
-
-
 @pytest.mark.parametrize("name", ["measurements.yaml", "truth/scene.xml"])
 def test_no_file_is_overwritten(name, refused, tmp_path):
     file = tmp_path / "mine" / name

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 
-from periscopy_sim.cli import arguments
+from periscopy_sim.cli.options import Out
 from periscopy_sim.cli.output import say, told_folder
 from periscopy_sim.errors import OutputError
 from periscopy_sim.shipped import scenes_folder
 
 
-def tutorial(out: arguments.Out) -> None:
+def tutorial(out: Out) -> None:
     """Copy the files that the tutorial works on.
 
     They are photographs and measurements of a laboratory, and its truth. Nothing is overwritten.
