@@ -16,7 +16,7 @@ from periscopy_sim.cli.output import fixable, warn
 from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.checking import Photograph
+    from periscopy_sim.photograph import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
     from periscopy_sim.reconstruction.residual.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
@@ -152,18 +152,17 @@ def look_for_defects(
     A border that stands out is not used, where no mask says what is and the method is `maskable`;
     else it is warned of. `suggested` is where a mask that leaves all of them out will be.
     """
-    from periscopy_sim.photographs.border import bad_border
+    from periscopy_sim.photographs.border import BadBorder, bad_border
     from periscopy_sim.photographs.defects import defective_pixels
 
     remedy = f"leave them out by --mask {suggested or 'FILE'}"
-    border = bad_border(photograph, mask)
-    inside = border.inside(photograph.shape[:2])
-    sound = inside if mask is None else mask & inside
+    border = bad_border(photograph) if mask is None else BadBorder()
+    sound = border.inside(photograph.shape[:2]) if mask is None else mask
     used, warnings = mask, []
     if border:
-        outstanding = f"{border}, darker or brighter all along than the light farther inside"
-        if mask is None and maskable:
-            used = inside
+        outstanding = f"border lines that are far too dark or bright ({border})"
+        if maskable:
+            used = sound
             warnings.append(f"{name}: left out {outstanding}; --mask takes exactly what it shows")
         else:
             warnings.append(f"{name}: {outstanding}; {remedy}")

@@ -79,10 +79,9 @@ class TransportRequest:
 
     def _direct(self, scenario: Scenario) -> NDArray[np.float32]:
         if self.model is Model.analytic:
-            from periscopy_sim.analytic.transport import analytic_transport
+            from periscopy_sim.analytic.area_transport import analytic_transport
 
-            with progress("projecting shadows") as report:
-                return analytic_transport(scenario, samples=self.samples, progress=report)
+            return analytic_transport(scenario)
         from periscopy_sim.rendering.transport import shadow_rays
 
         with progress("rendering the transport matrix") as report:

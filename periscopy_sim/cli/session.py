@@ -154,7 +154,7 @@ class Session:
         maskable: bool = True,
     ) -> WallInput:
         """Look for the defects of a photograph that was read; its border may be left out."""
-        from periscopy_sim.photographs.checking import blackened
+        from periscopy_sim.photograph import blackened
 
         defects = inputs.look_for_defects(values, used, name, suggested, maskable=maskable)
         self.warnings += defects.warnings

@@ -109,7 +109,7 @@ def video(
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.figures import video as drawing
-    from periscopy_sim.figures.movie import require_encoder
+    from periscopy_sim.figures.animation import require_encoder
     from periscopy_sim.figures.residual import draw_residual
 
     for ending in also or ():

@@ -101,7 +101,7 @@ def calibrate(
     """
     from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
-    from periscopy_sim.photographs.checking import blackened
+    from periscopy_sim.photograph import blackened
 
     if silhouette is not None:
         refuse_others({"--free": free, "--uncertain": uncertain})

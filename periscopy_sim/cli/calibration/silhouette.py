@@ -51,7 +51,7 @@ def find_silhouette(
 ) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.figures.silhouette import draw_silhouette
-    from periscopy_sim.photographs.checking import blackened
+    from periscopy_sim.photograph import blackened
 
     arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), arguments.parse_definitions(define)

@@ -97,8 +97,9 @@ def test_estimate_is_the_pseudoinverse_of_the_model_asked_for(model, reconstruct
     options = ("--model", model, "--rank-tolerance", "1e-4", *PLAIN)
     image, summary = reconstruct("y.npy", *options)
     scenario = ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
-    render = {"rendered": ps.render_transport, "analytic": ps.analytic_transport}[model]
-    A = render(scenario, samples=4).astype(np.float64)
+    rendered = model == "rendered"
+    A = ps.render_transport(scenario, samples=4) if rendered else ps.analytic_transport(scenario)
+    A = A.astype(np.float64)
     B = ps.point_light_backgrounds(scenario)
     U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
     Q = U[:, σ > 1e-4 * σ[0]]
