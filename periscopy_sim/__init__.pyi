@@ -25,6 +25,7 @@ from .evaluation.sweep import Sweep, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
+from .photograph import Photograph
 from .photographs.border import bad_border
 from .photographs.defects import defective_pixels
 from .photographs.develop import develop
@@ -74,6 +75,7 @@ __all__ = [
     "NoiseAwareVideo",
     "Periscope",
     "PeriscopyError",
+    "Photograph",
     "PortableNoiseAware",
     "Preconditioner",
     "Prepared",
