@@ -109,7 +109,6 @@ def photograph(
         shown = session.hidden_image(image)
         background = None if ambient is None else _ambient_light(ambient, session)
         y = session.synthetic_photograph(shown, samples)
-        inputs.warn_of_long_patches(session.scenario, scene)
         grain, added = _grain(session.scenario, y), math.inf
         with fixable("photograph"):
             if background is not None and sbr is not None:

@@ -18,7 +18,6 @@ from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
     check_coupling,
-    coupling_help,
     method_help,
     settings_for,
     takes_options_of,
@@ -60,7 +59,7 @@ def video(
         str,
         option(
             "NAME",
-            f"How each frame is tied to the one before it: {coupling_help()}.",
+            f"How each frame is tied to the one before it: {', '.join(COUPLINGS)}.",
             group=SOLVER,
             autocompletion=lambda: list(COUPLINGS),
         ),
@@ -110,9 +109,12 @@ def video(
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.figures import video as drawing
+    from periscopy_sim.figures.animation import require_encoder
     from periscopy_sim.figures.residual import draw_residual
 
-    formats = _formats(also)
+    for ending in also or ():
+        require_encoder(ending)
+    formats = ["png", *dict.fromkeys(also or ())]
     check_coupling(method, coupling)
     settings = settings_for(method, numbers, FOR_VIDEOS, coupling)
     entry = METHODS[method]
@@ -271,15 +273,6 @@ def _recover(
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
     return mapped_stack(file), records, residual, rates
-
-
-def _formats(also: list[str] | None) -> list[str]:
-    """Return the suffixes of the animation's files; check that each can be written."""
-    from periscopy_sim.figures.animation import require_encoder
-
-    for ending in also or []:
-        require_encoder(ending)
-    return ["png", *dict.fromkeys(also or [])]
 
 
 def _check_left_over(folder: Path, names: list[str]) -> None:

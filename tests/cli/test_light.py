@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from periscopy_sim.photographs.film.size import FilmAdvice
+from periscopy_sim.photographs.film_size import FilmAdvice
 
 import periscopy_sim as ps
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
