@@ -1,4 +1,4 @@
-"""The linear equations behind `penalized_likelihood`, solved in the spectral basis of a scene.
+"""The linear equations behind the noise-aware method, solved in the spectral basis of a scene.
 
 The patterns W_k are the generalized eigenvectors of A⊥ᵀA⊥ and K = ∇ᵀ∇ + I, their curvatures λ_k the
 eigenvalues. Found once, they solve (w A⊥ᵀA⊥ + ρ K) f = d + ρ g for any weight w of a channel, any ρ

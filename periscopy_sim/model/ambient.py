@@ -1,10 +1,11 @@
-"""The numerical range of B: what prototype backgrounds span, to working precision."""
+"""Ambient light: an orthonormal basis of what the model leaves free beside the hidden image."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy import linalg
 
@@ -14,19 +15,29 @@ RANK_TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""
 
 ROUNDING = 1e-12
-"""Of a column: what is left of it outside of a subspace, and is no more than rounding."""
+"""Fraction of a column outside of a subspace that counts as rounding."""
 
 SKETCH = 96
-"""Random mixtures of B's columns that are tried first: twice its usual rank of 44."""
+"""Random mixtures of B's columns that the sketch takes: twice B's usual rank of 44."""
+
+PROFILE_DEGREE = 20
+"""Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.08 dB, degree 12 0.36
+and one free number for each row and column 0.14; beside a window (rendered, SBR 0.2) all of them
+gain 4.6 to 6 dB, the most at degree 20."""
 
 
 def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_TOLERANCE) -> Array:
     """Return an orthonormal basis Q, (M, r) float64, of the numerical range of B, (M, L).
 
     B is rank-deficient to working precision: its lights are far away, so their responses are nearly
-    the same few smooth fields. Kept are the left singular vectors of B, its columns scaled to unit
-    norm, whose singular values exceed `rank_tolerance`, in (0, 1), times the largest. Below about
-    1e-13 the vectors kept are rounding errors, no light.
+    the same few smooth fields. The basis has the left singular vectors of B, its columns scaled to
+    unit norm, whose singular values exceed `rank_tolerance`, in (0, 1), times the largest. Below
+    about 1e-13 the vectors kept are rounding errors.
+
+    Raises
+    ------
+    ValueError
+        If the tolerance is out of range or B is not finite.
     """
     if not 0 < rank_tolerance < 1:
         raise ValueError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
@@ -40,38 +51,47 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     sketched = _sketched_basis(B, scale, rank_tolerance)
     if sketched is not None:
         return sketched
-    scaled = B[:, norms > 0] / norms[norms > 0]
-    # SVD of the triangular factor of a QR decomposition: several times faster than of B itself.
-    (reflectors, tau), R = linalg.qr(scaled, mode="raw", check_finite=False)
-    U, σ, _ = linalg.svd(R[: len(tau)], full_matrices=False)
-    kept = U[:, σ > rank_tolerance * σ[0]]
-    padded = np.zeros((B.shape[0], kept.shape[1]), order="F")
-    padded[: len(kept)] = kept
-    Q, _, info = linalg.lapack.dormqr(
-        "L", "N", reflectors[:, : len(tau)], tau, padded, lwork=64 * len(tau)
-    )
-    assert info == 0
-    return np.asarray(Q)
+    # The SVD of the triangular factor of a QR decomposition: several times faster than B's own.
+    orthonormal, R = np.linalg.qr(B[:, norms > 0] / norms[norms > 0])
+    U, σ, _ = linalg.svd(R, full_matrices=False)
+    return np.asarray(orthonormal @ U[:, σ > rank_tolerance * σ[0]])
 
 
 def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
     """Return an orthonormal basis of range(Q), (M, r), and of a few columns, (M, K), beside it.
 
-    Q is orthonormal. However little of a column lies outside of range(Q), it is kept, but for
-    rounding.
+    Q is orthonormal. The basis includes a column however little of it lies outside of range(Q),
+    unless that is rounding.
     """
     outside = np.asarray(columns, np.float64)
     sizes = np.linalg.norm(outside, axis=0)
-    for _ in range(2):  # once more for what rounding left
+    for _ in range(2):  # the second pass removes what rounding left
         outside = outside - Q @ (Q.T @ outside)
     own = outside[:, np.linalg.norm(outside, axis=0) > ROUNDING * sizes]
     return np.hstack([Q, background_basis(own)])
 
 
+def wall_profiles(shape: tuple[int, int]) -> Array:
+    """Return fields over a photograph that vary down or across alone, (rows · columns, K).
+
+    They are Legendre polynomials of degree at most `PROFILE_DEGREE`, and at most a third of the
+    pixels along that side. Edges of tables, sills and window frames, and lamps nearby, cast light
+    that far point lights do not explain; most of it varies along one side of the wall only.
+    """
+    rows, columns = shape
+    down, across = (
+        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // 3))[:, 1:]
+        for size in shape
+    )
+    return np.hstack(
+        [np.repeat(down, columns, axis=0), np.tile(across, (rows, 1)), np.ones((rows * columns, 1))]
+    )
+
+
 def _sketched_basis(
     B: NDArray[np.floating[Any]], scale: Array, rank_tolerance: float
 ) -> Array | None:
-    """Find the basis from the products of scaled B with a few random vectors, if so few suffice.
+    """Return the basis from products of scaled B with a few random vectors, if so few suffice.
 
     Halko, Martinsson, Tropp, "Finding structure with randomness", 2011, Sec. 1.5: where the last
     singular value within the sketch is far below the tolerance, nothing above it lies outside.

@@ -16,45 +16,24 @@ photograph, and the photograph shows how far: with f_LS the least-squares image,
 
     E Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² = Σ_c tr X_c² + τ Σ_c (tr X_c − tr X_c²).
 
-Where the channels share noise, the misfit's weights are not the noise's inverse: with D in the
-place of A⊥ᵀA⊥/σ², and the covariance V of the noise in D f_LS, the estimate's covariance is
-H⁻¹(V + τP)H⁻¹, and in the misfit tr X² becomes tr (D⁻¹ − H⁻¹) D (D⁻¹ − H⁻¹) V, over what the wall
-shows.
-
 Where the scene itself errs, the photograph holds light Σ_k e_k T_k that A f does not, T_k what an
-error of one unit does to it and e of covariance Σ (`uncertain_scene`). It moves the estimate by
+error of one unit does to it and e of covariance Σ (`uncertain_transport`). It moves the estimate by
 H⁻¹A⊥ᵀT_k e_k/σ², alike in all channels, and adds to the covariance
 
     H⁻¹ A⊥ᵀT Σ TᵀA⊥ H⁻¹ / σ⁴,   T = (T_1, T_2, …):
 
-as the inverse of H beside the scene's errors has it, block by block. Where images undo what the
-errors do, as a monitor's shift, nothing is known of these but the ruler's word, and edges err most.
-Likewise counts what is not known, beside an unknown image, of ambient light that was subtracted
-(`ambient_prior`).
+as the inverse of H beside the scene's errors has it, block by block.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
-
 Array = NDArray[np.float64]
-
-ASSUMPTIONS = (
-    "the scene is right, and that what the wall hides of the image varies like what it shows"
-)
-"""What the standard errors assume, to be told with them."""
-
-ASSUMPTIONS_BUT_ERRORS = ASSUMPTIONS.replace(
-    "is right", "is right but for the errors of its uncertain parameters"
-)
-"""The same where these are counted in."""
 
 ROUNDING = 0.5
 """Where gradients are rounded off, over the prior's scale: of the values tried (0.5 to 4) the one
@@ -64,30 +43,6 @@ LEAST_SHOWN = 1e-3
 """Degrees of freedom of the pull that the wall shows: where there are fewer, they are rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class WeighedAxes:
-    """Axes of colour, in which the misfit's weights are not the noise's inverse."""
-
-    axes: Array  # (3, 3) orthonormal, an axis a row
-    information: Array  # (3, N, N) σ² D, of the axes' noise σ
-    covariance: Array  # (3, N, N) σ² V
-    energy: float  # Σ tr D⁻¹V over what the wall shows
-
-
-def weighed_axes(common: CommonNoise, σ: float, K: Array, curvatures: Array) -> WeighedAxes:
-    """Return the axes of noise that the channels share, of the mean noise σ.
-
-    K, (N, N'), has the light of each pattern, Σ_k K_k λ_k K_kᵀ = A⊥ᵀA⊥ by their curvatures, (N',).
-    """
-    weights = common.weights(σ)
-    noise = weights * common.variances / σ**2
-    information, covariance = (
-        np.array([(K * each) @ K.T for each in part * curvatures])
-        for part in (weights, weights * noise)
-    )
-    return WeighedAxes(common.axes, information, covariance, float(noise.sum()))
-
-
 def standard_errors(
     gram: Array,
     noise: Array,
@@ -95,7 +50,6 @@ def standard_errors(
     weight: float,
     misfit: float,
     rank: int,
-    weighed: WeighedAxes | None = None,
     response: Array | None = None,
 ) -> Array:
     """Return the standard error of each patch, (R, C, 3), in units of the image.
@@ -104,19 +58,28 @@ def standard_errors(
     of the image varies like what it shows: the pull of total variation on both is alike. What f ≥ 0
     excludes is left out of account, so that errors of images with much black are told too large.
 
-    The arguments are A⊥ᵀA⊥, (N, N), of a given rank, σ_c, (3,), f̂, (R, C, 3), λ > 0, and the
-    misfit Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c². Where the channels share noise, c counts its axes, and the
-    misfit is weighed by D; see `common_noise`. The response, (K, 3, N), is A⊥ᵀT Σ^½ of an
-    uncertain scene or light, along the axes its part in D f_LS times σ².
+    Parameters
+    ----------
+    gram
+        (N, N) A⊥ᵀA⊥, of the given rank.
+    noise
+        (3,) σ_c.
+    image
+        (R, C, 3) f̂.
+    weight
+        λ > 0.
+    misfit
+        Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c².
+    response
+        (K, 3, N) A⊥ᵀT Σ^½ of the scene's own errors; None where the scene is taken for right.
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
     noises, pulls = np.empty((2, len(gram), 3))
     moved = np.zeros((0 if response is None else len(response), len(gram), 3))
-    pulled = squared = extra = 0.0
+    pulled = squared = 0.0
     for channel, σ in enumerate(noise):
-        D = (gram if weighed is None else weighed.information[channel]) / σ**2
-        H = D + P.toarray()
+        H = gram / σ**2 + P.toarray()
         # A constant that no pixel shows is not known at all; a little keeps the factor finite.
         H[np.diag_indices_from(H)] += 1e-12 * np.trace(H) / len(H)
         factor, _ = linalg.lapack.dpotrf(H)
@@ -130,19 +93,9 @@ def standard_errors(
         noises[:, channel] = np.diag(inverse) - pulls[:, channel]
         pulled += float(np.trace(X))
         squared += float(np.sum(X * X.T))
-        if weighed is not None:
-            V = weighed.covariance[channel] / σ**2
-            spread = inverse @ V
-            noises[:, channel] = np.sum(spread * inverse, axis=1)
-            extra += float(np.sum((inverse @ D) * spread.T) - 2 * np.trace(spread))
     unseen = 3 * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
-    if weighed is not None:
-        extra += weighed.energy - (squared - unseen)
-    τ = contrast(misfit - extra, pulled - unseen, squared - unseen)
+    τ = contrast(misfit, pulled - unseen, squared - unseen)
     variances = noises + τ * pulls
-    if weighed is not None:
-        variances = variances @ weighed.axes**2
-        moved = moved @ weighed.axes
     variances = variances + np.sum(moved**2, axis=0)
     return np.asarray(np.sqrt(variances).reshape(f.shape))
 

@@ -25,19 +25,19 @@ the hidden image's light, is left to the columns of B.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from periscopy_sim.reconstruction.observation import Observation
+from periscopy_sim.model.correction import FirstImage
+from periscopy_sim.model.fit import Fit, Measurement
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
-Unexplained = Callable[[Array], Array]
-"""Returns, of (J, M') rows, what no hidden image and no ambient light explain, (J, M'')."""
 
 DARK = 0.05
 """Of the smooth light's mean: where there is less, a background photograph tells of no paint."""
@@ -59,19 +59,28 @@ MOVES = 1 / 3, 2 / 3
 """Parts of the photograph by which fields are moved that have nothing to do with it."""
 
 
-class Unevenness:
-    """What the background photographs of an observation show of paint; see the module.
+class Paint:
+    """The correction of the wall's paint, as photographs with the monitor off show it; see above."""
 
-    The smooth light, (M', r), is an orthonormal basis of range(B), of point lights alone.
-    """
-
-    def __init__(self, smooth: Array, observation: Observation) -> None:
-        rows = np.concatenate(list(observation.backgrounds.values()))
+    def __init__(self, fit: Fit) -> None:
+        smooth = fit.background[: fit.smooth_rank].T
+        rows = np.concatenate(list(fit.observation.backgrounds.values()))
         self._fields = np.array([fine_structure(row, smooth) for row in rows])
-        mask = None if observation.mask is None else observation.mask.ravel()
-        self._others = [_moved(self._fields, part, mask) for part in MOVES]
+        mask = None if fit.observation.mask is None else fit.observation.mask.ravel()
+        self._others = [_moved(self._fields, fraction, mask) for fraction in MOVES]
+        self._fit = fit
 
-    def evenness(self, planes: Array, unexplained: Unexplained) -> Array:
+    def __call__(
+        self, photograph: Measurement, first_image: FirstImage
+    ) -> tuple[Measurement, Mapping[str, Any]]:
+        """Return a photograph as an even wall would have shown it."""
+        even = self.evenness(photograph.planes)
+        found = bool((even != 1).any())
+        if not found:
+            return photograph, {"paint_found": False}
+        return replace(photograph, planes=even * photograph.planes), {"paint_found": True}
+
+    def evenness(self, planes: Array) -> Array:
         """Return what a photograph's planes, (3, M'), are multiplied by to show an even wall.
 
         It is (3, M'); ones where no unevenness is found.
@@ -81,7 +90,7 @@ class Unevenness:
         count, kinds = len(self._fields), [self._fields, *self._others]
         terms = np.stack(kinds) * y[:, None, None]  # (3, kinds, J, M')
         rows = np.concatenate([y, terms.reshape(-1, y.shape[1])])
-        left = unexplained(rows).astype(np.float64)
+        left = self._fit.unexplained(rows).astype(np.float64)
         left, own = left[:3], left[3:].reshape(3, len(kinds), count, -1)
         even = np.ones(planes.shape)
         explained = np.zeros((len(kinds), 2))  # energy over variance, and for how many terms

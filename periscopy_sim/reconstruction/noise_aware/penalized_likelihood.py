@@ -3,8 +3,7 @@
     f̂ = argmin_{f ≥ 0} ½ Σ_c w_c ‖A⊥ f_c − y⊥_c‖² + λ Σ ‖∇f‖ [+ λ₂ Σ ‖f − f_prev‖],   w_c = σ²/σ_c²
 
 in units in which A⊥ᵀA⊥ has a mean diagonal of 1. The sums are over the patches; their norms are
-over the colours too. Where the channels share noise, c counts the axes of `common_noise`, and w_c
-weighs each pattern by its own noise. The last term, in a video, is Eq. 12's, of the patches'
+over the colours too. The last term, in a video, is Eq. 12's, of the patches'
 colours: a patch keeps what it showed in the frame before, or changes in all its channels.
 
 It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
@@ -19,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis
-from periscopy_sim.reconstruction.noise_aware.solver.splitting import (
+from periscopy_sim.model.fit import Evidence
+from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.splitting import (
     Splitting,
     advance,
     right_hand_side,
@@ -89,15 +88,8 @@ class Objective:
         """
         σ = evidence.mean_noise
         λ = self.regularization * np.sqrt(len(self.basis.rows)) * σ / 2
-        w, data, axes = (σ / evidence.noise[:, None]) ** 2, evidence.coefficients, None
-        if evidence.common is not None:
-            λ *= evidence.common.factor
-            axes, data = evidence.common.axes.astype(np.float32), evidence.common.axes @ data
-            seen = evidence.common.weights(σ)
-            # What the wall does not show has no data: its weight is that of what it hardly shows.
-            unseen = np.repeat(seen[:, :1], data.shape[1] - seen.shape[1], axis=1)
-            w = np.concatenate([unseen, seen], axis=1)
-        data = w * data
+        w = (σ / evidence.noise[:, None]) ** 2
+        data = w * evidence.coefficients
         ridge = self.basis.combined(data / (w * self.basis.curvatures + RIDGE))
         scale = float(np.sqrt(np.mean(ridge**2)))
         if not scale > 0:
@@ -114,11 +106,7 @@ class Objective:
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
             g = right_hand_side(split)
-            if axes is not None:
-                g = axes @ g
             f = solve(g, renew=iteration % schedule.renewed == 0)
-            if axes is not None:
-                f = np.ascontiguousarray(axes.T @ f)
             iteration += 1
             image = f.reshape(split.v.shape)
             residuals = advance(image, split, threshold, self.positive, drawn_to, pull, black)

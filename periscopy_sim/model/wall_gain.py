@@ -20,8 +20,6 @@ Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone
 directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
 It is compared with the polynomials of degrees 6 and 7 in the three channels rather than with all
 that is left: where light or scene do not fit the model, whatever is smooth is larger than noise.
-Where `ambient_prior` has freed y of such polynomials, noise included, they tell too little; then
-the larger of this and of what further ones tell is taken.
 
 A rendered A errs as well, by some δA that pixels and patches do not share. If what is left, r, is
 −δA f₀, then δA is also in the terms and in F, which takes from the products of terms and y
@@ -34,7 +32,8 @@ How much of r that is nobody knows. So the ratio is the least one over parts of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +41,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy import optimize, special
 
+from periscopy_sim.model.correction import FirstImage
+from periscopy_sim.model.fit import Fit, Measurement
 from periscopy_sim.numerics.products import combine_rows, rejected, times_rows
 
 Array = NDArray[np.float64]
@@ -89,38 +90,45 @@ class GainEstimate:
 
 
 class WallGain:
-    """Estimate the gain over one scene's wall; see the module.
+    """The correction of a smooth gain over the wall; see the module.
 
-    It takes Aᵀ, (N, M'), in single precision, of the M' pixels used; Qᵀ, (r, M'), an orthonormal
-    basis of range(B); patterns W_k, (N', N), in single precision, a row each, and curvatures
-    λ_k > 0, (N',), such that the A⊥ W_k/√λ_k are an orthonormal basis of the range of
-    A⊥ = A − Q QᵀA; the photograph's shape and mask, as an `Observation` has them; and rows, (K,
-    M'), whose part in y nothing was subtracted from, None where nothing was from any.
+    Raises
+    ------
+    ValueError
+        If the rows and columns of photographs are not known.
     """
 
-    def __init__(
-        self,
-        transport: Image,
-        background: Array,
-        patterns: Image,
-        curvatures: Array,
-        photograph_shape: tuple[int, int],
-        mask: NDArray[np.bool_] | None = None,
-        whole: Image | None = None,
-    ) -> None:
-        self._transport = transport
-        self._background = background.astype(np.float32)
-        self._basis = patterns
-        self._scales = (1 / np.sqrt(curvatures)).astype(np.float32)
-        self._shape = photograph_shape
-        self._terms = polynomials(photograph_shape, 1, DEGREE)
+    def __init__(self, fit: Fit) -> None:
+        shape, mask = fit.observation.rows_and_columns, fit.observation.mask
+        if shape is None:
+            raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
+        self._fit = fit
+        self._background = fit.background.astype(np.float32)
+        self._basis = fit.patterns.rows[fit.visible]
+        self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
+        self._shape = shape
+        self._terms = polynomials(shape, 1, DEGREE)
         used = slice(None) if mask is None else mask.ravel()
         self._used_terms = self._terms[:, used].astype(np.float32)
-        ambient = polynomials(photograph_shape, 0, AMBIENT_DEGREE)[:, used]
-        compared = polynomials(photograph_shape, AMBIENT_DEGREE + 1, COMPARED_DEGREE)[:, used]
+        ambient = polynomials(shape, 0, AMBIENT_DEGREE)[:, used]
+        compared = polynomials(shape, AMBIENT_DEGREE + 1, COMPARED_DEGREE)[:, used]
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
-        kinds = [compared] if whole is None else [compared, whole]
-        self._compared = [self._unexplained(each, self._ambient) for each in kinds]
+        self._compared = self._unexplained(compared, self._ambient)
+
+    def __call__(
+        self, photograph: Measurement, first_image: FirstImage
+    ) -> tuple[Measurement, Mapping[str, Any]]:
+        """Return a photograph without the light that its gain adds, and the gain's range."""
+        evidence = photograph.evidence
+        image = first_image(photograph).reshape(-1, 3).T / evidence.level
+        coordinates = self._fit.coordinates(evidence)
+        gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
+        if not gain.accepted:
+            return photograph, {"wall_gain_found": False, "wall_gain_range": [1.0, 1.0]}
+        planes = photograph.planes - evidence.level * gain.added
+        limits = [float(gain.field.min()), float(gain.field.max())]
+        found = {"wall_gain_found": True, "wall_gain_range": limits}
+        return replace(photograph, planes=planes), found
 
     def estimate(self, y: Array, coordinates: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
@@ -132,7 +140,7 @@ class WallGain:
         count, σ = len(self._terms), noise[:, None]
         explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
         both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
-        signal, explained = combine_rows(both, self._transport).reshape(2, 3, -1) / σ
+        signal, explained = combine_rows(both, self._fit.transport).reshape(2, 3, -1) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
         terms = self._without_background(light.astype(np.float32))
         shown = self._coordinates(terms)
@@ -142,7 +150,7 @@ class WallGain:
         r = self._unexplained_light(y / σ, explained)
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
-        compared = max((times_rows(r, each) for each in self._compared), key=_mean_square)
+        compared = times_rows(r, self._compared)
         c, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
             c = np.asarray(np.linalg.solve(H, q), np.float64)
@@ -181,7 +189,7 @@ class WallGain:
 
     def _coordinates(self, vectors: Image) -> Image:
         """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
-        return times_rows(times_rows(vectors, self._transport), self._basis) * self._scales
+        return times_rows(times_rows(vectors, self._fit.transport), self._basis) * self._scales
 
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
@@ -190,7 +198,7 @@ class WallGain:
         for _ in range(3):  # each time from what is left, single precision suffices
             left = self._without_background(left.astype(np.float32))
             f = (self._coordinates(left) * self._scales) @ self._basis
-            left = self._without_background(left - f @ self._transport)
+            left = self._without_background(left - f @ self._fit.transport)
             left = rejected(left, others)
             sizes *= np.linalg.norm(left, axis=1)
             left = unit_rows(left)
