@@ -18,7 +18,7 @@ from periscopy_sim.errors import PeriscopyError, PhotographError
 if TYPE_CHECKING:
     from periscopy_sim.photographs.checking import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
-    from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.model.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]
@@ -103,7 +103,7 @@ def hidden_image(name: str, hidden_shape: tuple[int, int]) -> NDArray[np.float64
 
 def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
     """Read the mask that a command was given, (rows, columns); None if it was given none."""
-    from periscopy_sim.reconstruction.observation import checked_mask
+    from periscopy_sim.model.observation import checked_mask
     from periscopy_sim.storage import photographs
 
     if path is None:

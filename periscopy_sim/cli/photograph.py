@@ -159,7 +159,7 @@ def _grain(scenario: Scenario, photograph: Array) -> float:
 
     It is told from neighbouring pixels, and 0 where it cannot be: those of a textured wall differ.
     """
-    from periscopy_sim.reconstruction.residual.camera_noise import camera_noise
+    from periscopy_sim.model.noise import camera_noise
 
     noise = camera_noise(np.moveaxis(photograph, 2, 0))
     if noise is None or scenario.wall_texture is not None:

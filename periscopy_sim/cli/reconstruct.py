@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from periscopy_sim.reconstruction.method import Method
-    from periscopy_sim.reconstruction.residual.residual import Residual
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+    from periscopy_sim.model.residual import Residual
+    from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 
@@ -323,9 +323,9 @@ def _told(
 def _doubt(scenario: Scenario, A: Any, mask: inputs.Mask | None, seen: Array) -> str:
     """Return why a photograph may show no monitor, though the scene does not explain it."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.reconstruction.background_subspace import background_basis
+    from periscopy_sim.model.ambient import background_basis
     from periscopy_sim.reconstruction.monitor_left_on import monitor_doubt
-    from periscopy_sim.reconstruction.observation import observation_of
+    from periscopy_sim.model.observation import observation_of
 
     sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
     observed = observation_of(A, *sizes)

@@ -15,7 +15,7 @@ from periscopy_sim.storage.formats.srgb import srgb_encode
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.model.residual import Residual
 
 LEAST_RANGE = 4.0
 """Standard deviations of noise that the colours reach at least: noise alone then looks pale."""

@@ -22,7 +22,7 @@ from periscopy_sim.live.choice import Choice
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.photographs.checking import blackened
 from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.model.residual import Residual
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light

@@ -25,6 +25,9 @@ PROFILE_DEGREE = 20
 and one free number for each row and column 0.14; beside a window (rendered, SBR 0.2) all of them
 gain 4.6 to 6 dB, the most at degree 20."""
 
+PIXELS_A_DEGREE = 6
+"""Pixels along a side for each degree of `wall_profiles`, at least: 126 pixels carry degree 20."""
+
 
 def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_TOLERANCE) -> Array:
     """Return an orthonormal basis Q, (M, r) float64, of the numerical range of B, (M, L).
@@ -74,13 +77,12 @@ def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
 def wall_profiles(shape: tuple[int, int]) -> Array:
     """Return fields over a photograph that vary down or across alone, (rows · columns, K).
 
-    They are Legendre polynomials of degree at most `PROFILE_DEGREE`, and at most a third of the
-    pixels along that side. Edges of tables, sills and window frames, and lamps nearby, cast light
+    They are Legendre polynomials of degree at most `PROFILE_DEGREE`, lower for small photographs. Edges of tables, sills and window frames, and lamps nearby, cast light
     that far point lights do not explain; most of it varies along one side of the wall only.
     """
     rows, columns = shape
     down, across = (
-        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // 3))[:, 1:]
+        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // PIXELS_A_DEGREE))[:, 1:]
         for size in shape
     )
     return np.hstack(

@@ -216,7 +216,7 @@ def _background_planes(
 ) -> dict[str, Array]:
     """Return the planes of background photographs, by name; a ValueError names one that is none."""
     planes = {}
-    for name, background in _named(backgrounds).items():
+    for name, background in named(backgrounds).items():
         try:
             planes[name] = observation.planar(np.asarray(background)[None])[0]
         except ValueError as error:
@@ -226,7 +226,7 @@ def _background_planes(
     return planes
 
 
-def _named(backgrounds: Backgrounds | None) -> dict[str, Image]:
+def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
     """Return background photographs by name."""
     if backgrounds is None:
         return {}

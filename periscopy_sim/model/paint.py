@@ -25,7 +25,7 @@ the hidden image's light, is left to the columns of B.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -35,6 +35,7 @@ from scipy import special
 
 from periscopy_sim.model.correction import FirstImage
 from periscopy_sim.model.fit import Fit, Measurement
+from periscopy_sim.model.observation import Observation
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -46,7 +47,7 @@ LARGEST = 0.5
 """Unevenness above which it is not paint, and is left alone."""
 
 ERROR_RATE = 1e-3
-"""Part of photographs of an even wall in which an unevenness is found."""
+"""Fraction of photographs of an even wall in which an unevenness is found."""
 
 WORTH = 0.05
 """Part of what nothing else explains that paint must explain: below it, to divide by paint and the
@@ -63,34 +64,43 @@ class Paint:
     """The correction of the wall's paint, as photographs with the monitor off show it; see above."""
 
     def __init__(self, fit: Fit) -> None:
-        smooth = fit.background[: fit.smooth_rank].T
-        rows = np.concatenate(list(fit.observation.backgrounds.values()))
-        self._fields = np.array([fine_structure(row, smooth) for row in rows])
-        mask = None if fit.observation.mask is None else fit.observation.mask.ravel()
-        self._others = [_moved(self._fields, fraction, mask) for fraction in MOVES]
         self._fit = fit
+        self._unevenness = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
 
     def __call__(
         self, photograph: Measurement, first_image: FirstImage
     ) -> tuple[Measurement, Mapping[str, Any]]:
         """Return a photograph as an even wall would have shown it."""
-        even = self.evenness(photograph.planes)
-        found = bool((even != 1).any())
-        if not found:
+        even = self._unevenness.evenness(photograph.planes, self._fit.unexplained)
+        if not (even != 1).any():
             return photograph, {"paint_found": False}
         return replace(photograph, planes=even * photograph.planes), {"paint_found": True}
 
-    def evenness(self, planes: Array) -> Array:
+
+class Unevenness:
+    """What the background photographs of an observation show of paint; see the module.
+
+    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'.
+    """
+
+    def __init__(self, smooth: Array, observation: Observation) -> None:
+        rows = np.concatenate(list(observation.backgrounds.values()))
+        self._fields = np.array([fine_structure(row, smooth) for row in rows])
+        mask = None if observation.mask is None else observation.mask.ravel()
+        self._others = [_moved(self._fields, fraction, mask) for fraction in MOVES]
+
+    def evenness(self, planes: Array, unexplained: Callable[[Array], Array]) -> Array:
         """Return what a photograph's planes, (3, M'), are multiplied by to show an even wall.
 
-        It is (3, M'); ones where no unevenness is found.
+        It is (3, M'); ones where no unevenness is found. `unexplained` returns what no hidden image
+        and no ambient light explain of rows, (J, M').
         """
         levels = np.sqrt(np.mean(planes**2, axis=1, keepdims=True))
         y = planes / np.where(levels > 0, levels, 1)
         count, kinds = len(self._fields), [self._fields, *self._others]
         terms = np.stack(kinds) * y[:, None, None]  # (3, kinds, J, M')
         rows = np.concatenate([y, terms.reshape(-1, y.shape[1])])
-        left = self._fit.unexplained(rows).astype(np.float64)
+        left = unexplained(rows).astype(np.float64)
         left, own = left[:3], left[3:].reshape(3, len(kinds), count, -1)
         even = np.ones(planes.shape)
         explained = np.zeros((len(kinds), 2))  # energy over variance, and for how many terms

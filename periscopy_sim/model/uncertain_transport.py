@@ -65,9 +65,9 @@ class UncertainTransport:
                 )
 
     def lights(self, image: Array, mask: NDArray[np.bool_] | None = None) -> Array:
-        """Return D f, what each direction's standard error does to the light of an image, (R, C, 3).
+        """Return D f, (K, 3, M'): what each direction's standard error does to an image's light.
 
-        It is (K, 3, M'), of the pixels used.
+        The image is (R, C, 3); M' counts the pixels used.
         """
         used = slice(None) if mask is None else mask.ravel()
         f = image.reshape(-1, 3).astype(np.float32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -57,7 +57,7 @@ def test_photograph_that_shows_nothing_is_told(periscopy, tmp_path, y):
 
 
 OWN = """
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 class Halved(NoiseAware):
     def reconstruct(self, photograph):

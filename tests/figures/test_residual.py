@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from periscopy_sim.figures.residual import draw_residual, residual_figure
-from periscopy_sim.reconstruction.residual.camera_noise import CameraNoise
-from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.model.noise import CameraNoise
+from periscopy_sim.model.residual import Residual
 
 RNG = np.random.default_rng(0)
 PHOTOGRAPH = RNG.uniform(1, 2, (20, 30, 3))

@@ -12,8 +12,8 @@ from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbo
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
-from periscopy_sim.reconstruction.observation import observation_of
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
 PHOTOGRAPH, HIDDEN = (20, 24), (3, 4)

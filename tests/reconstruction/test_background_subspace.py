@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.model.ambient import background_basis
 
 M = 400
 TOLERANCES = [1e-2, 1e-4, 1e-8, 1e-10, 1e-12]

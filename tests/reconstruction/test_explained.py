@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.reconstruction.explained import Explained
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
 RNG = np.random.default_rng(5)

@@ -7,7 +7,7 @@ import pytest
 
 from periscopy_sim.reconstruction import unevenness
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from periscopy_sim.reconstruction.preconditioned.video import Video

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+    from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 

@@ -10,7 +10,10 @@ import numpy as np
 
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.reconstruction.method import Image
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
+from periscopy_sim.reconstruction.noise_aware.noise_aware import (
+    NoiseAware,
+    NoiseAwareReconstruction,
+)
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.video_method import FrameByFrame

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.least_squares import LeastSquares

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.reconstruction.noise_aware.joint_evenness import joint_evenness
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 WALL, HIDDEN = (24, 20), (4, 5)
 RNG = np.random.default_rng(5)

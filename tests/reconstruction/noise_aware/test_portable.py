@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 HIDDEN = (5, 6)
 PHOTOGRAPH = (20, 20)

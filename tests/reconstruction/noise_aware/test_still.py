@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import approx_fprime, minimize
 
 from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
 HIDDEN = (4, 5)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
-from periscopy_sim.reconstruction.noise_aware.uncertainty import curvature_of_total_variation
-from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.model.uncertainty import curvature_of_total_variation
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 
 WALL, HIDDEN = (32, 40), (6, 8)
 NAMES = ("plate_x", "plate_z", "plate_width")

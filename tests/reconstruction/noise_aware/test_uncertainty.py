@@ -5,9 +5,9 @@ import pytest
 from scipy import linalg
 
 from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
-from periscopy_sim.reconstruction.noise_aware.uncertainty import (
+from periscopy_sim.model.spectral_basis import laplacian
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.model.uncertainty import (
     ROUNDING,
     contrast,
     curvature_of_total_variation,

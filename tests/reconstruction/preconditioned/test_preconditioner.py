@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
+from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 PHOTOGRAPH = (20, 20)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.residual.camera_noise import camera_noise
+from periscopy_sim.model.noise import camera_noise
 
 SIZES = np.array([1.0, 2.0, 0.5])[:, None, None]
 V, U = np.meshgrid(*(np.linspace(-1, 1, 63),) * 2, indexing="ij")

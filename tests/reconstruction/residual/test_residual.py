@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.reconstruction.residual.causes import Cause, advice_for
-from periscopy_sim.reconstruction.residual.residual import Residual, residual_of
+from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.reconstruction.residual.structure import Structure
 from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import SPREAD
+from periscopy_sim.model.wall_gain import SPREAD
 from periscopy_sim.reconstruction.uncertain_scene.displacement import estimate
 
 PIXELS, PATCHES, DIRECTIONS, GAINS = 200, 12, 4, 2

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 
 RNG = np.random.default_rng(0)
 CHANGES = RNG.standard_normal((2, 3, 8, 5)).astype(np.float32)

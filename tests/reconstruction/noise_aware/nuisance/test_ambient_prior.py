@@ -13,8 +13,8 @@ from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import (
     AmbientPrior,
     found_beside,
 )
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis, laplacian
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.model.spectral_basis import SpectralBasis, laplacian
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 WALL, HIDDEN = (36, 40), (6, 7)
 PIXELS, N = 1440, 42

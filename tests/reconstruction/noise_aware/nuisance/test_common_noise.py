@@ -16,7 +16,7 @@ from periscopy_sim.reconstruction.noise_aware.nuisance.common_noise import (
     shared_part,
 )
 from periscopy_sim.reconstruction.noise_aware.nuisance.noise_spectrum import NoiseSpectrum
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 SHAPE, HIDDEN = (40, 44), (6, 7)
 V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in SHAPE), indexing="ij")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import WallGain
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.model.wall_gain import WallGain
+from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 HIDDEN = (4, 5)
 WALL = (20, 24)

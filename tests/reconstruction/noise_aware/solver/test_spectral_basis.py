@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import (
+from periscopy_sim.model.spectral_basis import (
     InverseLaplacian,
     SpectralBasis,
     laplacian,
