@@ -120,7 +120,7 @@ def visit(session: Session, browser: Any, requests: list[str] | None = None) -> 
     if requests is not None:
         page.on("request", lambda request: requests.append(request.url))
         page.on("websocket", lambda websocket: requests.append(websocket.url))
-    page.goto(f"http://127.0.0.1:{session.page.port}")
+    page.goto(session.page.gate.url)
     page.wait_for_function(f"!!{SHEET}")
     page.get_by_text("full pictures").wait_for()
     page.wait_for_timeout(2000)  # the scene's first frames
