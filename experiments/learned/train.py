@@ -26,9 +26,9 @@ from torch.nn.utils import clip_grad_norm_
 from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.resuming import digest_of
 from experiments.learned.samples import HIDDEN, Samples
+from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
 from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
-from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.storage.outputs.staging import staged_file
 
 BATCH = 16

@@ -27,14 +27,14 @@ from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
-from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.observation import (
     Backgrounds,
     named,
+    observation_of,
 )
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.photographs.checking import check_photograph
 from periscopy_sim.reconstruction.monitor_left_on import COARSE, check_monitor_off
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.residual.orientations import AS_IT_IS, FLIPPED, Orientation
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.shadow_check import LEAST, hidden_part, shadow_doubt

@@ -16,8 +16,8 @@ from periscopy_sim.calibration.constraints import InFront
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, VariantError
-from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
 from periscopy_sim.rendering.transport.shadow_rays import render_transport

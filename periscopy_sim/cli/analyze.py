@@ -59,8 +59,8 @@ def analyze(
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
     from periscopy_sim.model.ambient import background_basis
-    from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
     from periscopy_sim.model.observation import observation_of
+    from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
     asked = AskedTransport(samples, seed, model, parse_bounces(bounces), strata="gauss")

@@ -16,9 +16,9 @@ from periscopy_sim.cli.output import fixable, progress, warn
 from periscopy_sim.errors import PeriscopyError, PhotographError
 
 if TYPE_CHECKING:
+    from periscopy_sim.model.residual import Residual
     from periscopy_sim.photographs.checking import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
-    from periscopy_sim.model.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]

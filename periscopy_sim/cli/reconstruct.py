@@ -42,9 +42,9 @@ NOTHING = "none"
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.model.residual import Residual
     from periscopy_sim.model.uncertain_transport import UncertainTransport
+    from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.scenario import Array, Scenario
 
 
@@ -324,8 +324,8 @@ def _doubt(scenario: Scenario, A: Any, mask: inputs.Mask | None, seen: Array) ->
     """Return why a photograph may show no monitor, though the scene does not explain it."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.model.ambient import background_basis
-    from periscopy_sim.reconstruction.monitor_left_on import monitor_doubt
     from periscopy_sim.model.observation import observation_of
+    from periscopy_sim.reconstruction.monitor_left_on import monitor_doubt
 
     sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
     observed = observation_of(A, *sizes)

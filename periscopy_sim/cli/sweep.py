@@ -20,11 +20,25 @@ from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.outputs.resume import alone_in
+from periscopy_sim.storage.outputs.resume import (
+    alone_in,
+    check_settings,
+    read_settings,
+    refuse_results,
+    write_settings,
+)
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from periscopy_sim.scenario import Array, Scenario
+
+RENDERED = ("A.npy", "photograph.exr", "ambient")
+STORE = "sweep.zarr"
+RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
+VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
+"""Settings that no rendering depends on: they may change until there are results."""
 
 
 def sweep(
@@ -78,8 +92,6 @@ def sweep(
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
-    from periscopy_sim.evaluation.sweep_folder import RESULTS, check_folder, claim_folder
-    from periscopy_sim.evaluation.sweep_store import mean_errors
     from periscopy_sim.figures import panels
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
@@ -126,12 +138,14 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    check_folder(out, settings)
+    _check_folder(out, settings)
     if scheduler is not None:
         with workers.connect(scheduler):  # does it answer?
             pass
     with to_be_continued(), alone_in(out):
-        claim_folder(out, settings)
+        _check_folder(out, settings)  # again, now that nobody else writes there
+        if not (out / STORE).exists():
+            write_settings(out, settings)
         if not (out / "A.npy").is_file():
             matrices.transport(
                 scene, hidden, out / "A.npy", samples=samples, bounces=bounces, seed=seed,
@@ -170,8 +184,7 @@ def sweep(
         with staged_file(out / "sweep.png") as file:
             text = as_text(inputs.provenance_of(scenario, seed))
             panels.draw_sweep(file, results, metadata=text)
-    for line in mean_errors(results):
-        say(line)
+    _say_means(results)
     say_written(*(out / name for name in RESULTS))
 
 
@@ -208,3 +221,34 @@ def _rendered(
 
         rendered = ambient_photographs(names, scenario, folder, seed)
     return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
+
+
+def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
+    """Reject a folder of other settings, or with files of unknown settings.
+
+    Until there are results, the `VARIED` settings may differ.
+    """
+    held = read_settings(out)
+    if held is None:
+        refuse_results(out, (*RENDERED, *RESULTS))
+        return
+    if not (out / STORE).exists():
+        held |= {name: settings[name] for name in VARIED}
+    check_settings(held, settings, str(out), "sweep")
+
+
+def _say_means(results: xr.Dataset) -> None:
+    """Print the mean error of each method at each SBR, and the failures."""
+    errors = results["mean_squared_error"].mean(("background", "seed"))  # of what did not fail
+    names = [str(name) for name in results["algorithm"].values]
+    heading = "mean squared error at SBR"
+    width = max(map(len, [heading, *names]))
+    say(f"{heading:{width}}" + "".join(f"{sbr:9g}" for sbr in results["sbr"].values))
+    for name, of_method in zip(names, errors.transpose("algorithm", "sbr").values, strict=True):
+        cells = (f"{'failed':>9}" if np.isnan(error) else f"{error:9.5f}" for error in of_method)
+        say(f"{name:{width}}{''.join(cells)}")
+    for name in names:
+        messages = results["failure"].sel({"algorithm": name}).values.ravel()
+        failed = messages[messages != ""]
+        if failed.size:
+            say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")

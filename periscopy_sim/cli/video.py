@@ -254,7 +254,7 @@ def video(
 
 def _formats(also: list[str] | None) -> list[str]:
     """Return the endings of all the files of the animation; refuse one that cannot be written."""
-    from periscopy_sim.figures.movie import require_encoder
+    from periscopy_sim.figures.animation import require_encoder
 
     for ending in also or []:
         require_encoder(ending)

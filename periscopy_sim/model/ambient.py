@@ -82,7 +82,9 @@ def wall_profiles(shape: tuple[int, int]) -> Array:
     """
     rows, columns = shape
     down, across = (
-        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // PIXELS_A_DEGREE))[:, 1:]
+        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // PIXELS_A_DEGREE))[
+            :, 1:
+        ]
         for size in shape
     )
     return np.hstack(

@@ -4,16 +4,16 @@ from functools import partial
 
 import numpy as np
 import pytest
+from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
 
 from periscopy_sim.evaluation.methods import fit_method
+from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction import monitor_left_on
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
 PHOTOGRAPH, HIDDEN = (20, 24), (3, 4)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.explained import Explained
+
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 

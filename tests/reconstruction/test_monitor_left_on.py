@@ -4,16 +4,16 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
-
-import periscopy_sim as ps
-from periscopy_sim.model.transport_operator import UsedRows
 from periscopy_sim.reconstruction.monitor_left_on import (
     check_monitor_off,
     coarse_transport,
     monitor_doubt,
 )
+from scipy.ndimage import gaussian_filter
+
+import periscopy_sim as ps
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.model.transport_operator import UsedRows
 
 SIZE, HIDDEN = (30, 30), (8, 10)
 

@@ -4,13 +4,13 @@ from functools import partial
 
 import numpy as np
 import pytest
+from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
 
+from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from periscopy_sim.reconstruction.preconditioned.video import Video
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from periscopy_sim.evaluation.design.comparison import Comparison, Equal
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import LinearOperator, lsqr
 
-from periscopy_sim.reconstruction.large_scale import transport_operator
 from periscopy_sim.model.transport_operator import COLUMNS, TransportOperator
+from periscopy_sim.reconstruction.large_scale import transport_operator
 
 
 class Blocks:

@@ -36,9 +36,9 @@ def small():
 def problems(small):
     """The photograph as networks see it, and what that came from."""
     torch = pytest.importorskip("torch")
+    from periscopy_sim.model.spectral_basis import laplacian
     from periscopy_sim.reconstruction.learned.problem import problem_of
     from periscopy_sim.reconstruction.learned.unrolled_network import Problems
-    from periscopy_sim.model.spectral_basis import laplacian
     from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
     method = NoiseAware(small.A, small.B, **small.settings, wall_gain=False)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.noise_aware.joint_evenness import joint_evenness
+
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 WALL, HIDDEN = (24, 20), (4, 5)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
+
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 HIDDEN = (5, 6)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.noise_aware.predicted_error import (
     FARTHEST,
     best_factor,

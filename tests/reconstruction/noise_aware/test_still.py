@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO
 from scipy.optimize import approx_fprime, minimize
 
-from periscopy_sim.reconstruction.noise_aware.evidence import LARGEST_RATIO
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.model.uncertainty import curvature_of_total_variation
+
 from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import curvature_of_total_variation
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 WALL, HIDDEN = (32, 40), (6, 8)
 NAMES = ("plate_x", "plate_z", "plate_width")

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
 from scipy import linalg
 
-from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
 from periscopy_sim.model.spectral_basis import laplacian
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.model.uncertainty import (
     ROUNDING,
     contrast,
@@ -14,6 +13,7 @@ from periscopy_sim.model.uncertainty import (
     standard_errors,
     weighed_axes,
 )
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 RNG = np.random.default_rng(0)
 HIDDEN = (6, 7)

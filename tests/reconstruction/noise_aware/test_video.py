@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import minimize
 
 from periscopy_sim.reconstruction.noise_aware import video as noise_aware_video
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 
 HIDDEN = (4, 5)

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.residual.encodings import (
     BETTER,
     ENCODINGS,
     better_encoding,
     seen_recoded,
 )
+
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
 RNG = np.random.default_rng(0)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.reconstruction.residual.orientations import (
     BETTER,
     FLIPPED,

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from periscopy_sim.reconstruction.residual.causes import Cause, advice_for
+from periscopy_sim.reconstruction.residual.structure import Structure
 from scipy import ndimage
 
+from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.registry import METHODS
-from periscopy_sim.reconstruction.residual.causes import Cause, advice_for
-from periscopy_sim.model.residual import Residual, residual_of
-from periscopy_sim.reconstruction.residual.structure import Structure
 from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 
 SHAPE, HIDDEN = (40, 44), (4, 5)

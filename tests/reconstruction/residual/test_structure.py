@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import ndimage
-
 from periscopy_sim.reconstruction.residual.structure import structure_of
+from scipy import ndimage
 
 SHAPE = (48, 60)
 

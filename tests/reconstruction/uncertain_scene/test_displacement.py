@@ -1,9 +1,9 @@
 """The estimate of where a scene is, against dense least squares and against its own errors."""
 
 import numpy as np
+from periscopy_sim.reconstruction.uncertain_scene.displacement import estimate
 
 from periscopy_sim.model.wall_gain import SPREAD
-from periscopy_sim.reconstruction.uncertain_scene.displacement import estimate
 
 PIXELS, PATCHES, DIRECTIONS, GAINS = 200, 12, 4, 2
 RNG = np.random.default_rng(0)

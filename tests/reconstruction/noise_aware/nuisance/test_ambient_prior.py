@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
-
-from periscopy_sim.evaluation.metrics import mean_squared_error
 from periscopy_sim.reconstruction.noise_aware.nuisance import ambient_prior
 from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import (
     STRENGTHS,
@@ -13,6 +11,8 @@ from periscopy_sim.reconstruction.noise_aware.nuisance.ambient_prior import (
     AmbientPrior,
     found_beside,
 )
+
+from periscopy_sim.evaluation.metrics import mean_squared_error
 from periscopy_sim.model.spectral_basis import SpectralBasis, laplacian
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 

@@ -4,10 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy import ndimage
-
-from periscopy_sim.evaluation.metrics import mean_squared_error
-from periscopy_sim.reconstruction.noise_aware import still
 from periscopy_sim.reconstruction.noise_aware.nuisance.common_noise import (
     ALL_SHARED,
     SHARED,
@@ -16,6 +12,10 @@ from periscopy_sim.reconstruction.noise_aware.nuisance.common_noise import (
     shared_part,
 )
 from periscopy_sim.reconstruction.noise_aware.nuisance.noise_spectrum import NoiseSpectrum
+from scipy import ndimage
+
+from periscopy_sim.evaluation.metrics import mean_squared_error
+from periscopy_sim.reconstruction.noise_aware import still
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 SHAPE, HIDDEN = (40, 44), (6, 7)

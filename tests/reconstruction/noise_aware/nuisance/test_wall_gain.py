@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 HIDDEN = (4, 5)
