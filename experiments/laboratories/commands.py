@@ -89,5 +89,5 @@ class User:
 
     def _given(self, photograph: Path, scene: Path, backgrounds: Sequence[Path]) -> list[object]:
         mask = photograph.with_name("wall_mask.png")
-        off = [word for file in backgrounds for word in ("--background", file)]
+        off = [word for file in backgrounds for word in ("--monitor-off", file)]
         return [photograph, "--scene", scene, "--hidden", self.hidden, "--mask", mask, *off]

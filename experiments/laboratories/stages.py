@@ -29,7 +29,7 @@ from periscopy_sim.storage.outputs.staging import staged_file
 
 TRUE, TRUE_OFF = "true scene, even wall", "the same, monitor off"
 AS_IT_COMES, PREPARED = "as it comes", "prepare"
-BACKGROUND, CALIBRATED = "--background", "calibrate"
+BACKGROUND, CALIBRATED = "--monitor-off", "calibrate"
 ROW = 1.6
 """Inches that a step's pictures are high."""
 

@@ -6,17 +6,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    check_memory,
-    parse_bounces,
-)
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.light import LightModel as AskedPrototypes
+from periscopy_sim.cli.light import TransportRequest as AskedTransport
+from periscopy_sim.cli.light import check_memory
+from periscopy_sim.cli.options import BouncesOption, Model, ModelOption, option, parse_bounces
+from periscopy_sim.cli.options import LightModelOption as PrototypesOption
 from periscopy_sim.cli.output import fixable, progress, say, told_folder, write_json
 from periscopy_sim.storage.outputs.provenance import as_text
 
@@ -45,7 +41,7 @@ def analyze(
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
-    background: arguments.BackgroundOption = None,
+    background: arguments.MonitorOffOption = None,
     backgrounds: PrototypesOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
@@ -55,12 +51,9 @@ def analyze(
 
     By condition numbers, angles, residual background and Cramer-Rao bounds.
     """
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
-    from periscopy_sim.model.ambient import background_basis
     from periscopy_sim.model.observation import observation_of
-    from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
     asked = AskedTransport(samples, seed, model, parse_bounces(bounces), strata="gauss")
@@ -77,9 +70,6 @@ def analyze(
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
-            if dark:
-                smooth = observed.used(point_light_backgrounds(scenario))
-                check_monitor_off(A, background_basis(smooth), observed)
             B = observed.joined(lights)
             used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)

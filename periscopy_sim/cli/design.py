@@ -10,13 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions, parse_list, parse_size
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.light import LightModel as AskedPrototypes
+from periscopy_sim.cli.light import check_memory
+from periscopy_sim.cli.options import LightModelOption as PrototypesOption
+from periscopy_sim.cli.options import (
     Model,
     ModelOption,
-    check_memory,
+    option,
+    parse_definitions,
+    parse_list,
+    parse_size,
 )
 from periscopy_sim.cli.output import (
     counted_progress,
@@ -261,9 +266,9 @@ def _ranges(vary: str, path: Path, given: Mapping[str, str]) -> dict[str, tuple[
 def _transport(scenario: Scenario, samples: int, model: Model, seed: int) -> Any:
     """Return A by rays to fixed places of patches: noise of random ones looks like information."""
     if model is Model.analytic:
-        from periscopy_sim.analytic.transport import analytic_transport
+        from periscopy_sim.analytic.area_transport import analytic_transport
 
-        return analytic_transport(scenario, samples=samples)
+        return analytic_transport(scenario)
     from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
     return render_transport(scenario, samples=samples, strata="gauss", seed=seed)

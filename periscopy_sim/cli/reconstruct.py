@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions
-from periscopy_sim.cli.fitting.fit import fit
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    parse_bounces,
+from periscopy_sim.cli import options
+from periscopy_sim.cli.inputs import SUGGESTED
+from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.messages import (
+    assumptions,
+    residual_summary,
+    residual_warning,
+    sentences,
 )
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
-from periscopy_sim.cli.output import (
-    Stopwatch,
-    as_json,
-    fixable,
-    progress,
-    say,
-    told_folder,
-    warn,
-    write_json,
-)
+from periscopy_sim.cli.options import SCENE, SOLVER, option
+from periscopy_sim.cli.output import as_json, fixable, progress, say, told_folder, warn
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
 
 NOTHING = "none"
 """What --uncertain takes for a scene that is to be taken for right."""
@@ -42,30 +31,31 @@ NOTHING = "none"
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from periscopy_sim.model.residual import Residual
     from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.reconstruction.method import Method
+    from periscopy_sim.reconstruction.report import Report
     from periscopy_sim.scenario import Array, Scenario
 
 
 @takes_options_of(FOR_STILLS)
 def reconstruct(
-    photo: arguments.PhotoArgument,
-    scene: arguments.SceneOption,
-    hidden: arguments.Hidden,
-    out: arguments.Out,
+    photo: options.PhotoArgument,
+    scene: options.SceneOption,
+    hidden: options.Hidden,
+    out: options.Out,
     method: Annotated[
         str,
         option(
             "NAME",
             f"{method_help(FOR_STILLS)}; yours as module:callable or file.py:callable.",
+            group=SOLVER,
             autocompletion=lambda: list(FOR_STILLS),
         ),
     ] = DEFAULT,
-    samples: arguments.Samples = 16,
-    model: ModelOption = Model.rendered,
-    bounces: BouncesOption = "direct",
-    matrix: arguments.MatrixOption = None,
+    samples: options.Samples = 16,
+    model: options.ModelOption = options.Model.rendered,
+    bounces: options.BouncesOption = "direct",
+    matrix: options.MatrixOption = None,
     truth: Annotated[
         str | None,
         option(
@@ -77,105 +67,87 @@ def reconstruct(
         str | None,
         option(
             "NAME[=ERROR],...",
-            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005: the image "
-            "is that of the scene which they make most probable, its standard errors count theirs. "
-            "Without ERROR, that of the <default> NAME_error. Default: what a calibrated scene "
-            "carries, in the standard errors alone; none: nothing.",
+            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005, in which "
+            "the standard errors count. Default: what a calibrated scene carries; none: nothing.",
+            group=SCENE,
         ),
     ] = None,
-    background: arguments.BackgroundOption = None,
-    backgrounds: PrototypesOption = None,
-    mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
-    **options: float | None,
+    monitor_off: options.MonitorOffOption = None,
+    light_model: options.LightModelOption = None,
+    mask: options.MaskOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
+    **numbers: float | None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
-    from periscopy_sim.evaluation.methods import check_able, find_method, own_errors, source_sha256
+    from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
-    from periscopy_sim.figures.residual import draw_residual
-    from periscopy_sim.photographs.checking import blackened
+    from periscopy_sim.reconstruction.report import Report
 
     find_method(method)
-    settings = settings_for(method, options, FOR_STILLS)
-    doubted = _uncertain_errors(uncertain, method, scene, parse_definitions(define))
-    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
-    prototypes = AskedPrototypes.of(backgrounds, seed, [method])
-    timed = Stopwatch()
+    settings = settings_for(method, numbers, FOR_STILLS)
+    session = Session(scene, hidden, define, seed)
+    doubted = _uncertain_errors(uncertain, method, scene, session.definitions)
+    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
+    lights = LightModel.of(light_model, seed, [method])
     with told_folder(out) as folder:
-        with timed("load the scene"), progress("loading the scene"):
-            scenario = inputs.load(scene, hidden, define)
-        check_able(method, scenario.hidden_shape)
-        unseen = inputs.warn_without_shadows(scenario, scene)
-        unseen += inputs.warn_of_long_patches(scenario, scene)
-        used = inputs.read_mask(mask, scenario)
-        given = inputs.read_photograph(photo, scenario, used)
-        dark = inputs.read_backgrounds(background, scenario, used)
-        defects = inputs.look_for_defects(
-            given.values, used, str(photo), out / inputs.SUGGESTED, maskable=method in METHODS
+        session.check_scene(method)
+        scenario, timed = session.scenario, session.timed
+        wall = session.wall(
+            photo, mask, monitor_off, suggested=out / SUGGESTED, maskable=method in METHODS
         )
-        used = defects.used
-        seen = blackened(given.values, used)
-        known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
+        known = None if truth is None else session.hidden_image(truth)
         with timed("uncertain scene") if doubted or uncertain else nullcontext():
             moved, untold = _uncertain_transport(
-                doubted, uncertain, method, scenario, scene, samples, seed,
-                linear=not asked.is_rendered,
-            )  # fmt: skip
-        fitted, A = fit(method, settings, scenario, used, dark, timed, asked, prototypes, moved)
-        provenance = inputs.provenance_of(scenario, seed)
-        text = as_text(provenance)
+                doubted, uncertain, method, scenario, scene, samples, seed
+            )
+        session.warnings += untold
+        fitted, _ = session.fit(method, settings, request, lights, wall, moved)
+        text = session.metadata
         with (
             timed("reconstruct"),
-            fixable(f"{photo} by {method}", dark),
+            fixable(f"{photo} by {method}", wall.monitor_off),
             own_errors(method, f"failed on {photo}"),
         ):
-            image, solved = _recovered(fitted, seen, scenario.hidden_shape)
+            image, solved = _recovered(fitted, wall.values, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, seen, solved, scenario, defects)
-            left = told.residual
-            explicable = left and left.likeliest not in ("", "object")
-            otherwise = left and (left.better_orientation or left.better_encoding)
-            if left and explicable and not (dark or told.doubt or otherwise):
-                told = replace(told, doubt=_doubt(scenario, A, used, seen))
-        doubts = list(filter(None, (told.doubt, told.misfit)))
-        _write_told(folder, told, image, seen, text)
-        if told.residual is not None:
-            draw_residual(folder / "residual.png", seen, told.residual, text)
+            report = Report() if solved is None else fitted.report(wall.values, solved)
+            as_json(report.numbers)
+        warning = residual_warning(report.residual)
+        warnings = [*sentences(report.warnings), *filter(None, [warning])]
+        _write_report(folder, report, image, wall.values, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
-        defects.suggest_mask(folder, text)
-        shown = panels.displayable(image)
-        panels.write_enlarged(folder / "reconstruction.png", shown, text)
-        summary: dict[str, Any] = {
-            "method": method,
-            "method_sha256": source_sha256(method),
-            "photograph": str(photo),
-            "photograph_shape": scenario.photograph_shape,
-            "hidden_shape": scenario.hidden_shape,
-            **asked.origin,
-            **prototypes.origin,
-            **settings,
-            **told.numbers,
-            **inputs.mask_record(mask, used),
-            "backgrounds": list(dark),
-            "warnings": [*unseen, *untold, *given.warnings, *defects.warnings, *doubts],
-            "truth": truth,
-        }
-        if known is not None:
-            summary |= _compare(folder, image, known, seen, text)
-        write_json(
-            folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
+        wall.defects.suggest_mask(folder, text)
+        panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
+        compared = None if known is None else _compare(folder, image, known, wall.values, text)
+        session.warnings += warnings
+        session.write_summary(
+            folder / "summary.json",
+            {
+                "method": method,
+                "method_sha256": source_sha256(method),
+                "photograph": str(photo),
+                **request.origin,
+                **lights.origin,
+                **settings,
+                **report.numbers,
+                **wall.record,
+                "truth": truth,
+                **(compared or {}),
+            },
         )
-    for doubt in doubts:
-        warn(f"{photo}: {doubt}")
-    for remark in told.remarks:
-        say(remark)
-    if known is not None:
-        farther = ": none farther is tried, so the image may be farther off"
+    for line in warnings:
+        warn(f"{photo}: {line}")
+    if report.residual is not None:
+        say(residual_summary(report.residual))
+    for line in sentences(report.notes):
+        say(line)
+    if compared:
+        limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
         say(
-            f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
-            f"{summary['psnr_registered']:.2f} dB (shift {summary['shift']} patches down, right"
-            f"{farther if summary['shift_at_limit'] else ''})"
+            f"against the truth: gain-matched PSNR {compared['psnr']:.2f} dB, registered "
+            f"{compared['psnr_registered']:.2f} dB (shift {compared['shift']} patches down, right"
+            f"{limit})"
         )
 
 
@@ -190,10 +162,10 @@ def _uncertain_errors(
         raise PeriscopyError(
             f"--uncertain belongs to --method {able}, not to {method}; leave it out"
         )
-    named = arguments.parse_errors(text, "--uncertain")
+    named = options.parse_errors(text, "--uncertain")
     if not named:
         raise PeriscopyError(f"--uncertain '{text}' names nothing; write NAME=ERROR, or {NOTHING}")
-    return arguments.known_errors(named, find_scene(scene), given)
+    return options.known_errors(named, find_scene(scene), given)
 
 
 def _uncertain_transport(
@@ -204,21 +176,19 @@ def _uncertain_transport(
     scene: str,
     samples: int,
     seed: int,
-    *,
-    linear: bool,
 ) -> tuple[UncertainTransport | None, list[str]]:
-    """Render what errors of parameters do, as asked or as a calibrated scene carries them.
+    """Render derivatives by uncertain parameters, as asked or as a calibrated scene carries them.
 
-    Also returned is, a line each, what a user is warned of: that what is carried does not hold.
+    The warnings, a line each, say that what the scene carries does not hold.
     """
     from periscopy_sim.calibration.scene_covariance import scene_covariance
     from periscopy_sim.calibration.uncertain_scene import calibrated_transport, uncertain_transport
 
-    label = "rendering what errors of the scene do"
+    label = "rendering the scene's parameter derivatives"
     if errors:
         with progress(label) as report:
             found = uncertain_transport(
-                scenario, errors, samples=samples, seed=seed, linear=linear, progress=report
+                scenario, errors, samples=samples, seed=seed, progress=report
             )
         return found, []
     able = method in METHODS and METHODS[method].uncertain
@@ -226,7 +196,7 @@ def _uncertain_transport(
     if known is None:
         return None, []
     if not known.names:
-        distrust = f"{scene}: its silhouette is not to be trusted, so neither is the image"
+        distrust = f"{scene}: its silhouette did not converge, so the image is unreliable"
         warn(distrust)
         return None, [distrust]
     warnings, carried = [], None
@@ -250,7 +220,7 @@ def _uncertain_transport(
     elif not known.trusted:
         warnings.append(
             f"{scene}: its calibration is not to be trusted, so neither are the image's place and "
-            "its standard errors, though they count what the calibration left uncertain"
+            "its standard errors"
         )
     for warning in warnings:
         warn(warning)
@@ -271,86 +241,25 @@ def _recovered(
     return promised(method.reconstruct(photograph), hidden_shape).astype(np.float64), None
 
 
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What a method knows beside the image: pictures (R, C, 3), doubts, what a summary keeps."""
-
-    stages: Sequence[tuple[str, Array]] = ()
-    standard_errors: Array | None = None
-    residual: Residual | None = None
-    remarks: Sequence[str] = ()
-    doubt: str = ""
-    misfit: str = ""
-    numbers: Mapping[str, Any] = field(default_factory=dict)
-
-
-def _told(
-    method: Any,
-    photograph: Array,
-    found: Any,
-    scenario: Scenario,
-    defects: inputs.Defects,
-) -> _Told:
-    """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
-    from periscopy_sim.calibration.scene_covariance import is_calibrated
-    from periscopy_sim.evaluation.methods import promised
-    from periscopy_sim.figures.panels import displayable
-
-    if found is None:
-        return _Told()
-    shape = scenario.hidden_shape
-    errors = method.standard_errors(found)
-    stages = list(method.stages(found))
-    for _, image in stages:
-        promised(image, shape)
-    residual = method.residual(photograph, found)
-    if residual and residual.causes:
-        residual = replace(residual, is_calibrated=is_calibrated(scenario))
-    numbers = {**method.told(found), **(residual.told() if residual else {})}
-    as_json(numbers)
-    remarks = residual.remark if residual else "", str(method.remark(found))
-    return _Told(
-        [(str(title), displayable(image)) for title, image in stages],
-        None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),
-        residual,
-        tuple(filter(None, remarks)),
-        str(method.doubt(found)),
-        defects.else_warned(residual),
-        numbers,
-    )
-
-
-def _doubt(scenario: Scenario, A: Any, mask: inputs.Mask | None, seen: Array) -> str:
-    """Return why a photograph may show no monitor, though the scene does not explain it."""
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.model.ambient import background_basis
-    from periscopy_sim.model.observation import observation_of
-    from periscopy_sim.reconstruction.monitor_left_on import monitor_doubt
-
-    sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
-    observed = observation_of(A, *sizes)
-    smooth = background_basis(observed.used(point_light_backgrounds(scenario)))
-    return monitor_doubt(A, smooth, observed, seen)
-
-
-def _write_told(
-    folder: Path, told: _Told, image: Array, photograph: Array, text: dict[str, str]
+def _write_report(
+    folder: Path, report: Report, image: Array, photograph: Array, text: dict[str, str]
 ) -> None:
-    """Draw the stages and the standard errors, where there are any."""
+    """Draw the stages, the standard errors and the residual, where there are any."""
     from periscopy_sim.figures import panels
+    from periscopy_sim.figures.residual import draw_residual
 
-    if told.stages:
-        shown = [("photograph", panels.displayable(photograph)), *told.stages]
+    if report.stages:
+        stages = [(title, panels.displayable(stage)) for title, stage in report.stages]
+        shown = [("photograph", panels.displayable(photograph)), *stages]
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
-    if told.standard_errors is not None:
-        np.save(folder / "standard_error.npy", told.standard_errors.astype(np.float32))
-        panels.draw_certainty(
-            folder / "certainty.png",
-            image,
-            told.standard_errors,
-            told.numbers.get("standard_errors_assume", ""),
-            text,
-        )
+    if report.standard_errors is not None:
+        np.save(folder / "standard_error.npy", report.standard_errors.astype(np.float32))
+        counted = assumptions(report.numbers.get("standard_errors_count", ()))
+        file = folder / "certainty.png"
+        panels.draw_certainty(file, image, report.standard_errors, counted, text)
+    if report.residual is not None:
+        caption = residual_summary(report.residual)
+        draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
 
 
 def _compare(

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
-from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport, BouncesOption, parse_bounces
+from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
@@ -42,13 +41,14 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 
 
 def sweep(
-    scene: arguments.SceneArgument,
-    hidden: arguments.Hidden,
+    scene: options.SceneArgument,
+    hidden: options.Hidden,
     out: Annotated[
         Path, option("FOLDER", "Folder of results; a sweep that stopped goes on there.")
     ],
     photograph: Annotated[
-        Path | None, option("FILE", "A photograph without ambient light; needs --truth.")
+        Path | None,
+        option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
     ] = None,
     truth: Annotated[
         str | None, option("IMAGE", "What the monitor showed in --photograph.")
@@ -72,18 +72,18 @@ def sweep(
     methods: Annotated[
         str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
     ] = "noise-aware,preconditioned,differencing",
-    snr: arguments.Snr = 60.0,
+    snr: options.Snr = 60.0,
     seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
     scheduler: Annotated[
         str | None, option("ADDRESS", "A Dask scheduler; without it, this machine's cores.")
     ] = None,
-    samples: arguments.Samples = 16,
-    bounces: BouncesOption = "direct",
-    background: arguments.BackgroundOption = None,
-    backgrounds: PrototypesOption = None,
-    mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    samples: options.Samples = 16,
+    bounces: options.BouncesOption = "direct",
+    monitor_off: options.MonitorOffOption = None,
+    light_model: options.LightModelOption = None,
+    mask: options.MaskOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Compare methods over ambient light and SBRs.
 
@@ -99,16 +99,18 @@ def sweep(
     require_all()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
-    ratios, lights = parse_ratios(sbr), parse_ambient(ambient)
-    asked = AskedTransport(samples, seed, bounces=parse_bounces(bounces), file=out / "A.npy")
-    names = parse_list("--methods", methods)
+    ratios, lights = options.parse_ratios(sbr), options.parse_ambient(ambient)
+    request = TransportRequest(
+        samples, seed, bounces=options.parse_bounces(bounces), file=out / "A.npy"
+    )
+    names = options.parse_list("--methods", methods)
     for name in names:
         find_method(name)
-    prototypes = AskedPrototypes.of(backgrounds, seed, names)
+    prototypes = LightModel.of(light_model, seed, names)
     scenario = inputs.load(scene, hidden, define)
     shown = inputs.hidden_image(truth or hidden_image or "", scenario.hidden_shape)
     used = inputs.read_mask(mask, scenario)
-    dark = inputs.read_backgrounds(background, scenario, used)
+    dark = inputs.read_backgrounds(monitor_off, scenario, used)
     signal = None
     if photograph is not None:
         signal = inputs.read_photograph(photograph, scenario, used).values
@@ -121,7 +123,7 @@ def sweep(
         **_versions_and_scene(scenario),
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
-        "bounces": asked.origin["bounces"],
+        "bounces": request.origin["bounces"],
         **prototypes.origin,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
@@ -151,7 +153,7 @@ def sweep(
                 scene, hidden, out / "A.npy", samples=samples, bounces=bounces, seed=seed,
                 define=define,
             )  # fmt: skip
-        A = channels_mean(asked.matrix(scenario))
+        A = channels_mean(request.matrix(scenario))
         B = prototypes.matrix(scenario)
         with fixable(f"scene '{scenario.path}'", dark):
             fitted = fit_methods(names, scenario, A, B, used, dark)
@@ -198,7 +200,7 @@ def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
 def _background(path: Path, scenario: Scenario, used: inputs.Mask | None, flips: bool) -> Array:
     """Read ambient light, (rows, columns, 3); all that its flips show must be finite, too."""
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.photographs.checking import used_pixels
+    from periscopy_sim.photograph import used_pixels
 
     light = inputs.read_photograph(path, scenario, used).values
     turned = sweeps.flips({"": light}).values() if flips else ()

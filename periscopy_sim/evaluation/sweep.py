@@ -31,7 +31,7 @@ from periscopy_sim.evaluation.sweep_store import (
 )
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.photographs.checking import used_pixels
+from periscopy_sim.photograph import used_pixels
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.storage.outputs.staging import out_of_space_reported
 

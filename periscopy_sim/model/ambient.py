@@ -77,8 +77,9 @@ def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
 def wall_profiles(shape: tuple[int, int]) -> Array:
     """Return fields over a photograph that vary down or across alone, (rows · columns, K).
 
-    They are Legendre polynomials of degree at most `PROFILE_DEGREE`, lower for small photographs. Edges of tables, sills and window frames, and lamps nearby, cast light
-    that far point lights do not explain; most of it varies along one side of the wall only.
+    They are Legendre polynomials of degree at most `PROFILE_DEGREE`, lower for small photographs.
+    Edges of tables, sills and window frames, and lamps nearby, cast light that far point lights do
+    not explain; most of it varies along one side of the wall only.
     """
     rows, columns = shape
     down, across = (

@@ -156,7 +156,7 @@ class Fit:
     @property
     def pixels(self) -> int:
         """M', the pixels used."""
-        return self.transport.shape[1]
+        return int(self.transport.shape[1])
 
     def operator(self) -> TransportOperator:
         """Return A⊥ as a linear operator, (M', N)."""

@@ -61,14 +61,16 @@ MOVES = 1 / 3, 2 / 3
 
 
 class Paint:
-    """The correction of the wall's paint, as photographs with the monitor off show it; see above."""
+    """The correction of the wall's paint, as photographs with the monitor off show it."""
 
     def __init__(self, fit: Fit) -> None:
         self._fit = fit
         self._unevenness = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
 
     def __call__(
-        self, photograph: Measurement, first_image: FirstImage
+        self,
+        photograph: Measurement,
+        first_image: FirstImage,  # noqa: ARG002
     ) -> tuple[Measurement, Mapping[str, Any]]:
         """Return a photograph as an even wall would have shown it."""
         even = self._unevenness.evenness(photograph.planes, self._fit.unexplained)

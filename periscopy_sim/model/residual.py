@@ -175,7 +175,8 @@ def _correlations(differences: Array) -> Array:
     """Return the correlations of three channels' differences, pair by pair, (3,)."""
     values = differences.reshape(3, -1)
     values = values[:, np.isfinite(values).all(axis=0)]
-    return np.asarray(np.corrcoef(values)[np.triu_indices(3, 1)])
+    correlations = np.asarray(np.corrcoef(values))
+    return np.asarray(correlations[np.triu_indices(3, 1)])
 
 
 def _recoded(y: Array, gamma: float) -> Array:

@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import (
+from periscopy_sim.photograph import (
     Photograph,
-    check_photograph,
     check_size,
-    doubts_of,
     with_channels,
 )
 from periscopy_sim.photographs.defects import saturated_pixels
-from periscopy_sim.photographs.developing.sensor_image import SensorImage, sensor_image
+from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
 from periscopy_sim.storage.formats.colour_profile import SRGB, encoding_of
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
@@ -52,15 +50,14 @@ def read_photograph(
     Raises
     ------
     PhotographError
-        If the file is missing, damaged, of another format, or fails `check_photograph`.
+        If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
     path = Path(path)
     row = format_of(path)
     picture = row.decode(path, "photograph", shape)
     encoded = _is_encoded(picture, path)
     values, warnings = _linear_light(picture, encoded, shape, row.name, str(path))
-    checked = check_photograph(values, shape, str(path), mask)
-    return Photograph(checked, (*warnings, *doubts_of(checked, str(path), mask)))
+    return Photograph.of(values, shape, str(path), mask=mask, warnings=tuple(warnings))
 
 
 def read_sensor_image(

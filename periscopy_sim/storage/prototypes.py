@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real
+from periscopy_sim.photograph import check_real
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.table import format_of

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
+from periscopy_sim.cli.light import TransportRequest
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -73,7 +73,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 ):
     succeeds(*sweep_command())
     np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
-    monkeypatch.setattr(AskedTransport, "matrix", None)
+    monkeypatch.setattr(TransportRequest, "matrix", None)
     for change, key in [
         (("--methods", "preconditioned"), "methods"),
         (("--ambient", "lamp.exr,left.exr"), "ambient"),
@@ -82,7 +82,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
         (("--photograph", "other.npy"), "photograph"),
         (("--samples", "5"), "samples"),
         (("--bounces", "all"), "bounces"),
-        (("--backgrounds", "B.npy"), "ambient_prototypes"),
+        (("--light-model", "B.npy"), "ambient_prototypes"),
         (("-D", "occluder_dx=0.001"), "parameters.occluder_dx"),
     ]:
         line = refused(*sweep_command(), *change)

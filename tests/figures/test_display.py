@@ -5,7 +5,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.errors import OutputError
-from periscopy_sim.photographs.checking import Photograph
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.ambient.background import Background
 from periscopy_sim.storage.formats.srgb import srgb_decode
 

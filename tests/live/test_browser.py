@@ -10,7 +10,7 @@ import pytest
 from experiments.benchmarks import live
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.page import Offered
-from periscopy_sim.live.session import Session
+from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("viser")
@@ -32,7 +32,7 @@ def session():
         saved.append(pictures)
         return "saved it"
 
-    with Session(load_scenario("chair", (29, 36)), first, offered, save) as opened:
+    with LiveSession(load_scenario("chair", (29, 36)), first, offered, save) as opened:
         opened.saved, opened.shown = saved, []
         show = opened.page.show
 

@@ -14,7 +14,7 @@ from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.page import Offered
-from periscopy_sim.live.session import Session
+from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.live.conftest import HIDDEN, PHOTOGRAPH
 
@@ -94,7 +94,7 @@ def target():
         return "saved"
 
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
-    with Session(scenario, first, offered, save) as session:
+    with LiveSession(scenario, first, offered, save) as session:
         made = Target(session)
         made.saved, show = saved, session.page.show
 

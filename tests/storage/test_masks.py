@@ -8,7 +8,7 @@ import tifffile
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import blackened, check_photograph
+from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import write_png
@@ -109,7 +109,7 @@ UNFIT = {
     "9 x 7 pixels": MASK.T,
     r"shape \(63,\)": MASK.ravel(),
     r"shape \(7, 9, 2\)": np.ones((*SHAPE, 2)),
-    "text": np.full(SHAPE, "a"),
+    "U1": np.full(SHAPE, "a"),
     "complex": np.ones(SHAPE, complex),
 }
 
@@ -154,15 +154,15 @@ def test_what_is_used_is_checked_and_nothing_is_touched(tmp_path):
 
 
 def test_grey_photograph_is_checked_where_it_is_used_too():
-    read = check_photograph(SPOILT[..., 0], SHAPE, "y", MASK)
-    np.testing.assert_array_equal(read, colour(SPOILT[..., 0]))
+    read = Photograph.of(SPOILT[..., 0], SHAPE, "y", mask=MASK)
+    np.testing.assert_array_equal(read.values, colour(SPOILT[..., 0]))
 
 
 @pytest.mark.parametrize("value", [1e300, -1e-300])
 def test_range_is_that_of_what_is_used(value):
-    check_photograph(np.where(MASK[..., None], PHOTOGRAPH, value), SHAPE, "y", MASK)
+    Photograph.of(np.where(MASK[..., None], PHOTOGRAPH, value), SHAPE, "y", mask=MASK)
     with pytest.raises(PhotographError, match=r"no value is positive|its largest value is"):
-        check_photograph(np.where(MASK[..., None], value, PHOTOGRAPH), SHAPE, "y", MASK)
+        Photograph.of(np.where(MASK[..., None], value, PHOTOGRAPH), SHAPE, "y", mask=MASK)
 
 
 def test_blackened_photograph_is_zero_where_it_is_left_out_whatever_it_held():
@@ -173,12 +173,12 @@ def test_blackened_photograph_is_zero_where_it_is_left_out_whatever_it_held():
 
 def test_photograph_that_is_black_where_it_is_used_is_refused():
     with pytest.raises(PhotographError, match="every value is zero"):
-        check_photograph(np.where(MASK[..., None], 0, PHOTOGRAPH), SHAPE, "y", MASK)
+        Photograph.of(np.where(MASK[..., None], 0, PHOTOGRAPH), SHAPE, "y", mask=MASK)
 
 
 def test_mask_of_another_size_is_refused():
     with pytest.raises(PhotographError, match=r"the mask has shape \(9, 7\)"):
-        check_photograph(PHOTOGRAPH, SHAPE, "y", MASK.T)
+        Photograph.of(PHOTOGRAPH, SHAPE, "y", mask=MASK.T)
 
 
 @pytest.mark.parametrize("name", ["folder", "y.npy", "y.npz", "y.zarr", "y.exr"])

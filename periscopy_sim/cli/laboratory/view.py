@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.laboratory.viewed import write_view
+from periscopy_sim.cli.messages import report_sentences
+from periscopy_sim.cli.options import option, parse_definitions
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
@@ -87,7 +89,7 @@ def view(
     first = Choice({}, image, ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
         # Takes seconds, in which a user would see nothing.
-        from periscopy_sim.live.session import Session
+        from periscopy_sim.live.session import LiveSession
 
         _check(first, photo)
         scenario = inputs.load(scene, hidden, define)
@@ -99,7 +101,9 @@ def view(
             write_view(out, pictures, given, photo)
             return f"wrote {out}"
 
-        session = Session(scenario, first, _offered(), save, shot=shot, host=host, port=port)
+        session = LiveSession(
+            scenario, first, _offered(), save, report_sentences, shot=shot, host=host, port=port
+        )
     with session:
         say(f"{session.page.gate.url} shows {scenario.path.name}; Ctrl-C ends it")
         try:

@@ -172,7 +172,8 @@ class NoiseAware(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         (planes,) = self.observation.planar(np.asarray(photograph)[None])
-        measurement, found = Measurement(planes, self.fit), {}
+        measurement = Measurement(planes, self.fit)
+        found: dict[str, Any] = {}
         split: Splitting | None = None
         iterations = 0
 

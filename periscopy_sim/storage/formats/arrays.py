@@ -12,7 +12,7 @@ import numpy.lib.format as npy
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real
+from periscopy_sim.photograph import check_real
 from periscopy_sim.storage.formats.decoding import check_count, decoding, listed
 
 _LONGEST_HEADER = 10_000  # bytes: NumPy's own limit, which it looks at once it has read them

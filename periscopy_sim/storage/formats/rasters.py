@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_size
+from periscopy_sim.photograph import check_size
 from periscopy_sim.storage.formats.decoding import Picture, check_count, check_unpacked, decoding
 
 _CHANGED_MODES = {"1": "L", "P": "RGB", "PA": "RGBA"}  # of Pillow's modes: what to convert each to

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import Photograph
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.storage.formats.decoding import listed
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.photographs import read_photograph

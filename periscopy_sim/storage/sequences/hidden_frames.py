@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real
+from periscopy_sim.photograph import check_real
 from periscopy_sim.storage.formats.decoding import place_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import Photograph, blackened, check_photograph, doubts_of
+from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.storage.formats.decoding import place_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.sequences.folder import folder_frames
@@ -67,9 +67,7 @@ def open_frames(
 
     def decode() -> Iterator[Photograph]:
         for k, values in enumerate(stack):
-            place = str(place_of(path, k))
-            checked = check_photograph(values, shape, place, mask)
-            yield Photograph(checked, tuple(doubts_of(checked, place, mask)))
+            yield Photograph.of(values, shape, str(place_of(path, k)), mask=mask)
 
     return Frames(stack.names, stack.warnings, decode)
 

@@ -14,7 +14,7 @@ import numpy.lib.format as npy
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real, check_size
+from periscopy_sim.photograph import check_real, check_size
 from periscopy_sim.storage.formats.arrays import check_key, read_header
 from periscopy_sim.storage.formats.decoding import check_count, decoding, listed, place_of
 from periscopy_sim.storage.formats.exr import exr_parts, exr_pixels

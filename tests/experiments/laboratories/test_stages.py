@@ -44,7 +44,7 @@ def place(tmp_path, monkeypatch):
         else:
             out.mkdir(parents=True)
             np.save(out / "reconstruction.npy", np.full((18, 32, 3), 0.5, np.float32))
-            better = 10 * ("--background" in words)
+            better = 10 * ("--monitor-off" in words)
             told = {"psnr": 15.0 + better, "psnr_registered": 16.0 + better, "unexplained": 0.01}
             (out / "summary.json").write_text(json.dumps(told))
         return ""

@@ -9,7 +9,6 @@ import scipy.io
 import scipy.io.matlab
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.film.blocks import block_means
 from periscopy_sim.storage.formats.matfile import read_matrices
 from periscopy_sim.storage.formats.matlab import bayer_colours
 from periscopy_sim.storage.formats.table import format_of
@@ -60,12 +59,6 @@ def test_single_lit_sensor_pixel_lands_in_its_channel():
     counts[2, 1] = 8.0  # a green beside blue, in the lower left cell
     colours = bayer_colours(counts)
     assert colours[1, 0].tolist() == [0, 4, 0] and np.count_nonzero(colours) == 1
-
-
-def test_block_means_keep_the_mean():
-    image = np.random.default_rng(0).random((12, 10, 3))
-    means = block_means(image, (3, 5))
-    assert np.allclose(means[2, 4], image[8:, 8:].mean(axis=(0, 1)))
 
 
 @pytest.mark.parametrize(

@@ -68,8 +68,8 @@ def test_zarr_in_the_current_folder_is_read(monkeypatch, save, tmp_path):
         (CLIP[..., :2], "has shape (12, 6, 5, 2)"),
         (CLIP[..., 0], "has shape (12, 6, 5)"),
         (CLIP[:0], "holds no frames"),
-        (CLIP * 1j, "complex numbers"),
-        (CLIP > 1.5, "truth values"),
+        (CLIP * 1j, "complex"),
+        (CLIP > 1.5, "bool"),
     ],
 )
 def test_stack_of_another_form_is_refused(form, clip, said, save, line_of, tmp_path):
@@ -173,7 +173,7 @@ def test_pickles_are_never_loaded(save, tmp_path):
     (chunk,) = (tmp_path / "y.zarr").glob("0.*")
     chunk.write_bytes(pickle.dumps(Trap(tmp_path / "sprung")))
     for name in ("y.npy", "y.npz", "y.zarr"):
-        with pytest.raises(PhotographError, match=r"Python objects|'pickle'"):
+        with pytest.raises(PhotographError, match=r"object|'pickle'"):
             read(tmp_path / name)
     assert not (tmp_path / "sprung").exists()
 
