@@ -4,11 +4,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
 
 from periscopy_sim.evaluation.methods import fit_method
 from periscopy_sim.model.observation import observation_of
-from periscopy_sim.reconstruction import monitor_left_on
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
@@ -34,8 +32,7 @@ WITH_B = {
     "periscope": partial(Periscope, **SCENE, repair_threshold=np.inf),
     "factored": partial(Periscope, **SCENE, repair_threshold=np.inf, explicit=False),
     "iterative": partial(IterativePeriscope, **SCENE),
-    "noise-aware": partial(NoiseAware, **SCENE, wall_gain=False),
-    "portable": lambda *args, **more: PortableNoiseAware(NoiseAware(*args, **SCENE, **more), A),
+    "noise-aware": partial(NoiseAware, **SCENE, profiles=False, corrections=()),
 }
 ALL = WITH_B | {
     "svd": lambda A, _=None, **more: TruncatedSVD(A, **SCENE, **more),
@@ -58,7 +55,7 @@ def test_each_channel_is_one_more_column(method, mask):
 def test_background_photographs_recover_what_their_light_drowns(method):
     truth = TRUTH.reshape(*HIDDEN, 3)
     errors = [
-        np.sqrt(np.mean((np.asarray(ALL[method](A, B, **more).reconstruct(Y)) - truth) ** 2))
+        np.sqrt(np.mean((ALL[method](A, B, **more).reconstruct(Y) - truth) ** 2))
         for more in ({"backgrounds": [OFF]}, {})
     ]
     assert errors[0] < 0.5 * errors[1]
@@ -67,9 +64,9 @@ def test_background_photographs_recover_what_their_light_drowns(method):
 @pytest.mark.parametrize("method", ALL)
 def test_exposure_form_and_order_of_background_photographs_do_not_matter(method):
     other = OFF[::-1]
-    expected = np.asarray(ALL[method](A, B, backgrounds=[OFF, other]).reconstruct(Y))
+    expected = ALL[method](A, B, backgrounds=[OFF, other]).reconstruct(Y)
     again = {"b": 1e3 * other.reshape(*PHOTOGRAPH, 3), "a": np.float32(OFF)}
-    found = np.asarray(ALL[method](A, B, backgrounds=again).reconstruct(Y))
+    found = ALL[method](A, B, backgrounds=again).reconstruct(Y)
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-4)
 
 
@@ -129,32 +126,27 @@ def test_background_photograph_of_much_noise_does_no_harm():
     assert np.mean(errors["given"]) < 1.05 * np.mean(errors["none"])
 
 
-@pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize(
     ("off", "message"),
     [
-        (np.ones((19, 24, 3)), r"photograph 1 of 1: .*19x24 pixels, the scene's camera 20x24"),
-        (np.where(np.arange(M) == 7, np.nan, 1.0)[:, None] * OFF, "1 of 1: .* must be finite"),
-        (np.full((M, 3), 0.4) * GAIN, "1 of 1: is the same everywhere"),
-        (np.zeros((M, 3)), "1 of 1: no value is positive"),
-        (-OFF, "1 of 1: no value is positive"),
-        (OFF[:, :2], "1 of 1: .* must be"),
-        (OFF.astype(complex), "1 of 1: .* give real numbers"),
+        (np.ones((19, 24, 3)), "19x24 pixels"),
+        (np.where(np.arange(M) == 7, np.nan, 1.0)[:, None] * OFF, "finite"),
+        (np.zeros((M, 3)), "no value is positive"),
+        (-OFF, "no value is positive"),
+        (OFF[:, :2], "shape"),
+        (OFF.astype(complex), "real numbers"),
     ],
 )
-def test_what_is_no_background_photograph_is_refused_by_name(method, off, message):
-    with pytest.raises(ValueError, match=message):
-        ALL[method](A, B, backgrounds=[off])
-    with pytest.raises(
-        ValueError, match=message.replace(r"photograph 1 of 1", "off").replace("1 of 1", "off")
-    ):
-        ALL[method](A, B, backgrounds={"off": off})
+def test_what_is_no_background_photograph_is_rejected_by_name(off, message):
+    with pytest.raises(ValueError, match=f"photograph 1 of 1: .*{message}"):
+        ALL["svd"](A, B, backgrounds=[off])
+    with pytest.raises(ValueError, match=f"off.exr: .*{message}"):
+        ALL["noise-aware"](A, B, backgrounds={"off.exr": off})
 
 
-@pytest.mark.parametrize("method", sorted(set(ALL) - {"portable"}))
+@pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize("exposure", [1, 2.5])
-def test_photograph_given_as_its_own_background_is_refused(method, exposure, monkeypatch):
-    monkeypatch.setattr(monitor_left_on, "check_monitor_off", lambda *_: None)
+def test_photograph_given_as_its_own_background_is_refused(method, exposure):
     fitted = ALL[method](A, B, backgrounds={"lamp": OFF, "off.exr": exposure * Y})
     with pytest.raises(ValueError, match=r"^off\.exr: is the photograph itself"):
         fitted.reconstruct(Y)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 M = 400
 TOLERANCES = [1e-2, 1e-4, 1e-8, 1e-10, 1e-12]
@@ -84,3 +85,45 @@ def test_dark_columns_do_not_count():
     with_dark = np.insert(B, [0, 5, 64], 0.0, axis=1)
     np.testing.assert_array_equal(background_basis(with_dark), background_basis(B))
     assert background_basis(np.zeros((M, 3))).shape == (M, 0)
+
+
+@pytest.mark.parametrize("alone", [0.3, 1e-6])
+def test_joined_basis_includes_a_column_however_little_of_it_lies_outside(alone):
+    rng = np.random.default_rng(3)
+    Q = background_basis(rng.normal(size=(M, 4)))
+    own = rng.normal(size=(M, 2))
+    columns = np.hstack([Q @ rng.normal(size=(4, 2)) + alone * own, Q[:, :1]])
+    joined = joined_basis(Q, columns)
+    assert joined.shape == (M, 6)
+    np.testing.assert_array_equal(joined[:, :4], Q)
+    np.testing.assert_allclose(joined.T @ joined, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(joined @ (joined.T @ columns), columns, atol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "count"), [((126, 40), 20 + 6 + 1), ((7, 3), 1 + 0 + 1)])
+def test_profiles_vary_along_one_side_and_fit_what_is_smooth_there(shape, count):
+    profiles = wall_profiles(shape)
+    assert profiles.shape == (shape[0] * shape[1], count)
+    fields = profiles.T.reshape(count, *shape)
+    varies = [np.ptp(field, axis=axis).max() > 0 for field in fields for axis in (0, 1)]
+    assert not any(a and b for a, b in np.reshape(varies, (-1, 2)))
+    assert np.linalg.matrix_rank(profiles) == count
+
+
+def test_light_down_or_across_is_projected_out_and_the_image_stays():
+    shape, hidden = (40, 44), (3, 4)
+    down, across = np.mgrid[-1:1:40j, -1:1:44j]
+    rng = np.random.default_rng(5)
+    A = rng.uniform(0.1, 1, (down.size, 12))
+    B = np.stack([np.ones(down.size), down.ravel()], axis=1)
+    truth = rng.uniform(0.2, 1, (12, 3))
+    y = A @ truth + 2 * B[:, :1] + 1e-3 * rng.normal(size=(down.size, 3))
+    edge = down**5 - down**2 + across**6 + 2 * across  # of a table, of a lamp nearby
+    lit = y + 5 * edge.reshape(-1, 1) * [1, 0.8, 0.5]
+    settings = {"hidden_shape": hidden, "photograph_shape": shape, "corrections": ()}
+    ours, plain = (NoiseAware(A, B, profiles=each, **settings) for each in (True, False))
+    errors = [
+        np.abs(method.reconstruct(light).reshape(12, 3) - truth).max()
+        for method, light in ((ours, y), (ours, lit), (plain, lit))
+    ]
+    assert errors[0] < 0.01 and errors[1] < 2 * errors[0] and errors[2] > 0.1

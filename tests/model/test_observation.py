@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from periscopy_sim.reconstruction.noise_aware.portable import PortableNoiseAware
 
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
@@ -12,7 +11,6 @@ from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
-from periscopy_sim.reconstruction.preconditioned.video import Video
 
 PHOTOGRAPH, HIDDEN = (14, 9), (3, 4)
 M, N = 126, 12
@@ -31,8 +29,8 @@ FITTED = {
     "periscope": partial(Periscope, hidden_shape=HIDDEN, channel_gain=GAIN),
     "factored": partial(Periscope, hidden_shape=HIDDEN, channel_gain=GAIN, explicit=False),
     "iterative": partial(IterativePeriscope, hidden_shape=HIDDEN, channel_gain=GAIN),
-    "portable": lambda *args, **more: PortableNoiseAware(
-        NoiseAware(*args, **{"hidden_shape": HIDDEN, "channel_gain": GAIN} | more), A
+    "noise-aware": partial(
+        NoiseAware, hidden_shape=HIDDEN, channel_gain=GAIN, profiles=False, corrections=()
     ),
     "svd": lambda A, _=None, **more: TruncatedSVD(
         A, **{"hidden_shape": HIDDEN, "channel_gain": GAIN} | more
@@ -56,8 +54,8 @@ def spoilt(photograph=Y):
 def test_masked_method_is_the_one_fitted_to_the_rows_used(method):
     masked = FITTED[method](A, B, mask=MASK)
     by_hand = FITTED[method](A[USED], B[USED])
-    expected = np.asarray(by_hand.reconstruct(Y.reshape(M, 3)[USED]))
-    image = np.asarray(masked.reconstruct(Y))
+    expected = by_hand.reconstruct(Y.reshape(M, 3)[USED])
+    image = masked.reconstruct(Y)
     assert image.shape == (*HIDDEN, 3)
     np.testing.assert_allclose(image, expected, rtol=1e-5, atol=1e-6)
     assert np.abs(image - FITTED[method](A, B).reconstruct(Y)).max() > 1e-4  # and not of the whole
@@ -91,12 +89,12 @@ def test_differences_by_hand_give_the_differencing_methods_image():
 @pytest.mark.parametrize("method", ALL)
 def test_whatever_lies_under_the_mask_changes_nothing(method):
     fitted = ALL[method](A, B, mask=MASK)
-    expected = np.asarray(fitted.reconstruct(Y))
+    expected = fitted.reconstruct(Y)
     assert np.isfinite(expected).all()
-    np.testing.assert_array_equal(np.asarray(fitted.reconstruct(spoilt())), expected)
+    np.testing.assert_array_equal(fitted.reconstruct(spoilt()), expected)
     rows = np.where(USED[:, None], A, np.nan), np.where(USED[:, None], B, np.inf)
     again = ALL[method](*rows, mask=MASK)
-    np.testing.assert_array_equal(np.asarray(again.reconstruct(spoilt())), expected)
+    np.testing.assert_array_equal(again.reconstruct(spoilt()), expected)
 
 
 @pytest.mark.parametrize("method", ALL)
@@ -107,47 +105,14 @@ def test_what_is_used_must_be_finite(method):
         ALL[method](A, B, mask=MASK).reconstruct(y)
 
 
-@pytest.mark.parametrize("method", ALL)
-@pytest.mark.parametrize(
-    "form",
-    [
-        np.ravel,
-        np.asfortranarray,
-        lambda mask: mask.tolist(),
-        lambda mask: np.repeat(mask, 2, axis=1)[:, ::2],
-    ],
-)
-def test_form_of_the_mask_does_not_matter(method, form):
-    expected = np.asarray(ALL[method](A, B, mask=MASK).reconstruct(Y))
-    found = np.asarray(ALL[method](A, B, mask=form(MASK)).reconstruct(Y))
-    np.testing.assert_array_equal(found, expected)
-
-
-@pytest.mark.parametrize("method", ALL)
-def test_mask_that_leaves_out_nothing_is_none(method):
-    expected = np.asarray(ALL[method](A, B).reconstruct(Y))
-    found = np.asarray(ALL[method](A, B, mask=np.ones(PHOTOGRAPH, bool)).reconstruct(Y))
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
-
-
-@pytest.mark.parametrize("method", ALL)
-def test_later_changes_of_the_mask_do_not_matter(method):
-    mask = MASK.copy()
-    fitted = ALL[method](A, B, mask=mask)
-    mask[:] = True
-    expected = np.asarray(ALL[method](A, B, mask=MASK).reconstruct(Y))
-    np.testing.assert_array_equal(np.asarray(fitted.reconstruct(spoilt())), expected)
-    np.testing.assert_array_equal(USED, MASK.ravel())
-
-
 @pytest.mark.parametrize("mask", [None, MASK])
-@pytest.mark.parametrize("method", ["periscope", "iterative", "portable", "svd"])
+@pytest.mark.parametrize("method", ["periscope", "iterative", "noise-aware", "svd"])
 def test_colour_of_each_pixel_is_divided_out(method, mask):
     gain = np.random.default_rng(9).uniform(0.5, 2, (M, 3))
     grey = FITTED[method](A, B, channel_gain=None, mask=mask).reconstruct(Y)
     painted = (Y.reshape(M, 3) * gain).reshape(Y.shape)
     found = FITTED[method](A, B, channel_gain=gain, mask=mask).reconstruct(painted)
-    np.testing.assert_allclose(np.asarray(found), np.asarray(grey), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(found, grey, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("mask", [None, MASK])
@@ -162,26 +127,6 @@ def test_pixels_without_one_of_the_colours_are_left_out(mask):
     np.testing.assert_array_equal(found, expected)
 
 
-def test_batches_and_videos_leave_out_the_same():
-    clip = np.stack([Y, 0.9 * Y, 1.1 * Y])
-    garbage = np.stack([spoilt(y) for y in clip])
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, mask=MASK)
-    images = [periscope.reconstruct_batch(stack) for stack in (garbage, clip)]
-    np.testing.assert_array_equal(*images)
-    by_hand = Periscope(A[USED], B[USED], hidden_shape=HIDDEN)
-    frames = Video(periscope).frames(garbage)
-    expected = Video(by_hand).frames(clip.reshape(3, M, 3)[:, USED])
-    np.testing.assert_allclose(frames, expected, rtol=1e-5, atol=1e-6)
-
-
-@pytest.mark.parametrize("dtype", [">f4", "<f8", ">u2"])
-def test_photographs_of_any_type_are_masked(dtype):
-    counts = np.round(1000 * Y).astype(dtype)
-    fitted = Periscope(A, B, hidden_shape=HIDDEN, mask=MASK)
-    expected = fitted.reconstruct(np.round(1000 * Y))
-    np.testing.assert_allclose(fitted.reconstruct(np.asfortranarray(counts)), expected, rtol=1e-5)
-
-
 # -- one row left --------------------------------------------------------------------------------
 
 
@@ -192,45 +137,34 @@ def test_one_row_of_a_wide_photograph_is_enough(method):
     masked = FITTED[method](A[:, :4], hidden_shape=(2, 2), mask=mask)
     by_hand = FITTED[method](A[mask.ravel(), :4], hidden_shape=(2, 2))
     y = Y.reshape(9, 14, 3)
-    expected = np.asarray(by_hand.reconstruct(y[4]))
-    np.testing.assert_allclose(np.asarray(masked.reconstruct(y)), expected, rtol=1e-4, atol=1e-5)
-
-
-def test_one_row_leaves_differencing_nothing():
-    mask = np.zeros(PHOTOGRAPH, bool)
-    mask[4] = True
-    settings = {"photograph_shape": PHOTOGRAPH, "hidden_shape": (1, 2), "mask": mask}
-    for wrap in (True, False):
-        with pytest.raises(ValueError, match="leaves 0 differences of neighbouring pixels for 2 "):
-            Differencing(A[:, :2], wrap=wrap, **settings)
+    expected = by_hand.reconstruct(y[4])
+    np.testing.assert_allclose(masked.reconstruct(y), expected, rtol=1e-4, atol=1e-5)
 
 
 # -- what is refused -----------------------------------------------------------------------------
 
 UNFIT = {
     "every pixel": np.zeros(PHOTOGRAPH, bool),
-    "leaves 11 pixels for 12 patches": np.arange(M) < 11,
+    "11 pixels for 12 patches": np.arange(M) < 11,
     r"shape \(13, 9\)": np.ones((13, 9), bool),
-    r"shape \(125,\).*\(126,\)": np.ones(125, bool),
-    r"shape \(14, 9, 1\)": np.ones((*PHOTOGRAPH, 1), bool),
+    r"shape \(9, 14\)": np.ones((9, 14), bool),
     r"shape \(14, 9, 3\)": np.ones((*PHOTOGRAPH, 3), bool),
-    r"shape \(\)": np.array(True),
-    "must be boolean": np.ones(PHOTOGRAPH),
+    "boolean": np.ones(PHOTOGRAPH),
 }
 
 
 @pytest.mark.parametrize("message", UNFIT)
-@pytest.mark.parametrize("method", ALL)
-def test_mask_that_does_not_fit_is_refused(method, message):
+def test_mask_that_does_not_fit_is_rejected(message):
     with pytest.raises(ValueError, match=message):
-        ALL[method](A, B, mask=UNFIT[message])
+        observation_of(A, HIDDEN, mask=UNFIT[message], photograph_shape=PHOTOGRAPH)
 
 
-@pytest.mark.parametrize("method", ["periscope", "iterative", "portable", "differencing"])
-def test_turned_mask_is_refused_where_the_photographs_size_is_known(method):
-    known = {} if method == "differencing" else {"photograph_shape": PHOTOGRAPH}
-    with pytest.raises(ValueError, match=r"shape \(9, 14\): it must be \(14, 9\)"):
-        ALL[method](A, B, mask=MASK.T, **known)
+@pytest.mark.parametrize("form", [np.ravel, np.asfortranarray, lambda mask: mask.tolist()])
+def test_mask_is_copied_whatever_its_form(form):
+    given = MASK.copy()
+    seen = observation_of(A, HIDDEN, mask=form(given))
+    given[:] = True
+    np.testing.assert_array_equal(seen.vectorized(spoilt()), Y.reshape(M, 3)[USED])
 
 
 @pytest.mark.parametrize("method", FITTED)
@@ -240,8 +174,8 @@ def test_photograph_of_another_size_than_the_mask_is_refused(method):
 
 
 @pytest.mark.parametrize("method", ["periscope", "iterative"])
-def test_backgrounds_of_another_size_are_refused(method):
-    with pytest.raises(ValueError, match=r"B has .*125.* rows.* must match the 126 of A"):
+def test_backgrounds_of_another_size_are_rejected(method):
+    with pytest.raises(ValueError, match="B has .*125.* rows"):
         FITTED[method](A, B[1:], mask=MASK)
 
 
@@ -262,22 +196,15 @@ def test_fewer_pixels_than_patches_are_allowed_where_they_always_were():
 @pytest.mark.parametrize("scale", [1e300, 1e31, 1e-31, 1e-300])
 def test_photographs_whose_squares_would_overflow_or_vanish_are_refused(scale):
     kept = observation_of(np.ones((6, 2)), (1, 2))
-    with pytest.raises(ValueError, match=r"largest value is .*scale it"):
+    with pytest.raises(ValueError, match="largest value"):
         kept.planar(np.full((1, 6, 3), scale))
-    with pytest.raises(ValueError, match=r"largest value is .*scale it"):
+    with pytest.raises(ValueError, match="largest value"):
         kept.vectorized(np.full((6, 3), scale))
     assert not kept.vectorized(np.zeros((6, 3))).any()
 
 
-@pytest.mark.parametrize("value", [1j, "x", None])
-def test_what_is_no_real_number_is_refused(value):
-    kept = observation_of(np.ones((6, 2)), (1, 2))
-    with pytest.raises(ValueError, match="give real numbers"):
-        kept.vectorized(np.full((6, 3), value))
-
-
 def test_eight_bits_are_taken_as_linear_with_a_warning():
     seen = observation_of(np.ones((12, 2)), (1, 2))
-    with pytest.warns(UserWarning, match=r"8-bit integers, taken as linear .* ps\.read_photograph"):
+    with pytest.warns(UserWarning, match="8-bit"):
         planes = seen.planar(np.full((1, 12, 3), 7, np.uint8))
     assert (planes == 7).all()
