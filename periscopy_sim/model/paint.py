@@ -61,9 +61,17 @@ MOVES = 1 / 3, 2 / 3
 
 
 class Paint:
-    """The correction of the wall's paint, as photographs with the monitor off show it."""
+    """The correction of the wall's paint, as photographs with the monitor off show it.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
 
     def __init__(self, fit: Fit) -> None:
+        if not fit.observation.backgrounds:
+            raise ValueError("paint needs photographs with the monitor off, backgrounds")
         self._fit = fit
         self._unevenness = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
 

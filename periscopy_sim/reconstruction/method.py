@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
-from periscopy_sim.model.residual import residual_of
+from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.report import Note, Report
 
@@ -228,17 +228,31 @@ class StillMethod(ABC, Generic[Precision]):
         ValueError
             As `reconstruct`.
         """
-        residual, warnings = None, []
+        warnings = []
         transport = self.projected_transport()
         if transport is not None:
-            y = self.corrected(photograph, solution)
-            signal = transport.light(np.asarray(solution.image, np.float64).reshape(-1, 3))
+            signal = self._light(transport, solution)
             if _is_noise(transport.reject_background(signal), transport, solution.noise):
                 warnings.append(Note("no_hidden_image"))
-            if self.observation.rows_and_columns is not None:
-                residual = residual_of(y, signal, transport, self.observation.placed)
+        residual = self.residual(photograph, solution)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
         return Report(numbers=numbers, warnings=warnings, residual=residual)
+
+    def residual(self, photograph: Image, solution: Any) -> Residual | None:
+        """Return what the scene and a solution leave of a photograph, and whether it is noise.
+
+        The photograph is the corrected one. None where the method does not know A, or the
+        photograph's rows and columns. Arguments and errors are those of `report`.
+        """
+        transport = self.projected_transport()
+        if transport is None or self.observation.rows_and_columns is None:
+            return None
+        y, signal = self.corrected(photograph, solution), self._light(transport, solution)
+        return residual_of(y, signal, transport, self.observation.placed)
+
+    def _light(self, transport: TransportOperator, solution: Any) -> Array:
+        """Return the light A f̂ of a solution, (M', 3)."""
+        return transport.light(np.asarray(solution.image, np.float64).reshape(-1, 3))
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
         """Return the photograph that A f + B b + e describes, (M', 3), in the pixels used."""
