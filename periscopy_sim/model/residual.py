@@ -98,7 +98,11 @@ class Residual:
 
 
 def residual_of(
-    y: Array, signal: Array, transport: TransportOperator, place: Callable[[Array], Array]
+    y: Array,
+    signal: Array,
+    transport: TransportOperator,
+    place: Callable[[Array], Array],
+    uncorrected: Array | None = None,
 ) -> Residual:
     """Return the residual of a photograph.
 
@@ -112,6 +116,8 @@ def residual_of(
         A⊥.
     place
         Puts (M', K) values into (K, rows, columns), NaN where pixels are not used.
+    uncorrected
+        (M', 3) the photograph before corrections, of which other encodings are tried; None for y.
     """
     r = transport.reject_background(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
@@ -136,11 +142,12 @@ def residual_of(
     diagnosis: Diagnosis = "fits"
     if by_any > ROUNDING and (excess > EXCESS or by_any > MATERIAL * alone):
         diagnosis = "does_not_fit"
-        energy = float(np.nansum(rest**2))
-        for gamma in (GAMMA, 1 / GAMMA):
-            recoded = beyond_images(transport.reject_background(_recoded(y, gamma)))
-            if float(np.sum(recoded**2)) < BETTER * energy:
-                diagnosis = "not_linear"
+        given = y if uncorrected is None else uncorrected
+        codes = np.hstack([given, _recoded(given, GAMMA), _recoded(given, 1 / GAMMA)])
+        energies = np.sum(beyond_images(transport.reject_background(codes)) ** 2, axis=0)
+        linear, *others = energies.reshape(3, 3).sum(axis=1)
+        if min(others) < BETTER * linear:
+            diagnosis = "not_linear"
     elif is_paint and by_any > ROUNDING:
         diagnosis = "uneven_paint"
     if is_paint:

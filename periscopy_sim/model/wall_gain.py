@@ -123,12 +123,13 @@ class WallGain:
         image = first_image(photograph).reshape(-1, 3).T / evidence.level
         coordinates = self._fit.coordinates(evidence)
         gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
-        if not gain.accepted:
-            return photograph, {"wall_gain_found": False, "wall_gain_range": [1.0, 1.0]}
         planes = photograph.planes - evidence.level * gain.added
+        corrected = replace(photograph, planes=planes)
+        # A gain that takes the place of wrong geometry leaves more unexplained than it explains.
+        if not (gain.accepted and _unexplained(corrected) < _unexplained(photograph)):
+            return photograph, {"wall_gain_found": False, "wall_gain_range": [1.0, 1.0]}
         limits = [float(gain.field.min()), float(gain.field.max())]
-        found = {"wall_gain_found": True, "wall_gain_range": limits}
-        return replace(photograph, planes=planes), found
+        return corrected, {"wall_gain_found": True, "wall_gain_range": limits}
 
     def estimate(self, y: Array, coordinates: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
@@ -216,6 +217,12 @@ def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
             for i in range(degree + 1)
         ]
     )
+
+
+def _unexplained(photograph: Measurement) -> float:
+    """Return the energy of the noise that a photograph seems to have, over all channels."""
+    evidence = photograph.evidence
+    return float(np.sum((evidence.level * evidence.noise) ** 2))
 
 
 def _mean_square(values: Array) -> float:

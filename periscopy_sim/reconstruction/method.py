@@ -248,7 +248,8 @@ class StillMethod(ABC, Generic[Precision]):
         if transport is None or self.observation.rows_and_columns is None:
             return None
         y, signal = self.corrected(photograph, solution), self._light(transport, solution)
-        return residual_of(y, signal, transport, self.observation.placed)
+        given = self.observation.vectorized(photograph)
+        return residual_of(y, signal, transport, self.observation.placed, given)
 
     def _light(self, transport: TransportOperator, solution: Any) -> Array:
         """Return the light A f̂ of a solution, (M', 3)."""
@@ -265,6 +266,6 @@ class StillMethod(ABC, Generic[Precision]):
 
 def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
     """Return whether an image's light A⊥ f̂, (M', 3), is no more than what noise makes of images."""
-    energy = np.sum(light**2, axis=0) / np.maximum(noise, 1e-300) ** 2
+    energy = np.sum((light / np.maximum(noise, 1e-100)) ** 2)
     count = 3 * min(transport.shape)
-    return bool(np.sum(energy) < count + SIGNIFICANT * np.sqrt(2 * count))
+    return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

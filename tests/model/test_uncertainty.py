@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from periscopy_sim.reconstruction.noise_aware.evidence import CommonNoise
-from scipy import linalg
 
-from periscopy_sim.model.spectral_basis import laplacian
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import (
     ROUNDING,
     contrast,
     curvature_of_total_variation,
     standard_errors,
-    weighed_axes,
 )
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
@@ -169,38 +166,64 @@ def test_errors_are_numbers_where_rounding_outweighs_them():
     assert contrast(misfit=0, pulled=1, squared=-1e-9) == 0
 
 
-def weighed_by_hand(weights, variances, σ):
-    """Axes of noise, and A⊥ᵀA⊥'s light of its patterns, of curvatures λ."""
-    curvatures, W = linalg.eigh(GRAM, laplacian(HIDDEN))
-    K = laplacian(HIDDEN) @ W
-    np.testing.assert_allclose((K * curvatures) @ K.T, GRAM, rtol=1e-8, atol=1e-6)
-    axes = np.linalg.qr(RNG.standard_normal((3, 3)))[0]
-    common = CommonNoise(axes, variances, part=1.0)
-    np.testing.assert_allclose(common.weights(σ), weights)
-    return common, K, curvatures
+# -- errors of the scene --------------------------------------------------------------------------
+
+CHANGES = 0.3 * RNG.standard_normal((2, 400, N)).astype(np.float32)
+UNCERTAIN = UncertainTransport(("x", "turn"), np.zeros(2), np.eye(2), CHANGES)
 
 
-def test_errors_along_axes_are_the_roots_of_the_covariance():
+def test_errors_of_the_scene_add_what_they_move_the_estimate_by():
     weight, σ = 30.0, 0.2
-    variances = σ**2 * np.random.default_rng(4).uniform(0.1, 20, (3, N))
-    weights = σ / np.sqrt(variances)
-    common, K, curvatures = weighed_by_hand(weights, variances, σ)
     P = curvature_by_loops(TRUTH, weight)
-    D = [(K * (w * curvatures)) @ K.T / σ**2 for w in weights]
-    V = [
-        (K * (w**2 * v * curvatures)) @ K.T / σ**4 for w, v in zip(weights, variances, strict=True)
-    ]
-    inverses = [np.linalg.inv(d + P) for d in D]
-    pulled = sum(np.trace(P @ i) for i in inverses)
-    squared = sum(np.trace(P @ i @ P @ i) for i in inverses)
-    # The noise in f_LS, of covariance D⁻¹V D⁻¹, is in the misfit by the part that P takes of it.
-    noise = sum(
-        np.trace(d @ i @ P @ np.linalg.inv(d) @ v @ np.linalg.inv(d) @ P @ i)
-        for d, v, i in zip(D, V, inverses, strict=True)
-    )
-    misfit = noise + 3 * (pulled - squared)
-    weighed = weighed_axes(common, σ, K, curvatures)
-    found = standard_errors(GRAM, np.full(3, σ), TRUTH, weight, misfit, N, weighed)
-    along = [np.diag(i @ (v + 3 * P) @ i) for v, i in zip(V, inverses, strict=True)]
-    expected = np.sqrt(np.transpose(along) @ common.axes**2)
-    np.testing.assert_allclose(found.reshape(-1, 3), expected, rtol=1e-5)
+    inverse = np.linalg.inv(GRAM / σ**2 + P)
+    response = UNCERTAIN.lights(TRUTH) @ A  # (2, 3, N)
+    settings = GRAM, np.full(3, σ), TRUTH, weight, 100.0, N
+    plain, wider = standard_errors(*settings), standard_errors(*settings, response)
+    for channel in range(3):
+        moved = inverse @ response[:, channel].T / σ**2
+        expected = plain[..., channel].ravel() ** 2 + np.sum(moved**2, axis=1)
+        np.testing.assert_allclose(wider[..., channel].ravel() ** 2, expected, rtol=1e-6)
+
+
+def test_covariance_is_that_of_least_squares_beside_the_scenes_errors():
+    # Without a prior to speak of, noise and T e together are noise of covariance σ² I + T Tᵀ.
+    σ = 0.2
+    T = UNCERTAIN.lights(TRUTH)[:, 0].T  # (400, 2), of the first channel
+    settings = GRAM, np.full(3, σ), TRUTH, 1e-9, 0.0, N
+    found = standard_errors(*settings, UNCERTAIN.lights(TRUTH) @ A)[..., 0].ravel()
+    pseudoinverse = np.linalg.pinv(A)
+    covariance = pseudoinverse @ (σ**2 * np.eye(400) + T @ T.T) @ pseudoinverse.T
+    np.testing.assert_allclose(found, np.sqrt(np.diag(covariance)), rtol=1e-4)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_uncertain_scenes_widen_standard_errors_and_leave_the_image_alone(masked):
+    mask = np.arange(400) % 5 > 0 if masked else None
+    y = A @ TRUTH.reshape(-1, 3) + 0.05 * np.random.default_rng(0).normal(size=(400, 3))
+    plain = NoiseAware(A, hidden_shape=HIDDEN, mask=mask)
+    uncertain = NoiseAware(A, hidden_shape=HIDDEN, mask=mask, uncertain=UNCERTAIN)
+    one, other = plain.solve(y), uncertain.solve(y)
+    np.testing.assert_array_equal(one.image, other.image)
+    narrow, wide = (m.report(y, s) for m, s in ((plain, one), (uncertain, other)))
+    assert (wide.standard_errors > narrow.standard_errors).all()
+    assert narrow.numbers["standard_errors_count"] == []
+    assert wide.numbers["standard_errors_count"] == ["x", "turn"]
+    with pytest.raises(ValueError, match="changes"):
+        NoiseAware(A[1:], hidden_shape=HIDDEN, uncertain=UNCERTAIN)
+
+
+def test_errors_of_a_scene_that_errs_are_of_the_size_reported():
+    """Monte Carlo: each photograph is of another scene, drawn from the prior."""
+    shifted = A[:, np.arange(N).reshape(HIDDEN)[:, [0, *range(6)]].ravel()]
+    change = 0.3 * (shifted - A)[None].astype(np.float32)  # a third of a patch
+    uncertain = UncertainTransport(("dx",), np.zeros(1), np.ones((1, 1)), change)
+    methods = [NoiseAware(A, hidden_shape=HIDDEN, uncertain=each) for each in (uncertain, None)]
+    ratios = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        light = (A + rng.standard_normal() * change[0]) @ TRUTH.reshape(-1, 3)
+        solution = methods[0].solve(light + 0.02 * rng.normal(size=(400, 3)))
+        errors = (solution.image - TRUTH)[TRUTH > 0]  # black patches are cut off at zero
+        ratios.append([errors / m.standard_errors(solution)[TRUTH > 0] for m in methods])
+    wide, narrow = np.sqrt(np.mean(np.square(ratios), axis=(0, 2)))
+    assert 0.5 < wide < 1.2 and narrow > 2 * wide
