@@ -31,7 +31,7 @@ from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
-    from periscopy_sim.model.residual import Residual
+    from periscopy_sim.reconstruction.report import Report
 
 
 @takes_options_of(FOR_VIDEOS)
@@ -128,9 +128,10 @@ def video(
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
         still, _ = session.fit(method, for_stills, request, lights, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
-        images, records, residual, rates = _recover(
+        images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
         )
+        residual = report.residual
         text = session.metadata
         with session.timed("draw"):
             white = drawing.white_of(images)
@@ -166,7 +167,7 @@ def video(
             **lights.origin,
             "method": method,
             **settings,
-            "first_frame": {} if residual is None else residual.numbers(),
+            "first_frame": report.numbers,
             "coupling": coupling,
             "batch": batch,
             "rate": rate,
@@ -237,10 +238,10 @@ def _read_clip(
 
 def _recover(
     session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
-) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Residual | None, dict[str, float]]:
+) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
     """Recover the frames into an NPY file; warn where the first shows nothing or does not fit.
 
-    Return the frames, (frames, R, C, 3), a row of the table for each, the residual of the first,
+    Return the frames, (frames, R, C, 3), a row of the table for each, the report of the first,
     and frames a second.
     """
     from threadpoolctl import threadpool_limits
@@ -272,7 +273,7 @@ def _recover(
     for warning in filter(None, (*sentences(report.warnings), residual_warning(report.residual))):
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
-    return mapped_stack(file), records, report.residual, rates
+    return mapped_stack(file), records, report, rates
 
 
 def _formats(also: list[str] | None) -> list[str]:

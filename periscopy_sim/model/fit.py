@@ -35,6 +35,9 @@ VISIBLE = 1e-12
 STRONG = 1e-8
 """Curvature over the largest, above which a pattern explains more than rounding does."""
 
+ROUNDING = 1e-12
+"""Fraction of a photograph outside of the ambient light that is rounding."""
+
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels: a black channel has not less noise than that."""
 
@@ -174,8 +177,9 @@ class Fit:
         y = np.array(planes, order="C")
         rows = y.reshape(-1, y.shape[-1])
         subtract_combinations(rows, times_rows(rows, self.background), self.background)
-        levels = np.sqrt(np.mean(y**2, axis=(1, 2)))
-        levels[levels == 0] = 1
+        whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
+        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
+        levels[levels <= ROUNDING * whole] = 1
         y /= levels[:, None, None]  # single precision needs numbers near 1
         products = times_rows(rows.astype(np.float32), self.transport) * np.float32(1 / self.unit)
         coefficients = times_rows(products, self.patterns.rows).astype(np.float64)
