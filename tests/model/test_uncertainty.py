@@ -217,7 +217,10 @@ def test_errors_of_a_scene_that_errs_are_of_the_size_reported():
     shifted = A[:, np.arange(N).reshape(HIDDEN)[:, [0, *range(6)]].ravel()]
     change = 0.3 * (shifted - A)[None].astype(np.float32)  # a third of a patch
     uncertain = UncertainTransport(("dx",), np.zeros(1), np.ones((1, 1)), change)
-    methods = [NoiseAware(A, hidden_shape=HIDDEN, uncertain=each) for each in (uncertain, None)]
+    methods = [
+        NoiseAware(A, hidden_shape=HIDDEN, max_iterations=5000, uncertain=each)
+        for each in (uncertain, None)
+    ]
     ratios = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
