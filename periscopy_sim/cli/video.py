@@ -141,13 +141,13 @@ def video(
                     folder / "frames_sheet.png", clip.photographs, clip.truth, images,
                     [record["mean_squared_error"] for record in records], text,
                 )  # fmt: skip
-            with progress("drawing the frames") as report:
-                drawing.draw_frames(folder / "frames", images, white, text, report)
+            with progress("drawing the frames") as drawn:
+                drawing.draw_frames(folder / "frames", images, white, text, drawn)
             for ending in formats:
-                with progress(f"drawing the animation as {ending}") as report:
+                with progress(f"drawing the animation as {ending}") as drawn:
                     drawing.draw_video(
                         folder / f"video.{ending}",
-                        *(clip.photographs, images, clip.truth, white, rate, text, report),
+                        *(clip.photographs, images, clip.truth, white, rate, text, drawn),
                     )
         if residual is not None:
             draw_residual(
