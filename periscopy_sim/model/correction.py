@@ -12,10 +12,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.fit import Fit, Measurement
+from periscopy_sim.model.fit import Fit, FittedPhotograph
 
 Array = NDArray[np.float64]
-FirstImage = Callable[[Measurement], Array]
+FirstImage = Callable[[FittedPhotograph], Array]
 """Returns a first hidden image, (R, C, 3), of a photograph."""
 
 
@@ -26,8 +26,8 @@ class Correction(Protocol):
         """Prepare what every photograph of the scene needs."""
 
     def __call__(
-        self, photograph: Measurement, first_image: FirstImage
-    ) -> tuple[Measurement, Mapping[str, Any]]:
+        self, photograph: FittedPhotograph, first_image: FirstImage
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return the photograph corrected, and what was found, by name, for a summary.
 
         Where nothing is found, the photograph is returned as it was given.

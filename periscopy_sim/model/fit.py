@@ -70,7 +70,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class FittedPhotograph:
     """A photograph in the pixels used, as one scene explains it."""
 
     planes: Array  # (3, M') each channel over the wall's colour

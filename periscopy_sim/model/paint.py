@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from periscopy_sim.model.correction import FirstImage
-from periscopy_sim.model.fit import Fit, Measurement
+from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import Observation
 
 Array = NDArray[np.float64]
@@ -77,9 +77,9 @@ class Paint:
 
     def __call__(
         self,
-        photograph: Measurement,
+        photograph: FittedPhotograph,
         first_image: FirstImage,  # noqa: ARG002
-    ) -> tuple[Measurement, Mapping[str, Any]]:
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph as an even wall would have shown it."""
         even = self._unevenness.evenness(photograph.planes, self._fit.unexplained)
         if not (even != 1).any():

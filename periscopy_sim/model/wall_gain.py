@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from periscopy_sim.model.correction import FirstImage
-from periscopy_sim.model.fit import Fit, Measurement
+from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.numerics.products import combine_rows, rejected, times_rows
 
 Array = NDArray[np.float64]
@@ -116,8 +116,8 @@ class WallGain:
         self._compared = self._unexplained(compared, self._ambient)
 
     def __call__(
-        self, photograph: Measurement, first_image: FirstImage
-    ) -> tuple[Measurement, Mapping[str, Any]]:
+        self, photograph: FittedPhotograph, first_image: FirstImage
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph without the light that its gain adds, and the gain's range."""
         evidence = photograph.evidence
         image = first_image(photograph).reshape(-1, 3).T / evidence.level
@@ -219,7 +219,7 @@ def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
     )
 
 
-def _unexplained(photograph: Measurement) -> float:
+def _unexplained(photograph: FittedPhotograph) -> float:
     """Return the energy of the noise that a photograph seems to have, over all channels."""
     evidence = photograph.evidence
     return float(np.sum((evidence.level * evidence.noise) ** 2))

@@ -26,7 +26,7 @@ class Method(Protocol):
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
 
 
-class Sizes(Protocol):
+class SceneSizes(Protocol):
     """The sizes and the wall's colour of a scene, as a `Scenario` has them."""
 
     @property
@@ -154,7 +154,7 @@ class StillMethod(ABC, Generic[Precision]):
         return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
 
     @classmethod
-    def for_scene(cls, scene: Sizes, A: Any, B: Any = None, **settings: Any) -> Self:
+    def for_scene(cls, scene: SceneSizes, A: Any, B: Any = None, **settings: Any) -> Self:
         """Fit to a scenario: its sizes and the colour of its wall are taken from it.
 
         Parameters

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from periscopy_sim.model.observation import Backgrounds, Mask
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
-from periscopy_sim.reconstruction.method import Sizes, StillMethod
+from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Matrix = NDArray[np.floating[Any]]
@@ -71,7 +71,7 @@ class MethodEntry:
 
     def __call__(
         self,
-        scene: Sizes,
+        scene: SceneSizes,
         A: Matrix,
         B: Matrix,
         mask: Mask | None = None,

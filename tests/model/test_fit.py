@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, Measurement
+from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
 
 HIDDEN, PHOTOGRAPH = (3, 4), (12, 15)
@@ -34,7 +34,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def measured(fit):
-    return Measurement(fit.observation.planar(Y[None])[0], fit)
+    return FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
 
 
 AMBIENT = np.hstack([B, OFF])[USED]
@@ -116,7 +116,7 @@ def test_many_photographs_give_the_evidence_of_each(fit):
     planes = fit.observation.planar(np.stack([Y, 3 * Y, Y[::-1]]))
     together, y = fit.evidence(planes)
     for each, evidence, projected in zip(planes, together, y, strict=True):
-        alone = Measurement(each, fit)
+        alone = FittedPhotograph(each, fit)
         np.testing.assert_allclose(evidence.coefficients, alone.evidence.coefficients, rtol=1e-4)
         np.testing.assert_allclose(evidence.noise, alone.evidence.noise, rtol=1e-5)
         np.testing.assert_allclose(projected, alone.y, atol=1e-10)
@@ -144,16 +144,19 @@ def test_patterns_that_the_wall_does_not_show_are_not_counted():
 def test_channel_of_hardly_any_noise_is_believed_up_to_a_ratio():
     fit = fitted(off=None)
     quiet = SIGNAL - 0.5 * OFF + [1e-7, 0.1, 0.2] * np.random.default_rng(1).normal(size=(M, 3))
-    noise = Measurement(fit.observation.planar(quiet[None] * GAIN)[0], fit).evidence.noise
+    noise = FittedPhotograph(fit.observation.planar(quiet[None] * GAIN)[0], fit).evidence.noise
     assert noise[0] == pytest.approx(noise[2] / LARGEST_NOISE_RATIO)
 
 
 def test_noise_is_never_below_rounding():
     fit = fitted(off=None)
-    exact = Measurement((A[USED] @ TRUTH).T, fit).evidence
+    exact = FittedPhotograph((A[USED] @ TRUTH).T, fit).evidence
     assert 1e-8 < exact.mean_noise < 1e-3 and exact.noise_to_signal < 1e-6  # single precision
-    black = Measurement(np.zeros((3, fit.pixels)), fit).evidence
-    assert black.level == 1 and (black.noise > 0).all() and not black.coefficients.any()
+    black = FittedPhotograph(np.zeros((3, fit.pixels)), fit).evidence
+    ambient = FittedPhotograph(1e9 * np.tile(B[USED].sum(axis=1), (3, 1)), fit).evidence
+    for evidence in (black, ambient):
+        assert evidence.level == 1 and (evidence.noise > 0).all()
+        assert not evidence.coefficients.any()
 
 
 def test_signal_of_noise_alone_is_at_least_its_own_standard_error(fit):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.model import paint
-from periscopy_sim.model.fit import Fit, Measurement
+from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.model.paint import Paint, Unevenness
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -57,12 +57,12 @@ def test_wall_is_made_even_and_the_image_is_better_for_it():
 
 def test_correction_multiplies_the_photograph_by_the_evenness():
     fit = fitted([OFF])
-    given = Measurement(fit.observation.planar(Y[None])[0], fit)
+    given = FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
     corrected, found = Paint(fit)(given, None)
     np.testing.assert_allclose(corrected.planes, evenness(Y, [OFF]) * given.planes)
     assert corrected.fit is fit and found == {"paint_found": True}
     even = photograph(A @ TRUTH + LAMP, 0)
-    given = Measurement(fit.observation.planar(even[None])[0], fit)
+    given = FittedPhotograph(fit.observation.planar(even[None])[0], fit)
     corrected, found = Paint(fit)(given, None)
     assert corrected is given and found == {"paint_found": False}
 
@@ -158,7 +158,7 @@ def test_dark_pixels_and_bright_stains_are_no_paint():
 
 def test_nothing_is_found_without_smooth_light_and_nothing_done_without_photographs():
     fit = fitted([OFF], B=None)
-    given = Measurement(fit.observation.planar(Y[None])[0], fit)
+    given = FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
     assert Paint(fit)(given, None)[0] is given
     with pytest.raises(ValueError, match="monitor off"):
         Paint(fitted([]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.model.fit import Fit, Measurement
+from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -115,7 +115,7 @@ def method(corrections=(WallGain,), **settings):
 
 def corrected(y, fit, unit=1.0):
     """Return what the correction makes of a photograph whose hidden image is known."""
-    given = Measurement(fit.observation.planar(unit * y[None])[0], fit)
+    given = FittedPhotograph(fit.observation.planar(unit * y[None])[0], fit)
     return given, *WallGain(fit)(given, lambda _: unit * TRUTH.reshape(*HIDDEN, 3))
 
 

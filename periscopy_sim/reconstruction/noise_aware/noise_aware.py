@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.correction import Correction
-from periscopy_sim.model.fit import Evidence, Fit, Measurement
+from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
@@ -76,7 +76,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     iterations: int
     residual: float
     tolerance: float
-    photograph: Measurement | None
+    photograph: FittedPhotograph | None
     evidence: Evidence
     corrections: Mapping[str, Any]
 
@@ -172,28 +172,28 @@ class NoiseAware(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         (planes,) = self.observation.planar(np.asarray(photograph)[None])
-        measurement = Measurement(planes, self.fit)
+        corrected = FittedPhotograph(planes, self.fit)
         found: dict[str, Any] = {}
         split: Splitting | None = None
         iterations = 0
 
-        def first_image(measured: Measurement) -> Array:
+        def first_image(fitted: FittedPhotograph) -> Array:
             nonlocal split, iterations
             most = min(FIRST, self.max_iterations // 2)
-            first, split = self.recover(measured.evidence, self._schedule(most))
+            first, split = self.recover(fitted.evidence, self._schedule(most))
             iterations += first.iterations
             return first.image
 
         for correction in self.corrections:
-            measurement, numbers = correction(measurement, first_image)
+            corrected, numbers = correction(corrected, first_image)
             found.update(numbers)
         schedule = self._schedule(self.max_iterations - iterations)
-        solution, _ = self.recover(measurement.evidence, schedule, split)
+        solution, _ = self.recover(corrected.evidence, schedule, split)
         solution.warn_unless_converged()
         return replace(
             solution,
             iterations=iterations + solution.iterations,
-            photograph=measurement,
+            photograph=corrected,
             corrections=found,
         )
 
