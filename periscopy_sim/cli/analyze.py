@@ -47,12 +47,9 @@ def analyze(
 
     By condition numbers, angles, residual background and Cramer-Rao bounds.
     """
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
-    from periscopy_sim.reconstruction.background_subspace import background_basis
-    from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
-    from periscopy_sim.reconstruction.observation import observation_of
+    from periscopy_sim.model.observation import observation_of
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
     request = TransportRequest(samples, seed, model, parse_bounces(bounces), strata="gauss")
@@ -69,9 +66,6 @@ def analyze(
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
-            if dark:
-                smooth = observed.used(point_light_backgrounds(scenario))
-                check_monitor_off(A, background_basis(smooth), observed)
             B = observed.joined(columns)
             used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)

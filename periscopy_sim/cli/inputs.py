@@ -18,7 +18,6 @@ from periscopy_sim.errors import PhotographError
 if TYPE_CHECKING:
     from periscopy_sim.photograph import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
-    from periscopy_sim.reconstruction.residual.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]
@@ -81,7 +80,7 @@ def hidden_image(name: str, hidden_shape: tuple[int, int]) -> NDArray[np.float64
 
 def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
     """Read the mask that a command was given, (rows, columns); None if it was given none."""
-    from periscopy_sim.reconstruction.observation import checked_mask
+    from periscopy_sim.model.observation import checked_mask
     from periscopy_sim.storage import photographs
 
     if path is None:
@@ -124,12 +123,6 @@ class Defects:
     """(rows, columns), what is used and has no defect."""
     warnings: Sequence[str]
     """A line of each kind, if there are any."""
-
-    def else_warned(self, residual: Residual | None) -> str:
-        """Return a residual's warning, unless these pixels are its likeliest cause; or nothing."""
-        if residual is None or (self.pixels.any_kind.any() and residual.likeliest == "pixels"):
-            return ""
-        return residual.warning
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
         """Write a mask that leaves them out too, if any are used."""

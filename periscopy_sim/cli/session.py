@@ -20,7 +20,7 @@ from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+    from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.messages import residual_summary, residual_warning, sentences
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
@@ -29,7 +30,7 @@ from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.reconstruction.report import Report
 
 
 @takes_options_of(FOR_VIDEOS)
@@ -129,9 +130,10 @@ def video(
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
         still, _ = session.fit(method, for_stills, request, lights, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
-        images, records, residual, rates = _recover(
+        images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
         )
+        residual = report.residual
         text = session.metadata
         with session.timed("draw"):
             white = drawing.white_of(images)
@@ -141,16 +143,22 @@ def video(
                     folder / "frames_sheet.png", clip.photographs, clip.truth, images,
                     [record["mean_squared_error"] for record in records], text,
                 )  # fmt: skip
-            with progress("drawing the frames") as report:
-                drawing.draw_frames(folder / "frames", images, white, text, report)
+            with progress("drawing the frames") as drawn:
+                drawing.draw_frames(folder / "frames", images, white, text, drawn)
             for ending in formats:
-                with progress(f"drawing the animation as {ending}") as report:
+                with progress(f"drawing the animation as {ending}") as drawn:
                     drawing.draw_video(
                         folder / f"video.{ending}",
-                        *(clip.photographs, images, clip.truth, white, rate, text, report),
+                        *(clip.photographs, images, clip.truth, white, rate, text, drawn),
                     )
         if residual is not None:
-            draw_residual(folder / "residual.png", clip.photographs[0], residual, text)
+            draw_residual(
+                folder / "residual.png",
+                clip.photographs[0],
+                residual,
+                residual_summary(residual),
+                text,
+            )
         clip.wall.defects.suggest_mask(folder, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
@@ -161,8 +169,7 @@ def video(
             **lights.origin,
             "method": method,
             **settings,
-            **still.fitted(),
-            "first_frame": {} if residual is None else residual.told(),
+            "first_frame": report.numbers,
             "coupling": coupling,
             "batch": batch,
             "rate": rate,
@@ -175,7 +182,7 @@ def video(
         }
         session.write_summary(folder / "summary.json", summary)
     if residual is not None:
-        say(f"first frame, {residual.remark}")
+        say(f"first frame, {residual_summary(residual)}")
     say(
         f"{len(clip.names)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
         f"{rates['live']:.1f} one at a time"
@@ -233,21 +240,21 @@ def _read_clip(
 
 def _recover(
     session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
-) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Residual | None, dict[str, float]]:
-    """Recover the frames into an NPY file; warn of frames that show nothing.
+) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
+    """Recover the frames into an NPY file; warn where the first shows nothing or does not fit.
 
-    Return the frames, (frames, R, C, 3), a row of the table for each, the residual of the first,
+    Return the frames, (frames, R, C, 3), a row of the table for each, the report of the first,
     and frames a second.
     """
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.reconstruction.report import Report
     from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
 
     count, shape = len(clip.names), session.scenario.hidden_shape
     records: list[dict[str, Any]] = []
-    doubts: dict[str, str] = {}
-    residual = None
+    report = Report()
     # Products this small gain little from threads, which wait for each other on a busy machine.
     with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
         with session.timed("rehearse"):
@@ -261,18 +268,14 @@ def _recover(
             for k, (solution, seconds) in enumerate(solved):
                 write(solution.image)
                 if k == 0:
-                    residual = still.residual(clip.photographs[0], solution)
-                if doubt := still.doubt(solution):
-                    doubts[clip.names[k]] = doubt
-                records.append(video_metrics.record_of(k, clip.names[k], seconds, solution.told()))
+                    report = still.report(clip.photographs[0], solution)
+                numbers = solution.numbers()
+                records.append(video_metrics.record_of(k, clip.names[k], seconds, numbers))
                 frame_done(k + 1, count)
-    for name, doubt in list(doubts.items())[:1]:
-        others = f" (likewise {len(doubts) - 1} more)" if len(doubts) > 1 else ""
-        session.warn(f"{clip.name}, frame {name}: {doubt}{others}")
-    if warning := clip.wall.defects.else_warned(residual):
+    for warning in filter(None, (*sentences(report.warnings), residual_warning(report.residual))):
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
-    return mapped_stack(file), records, residual, rates
+    return mapped_stack(file), records, report, rates
 
 
 def _check_left_over(folder: Path, names: list[str]) -> None:

@@ -224,27 +224,6 @@ def test_monitor_off_photographs_are_projected_out(
     assert ps.psnr(image, clip[0]) > ps.psnr(without, clip[0]) + 3
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("analyze", "chair", *TINY[2:]),
-        ("reconstruct", "y.npy", *TINY, "--method", "differencing"),
-        ("reconstruct", "y.npy", *TINY, "--method", "truncated-svd"),
-    ],
-    ids=lambda command: command[-1],
-)
-def test_monitor_left_on_is_refused_whatever_the_method(
-    command, refused, scenario, saved, photographs
-):
-    # By the matrix that each command renders: the noise of four random rays is no monitor's.
-    strata = "gauss" if command[0] == "analyze" else "jittered"
-    transport = ps.render_transport(scenario, samples=4, strata=strata)
-    lit = (transport.astype(np.float64) @ np.eye(20)[:, 7]).reshape(24, 24, 1)
-    saved(y=photographs[0], lit=lit / lit.mean() + 1e-3 * photographs.mean(axis=0))
-    line = refused(*command, "--monitor-off", "lit.npy", "--out", "out")
-    assert line.startswith("lit.npy: still shows the monitor")
-
-
 def test_analysis_is_that_of_the_rows_used(succeeds, scenario, tmp_path):
     Image.fromarray(MASK).save(tmp_path / "mask.png")
     succeeds("analyze", "chair", *TINY[2:], "--mask", "mask.png", "--out", "out")

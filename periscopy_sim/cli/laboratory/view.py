@@ -10,6 +10,7 @@ import typer
 
 from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli.laboratory.viewed import write_view
+from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import number, option, parse_definitions
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.errors import PeriscopyError
@@ -93,7 +94,9 @@ def view(
             write_view(out, pictures, given, photo)
             return f"wrote {out}"
 
-        session = LiveSession(scenario, first, _offered(), save, shot=shot, host=host, port=port)
+        session = LiveSession(
+            scenario, first, _offered(), save, report_sentences, shot=shot, host=host, port=port
+        )
     with session:
         say(f"{session.page.gate.url} shows {scenario.path.name}; Ctrl-C ends it")
         try:

@@ -88,7 +88,7 @@ def test_own_method_that_breaks_its_promise_is_refused(refused, light, setting, 
     (tmp_path / "mine.py").write_text(MINE)
     number = {text.strip(): n for n, text in enumerate(MINE.splitlines(), 1)}
     for name, told in {
-        "Wrong": "failed on y.npy: ValueError: returned ",
+        "Wrong": "failed on y.npy: ValueError: returned",
         "Raising": f"failed on y.npy: RuntimeError: lost (mine.py:{number[LOST]})",
         "Leaving": f"failed on y.npy: SystemExit: 0 (mine.py:{number['sys.exit(0)']})",
         "Unfit": f"cannot be fitted: KeyError: 'no' (mine.py:{number[UNFIT]})",

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
-from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.least_squares import LeastSquares, minimize
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
+from periscopy_sim.model.spectral_basis import laplacian
 
 torch = pytest.importorskip("torch")
 pytestmark = pytest.mark.torch

@@ -10,7 +10,7 @@ import pytest
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.learned.still import Learned
 from periscopy_sim.reconstruction.learned.weights import Weights, read_weights, write_weights
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 
 @pytest.mark.parametrize("library", ["torch", "safetensors"])

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import minimize
 
 from periscopy_sim.reconstruction.noise_aware import video as noise_aware_video
-from periscopy_sim.reconstruction.noise_aware.solver.penalized_likelihood import Schedule
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 
 HIDDEN = (4, 5)
@@ -165,15 +165,6 @@ def test_iterations_that_start_from_the_minimum_stay_there(exact, scale, penalty
     assert distance(exact.recover(brighter, few)[0].image, scale * minimum.image) > 1e-2
 
 
-def test_changing_a_frame_does_not_change_the_next(still):
-    careful, careless = NoiseAwareVideo(still), NoiseAwareVideo(still)
-    careless.next_frame(PHOTOGRAPHS[0])[:] = 7
-    careful.next_frame(PHOTOGRAPHS[0])
-    np.testing.assert_array_equal(
-        careless.next_frame(PHOTOGRAPHS[1]), careful.next_frame(PHOTOGRAPHS[1])
-    )
-
-
 # -- light that changes --------------------------------------------------------------------------
 
 
@@ -232,12 +223,6 @@ def test_video_may_begin_in_the_dark(still):
     assert distance(frames[-1], TRUTH[-1]) < 0.3
 
 
-def test_no_photographs_give_no_frames(still):
-    video = NoiseAwareVideo(still)
-    assert video.frames(PHOTOGRAPHS[:0]).shape == (0, *HIDDEN, 3)
-    assert video.previous is None
-
-
 # -- what is refused -----------------------------------------------------------------------------
 
 
@@ -262,14 +247,6 @@ def test_refused_photograph_leaves_the_video_as_it_was(still, photograph, messag
     )
 
 
-def test_unknown_coupling_and_impossible_weights_are_refused(still):
-    with pytest.raises(ValueError, match="coupling 'total-variation' is not known"):
-        NoiseAwareVideo(still, coupling="total-variation")
-    for weight in (-1, np.nan, np.inf):
-        with pytest.raises(ValueError, match="finite number, not negative"):
-            NoiseAwareVideo(still, l1_weight=weight)
-
-
 def test_iterations_that_do_not_suffice_are_told():
     video = NoiseAwareVideo(NoiseAware(A, B, hidden_shape=HIDDEN, max_iterations=3))
     for y in PHOTOGRAPHS[:2]:
@@ -279,19 +256,6 @@ def test_iterations_that_do_not_suffice_are_told():
 
 
 # -- where the wall is used, and negative images --------------------------------------------------
-
-
-def test_pixels_under_the_mask_do_not_matter():
-    mask = np.ones(180, bool)
-    mask[20:40] = False
-    masked = NoiseAware(A, B, hidden_shape=HIDDEN, mask=mask)
-    by_hand = NoiseAware(A[mask], B[mask], hidden_shape=HIDDEN)
-    spoilt = np.where(mask[:, None], PHOTOGRAPHS, np.nan)
-    np.testing.assert_allclose(
-        NoiseAwareVideo(masked).frames(spoilt),
-        NoiseAwareVideo(by_hand).frames(PHOTOGRAPHS[:, mask]),
-        atol=1e-4,
-    )
 
 
 def test_frames_may_be_negative_where_the_method_lets_them():

@@ -169,13 +169,6 @@ def test_scaling_image_and_weight_scales_the_result_alone(scale, blocks):
     np.testing.assert_allclose(other.image / scale, one.image, rtol=0, atol=1e-12)
 
 
-def test_scaling_by_a_power_of_two_is_exact(blocks):
-    g = blocks()
-    one, other = solve_total_variation(g, 0.3), solve_total_variation(g * 2.0**40, 0.3 * 2.0**40)
-    assert (one.iterations, one.gap) == (other.iterations, other.gap)
-    np.testing.assert_array_equal(other.image, one.image * 2.0**40)
-
-
 def test_shifting_the_image_shifts_the_result(blocks):
     g = blocks()
     shifted = prox_total_variation(g + 1e6, 0.3)
@@ -202,25 +195,12 @@ def test_a_huge_weight_gives_the_mean(shape, weight, random_image):
     np.testing.assert_allclose(prox_total_variation(g, weight), np.full(shape, g.mean()))
 
 
-def test_weights_towards_the_flat_result_converge_to_a_constant(blocks):
-    g = blocks()
-    spreads = [np.ptp(prox_total_variation(g, λ)) for λ in (0.1, 1.0, 3.0, 10.0, 30.0)]
-    assert spreads == sorted(spreads, reverse=True)
-    assert spreads[-1] == 0
-
-
 @pytest.mark.parametrize("shape", [*SHAPES, (4, 5, 3)])
 def test_zero_weight_returns_a_copy(shape, random_image):
     g = random_image(*shape)
     f = prox_total_variation(g, 0)
     np.testing.assert_array_equal(f, g)
     assert not np.shares_memory(f, g)
-
-
-@pytest.mark.parametrize("weight", [1e-310, 1e-100, 1e-17, 1e-14])
-def test_a_tiny_weight_changes_next_to_nothing_without_a_warning(weight, blocks):
-    g = blocks()
-    np.testing.assert_allclose(prox_total_variation(g, weight), g, rtol=0, atol=4 * weight + 1e-15)
 
 
 def test_each_channel_is_denoised_on_its_own_with_its_own_weight(blocks):
@@ -238,13 +218,6 @@ def test_each_image_of_a_stack_is_denoised_on_its_own(shape, random_image):
     alone = [prox_total_variation(g, λ) for g, λ in zip(images, weights, strict=True)]
     np.testing.assert_array_equal(prox_total_variation(images, weights), np.stack(alone))
     np.testing.assert_array_equal(prox_total_variation(images, weights[0])[0], alone[0])
-
-
-def test_the_input_is_left_as_it_was(blocks):
-    g = blocks()
-    before = g.copy()
-    prox_total_variation(g, 0.3)
-    np.testing.assert_array_equal(g, before)
 
 
 @pytest.mark.parametrize(
@@ -271,18 +244,3 @@ def test_the_input_is_left_as_it_was(blocks):
 def test_bad_arguments_are_refused(image, weight, options, message):
     with pytest.raises(ValueError, match=message):
         prox_total_variation(image, weight, **options)
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.complex128, np.bool_, object])
-def test_images_that_are_not_floating_point_are_refused(dtype):
-    with pytest.raises(TypeError, match="floating point"):
-        prox_total_variation(np.ones((3, 3), dtype=dtype), 1)
-
-
-def test_gradient_and_divergence_refuse_other_dimensions():
-    with pytest.raises(ValueError, match="shape"):
-        gradient(np.ones((3, 3, 3)))
-    with pytest.raises(ValueError, match="shape"):
-        total_variation(np.ones(3))
-    with pytest.raises(ValueError, match="shape"):
-        divergence(np.ones((3, 3, 3)))
