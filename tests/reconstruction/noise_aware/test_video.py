@@ -216,13 +216,6 @@ def test_black_photograph_gives_a_black_frame_and_the_video_goes_on(exact):
     assert np.abs(found.image - expected).max() < 0.01 * expected.max()
 
 
-def test_video_may_begin_in_the_dark(still):
-    video = NoiseAwareVideo(still)
-    assert not video.next_frame(np.zeros_like(PHOTOGRAPHS[0])).any()
-    frames = video.frames(PHOTOGRAPHS)
-    assert distance(frames[-1], TRUTH[-1]) < 0.3
-
-
 # -- what is refused -----------------------------------------------------------------------------
 
 
@@ -256,9 +249,3 @@ def test_iterations_that_do_not_suffice_are_told():
 
 
 # -- where the wall is used, and negative images --------------------------------------------------
-
-
-def test_frames_may_be_negative_where_the_method_lets_them():
-    method = NoiseAware(A, B, hidden_shape=HIDDEN, positive=False, regularization=0.003)
-    frames = NoiseAwareVideo(method).frames(PHOTOGRAPHS)
-    assert (frames < 0).any() and distance(frames, TRUTH) < 0.5
