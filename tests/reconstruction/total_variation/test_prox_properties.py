@@ -143,16 +143,3 @@ def test_repaired_values_lie_within_their_neighbourhoods(image, threshold, with_
             )
             value = repaired[i, j]
             assert (window.min(axis=0) <= value).all() and (value <= window.max(axis=0)).all()
-
-
-@few
-@given(level=st.integers(1, 20), row=st.integers(0, 6), column=st.integers(0, 6), hot=values)
-def test_repair_of_one_patch_in_an_even_image_is_final(level, row, column, hot):
-    even = np.full((7, 7, 2), float(level))
-    image = even.copy()
-    image[row, column] += hot
-    repaired = repair(image, 1.5)
-    np.testing.assert_array_equal(repair(repaired, 1.5), repaired)
-    # Its magnitude differs from its neighbours' by √2 times |level + hot| − level.
-    sticks_out = np.sqrt(2) * abs(abs(level + hot) - level) > 1.5
-    np.testing.assert_array_equal(repaired, even if sticks_out else image)
