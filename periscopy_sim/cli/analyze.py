@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
 from periscopy_sim.cli.options import Model, option, parse_bounces
-from periscopy_sim.cli.output import fixable, progress, say, told_folder
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.session import Session, pixel_record
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
@@ -43,9 +43,9 @@ def analyze(
     seed: options.Seed = 0,
     define: options.Define = None,
 ) -> None:
-    """Say how well a scene determines its hidden image.
+    """Report how well a scene determines its hidden image.
 
-    By condition numbers, angles, residual background and Cramer-Rao bounds.
+    The report has condition numbers, angles, residual background and Cramer-Rao bounds.
     """
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
@@ -55,17 +55,16 @@ def analyze(
     request = TransportRequest(samples, seed, model, parse_bounces(bounces), strata="gauss")
     lights = LightModel.of(light_model, seed)
     session = Session(scene, hidden, define, seed)
-    with told_folder(out) as folder:
+    with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        used = inputs.read_mask(mask, scenario)
-        dark = inputs.read_backgrounds(monitor_off, scenario, used)
+        used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
         A = channels_mean(request.matrix(scenario))
         columns = lights.matrix(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
-        with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
-            observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
+        with fixable(f"scene '{scenario.path}'", off), progress("analyzing") as report:
+            observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
             B = observed.joined(columns)
             used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
@@ -96,8 +95,7 @@ def analyze(
                 **request.origin,
                 **lights.origin,
                 "rank_tolerance": rank_tolerance,
-                **inputs.mask_record(mask, used),
-                "backgrounds": list(dark),
+                **pixel_record(mask, used, off),
                 **numbers,
                 "rank_table": table,
             },

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, TypeVar
 
-from periscopy_sim.cli.options import EXPERT, SOLVER, number
+from periscopy_sim.cli.options import EXPERT, SOLVER, number, option
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
 
@@ -30,6 +30,36 @@ def method_help(offered: Offered) -> str:
         certainty = entry.certainty if offered is FOR_STILLS else ""
         words.append(f"{name}: {entry.help}" + (f" (with {certainty})" if certainty else ""))
     return "; ".join(words)
+
+
+_OWN = "yours as module:callable or file.py:callable"
+StillMethod = Annotated[
+    str,
+    option(
+        "NAME",
+        f"{method_help(FOR_STILLS)}; {_OWN}.",
+        group=SOLVER,
+        autocompletion=lambda: list(FOR_STILLS),
+    ),
+]
+VideoMethod = Annotated[
+    str,
+    option(
+        "NAME",
+        f"{method_help(FOR_VIDEOS)}.",
+        group=SOLVER,
+        autocompletion=lambda: list(FOR_VIDEOS),
+    ),
+]
+Coupling = Annotated[
+    str,
+    option(
+        "NAME",
+        f"Coupling of each frame to the one before: {', '.join(COUPLINGS)}.",
+        group=SOLVER,
+        autocompletion=lambda: list(COUPLINGS),
+    ),
+]
 
 
 def takes_options_of(offered: Offered) -> Callable[[Command], Command]:
@@ -98,8 +128,8 @@ def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
     """Return, for each option's name, the methods that take it and its entry there."""
     taken: dict[str, dict[str, Option]] = {}
     for method, options in offered.items():
-        for option in options:
-            taken.setdefault(option.name, {})[method] = option
+        for each in options:
+            taken.setdefault(each.name, {})[method] = each
     return taken
 
 

@@ -116,6 +116,9 @@ _SNR = (
 )
 
 Out = Annotated[Path, option("FOLDER", f"Folder {_COMPLETE}", group=OUTPUT)]
+ResumedFolder = Annotated[
+    Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
+]
 OutFile = Annotated[Path, option("FILE", f"File {_COMPLETE}", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
 Seed = Annotated[
@@ -123,6 +126,10 @@ Seed = Annotated[
 ]
 Snr = Annotated[float, number(_SNR, form="DB", min=-100, max=300)]
 OptionalSnr = Annotated[float | None, number(_SNR, form="DB", min=-100, max=300)]
+
+Scheduler = Annotated[
+    str | None, option("ADDRESS", "A Dask scheduler. [default: this machine]", group=EXPERT)
+]
 
 # -- forms of values -----------------------------------------------------------------------------
 

@@ -65,8 +65,8 @@ def fail(message: str, code: int) -> NoReturn:
 
 
 @contextmanager
-def told_folder(out: Path) -> Iterator[Path]:
-    """Fill a staged folder, and print the path of each file once all are in their place."""
+def output_folder(out: Path) -> Iterator[Path]:
+    """Yield a staged folder; print the path of each of its files when all are complete."""
     with staged_folder(out) as folder:
         yield folder
         names = sorted(entry.name for entry in folder.iterdir())

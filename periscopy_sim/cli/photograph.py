@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.options import LIGHT, SCENE, option
 from periscopy_sim.cli.output import fixable, say, warn
 from periscopy_sim.cli.session import Session
@@ -138,7 +138,7 @@ def _ambient_light(name: str, session: Session) -> Array:
         return session.ambient_light(name)
     if not Path(name).is_file() and (guess := did_you_mean(name, shipped)):
         raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
-    return inputs.read_photograph(Path(name), session.scenario).values
+    return session.photograph(Path(name)).values
 
 
 def _grain(scenario: Scenario, photograph: Array) -> float:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.inputs import SUGGESTED
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.messages import (
     assumptions,
@@ -17,16 +16,16 @@ from periscopy_sim.cli.messages import (
     residual_warning,
     sentences,
 )
-from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
-from periscopy_sim.cli.options import SCENE, SOLVER, option
-from periscopy_sim.cli.output import as_json, fixable, progress, say, told_folder, warn
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.method_options import FOR_STILLS, StillMethod, settings_for, takes_options_of
+from periscopy_sim.cli.options import SCENE, option
+from periscopy_sim.cli.output import as_json, fixable, output_folder, progress, say, warn
+from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
 
 NOTHING = "none"
-"""What --uncertain takes for a scene that is to be taken for right."""
+"""Value of --uncertain for a scene without uncertain parameters."""
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,34 +42,17 @@ def reconstruct(
     scene: options.SceneOption,
     hidden: options.Hidden,
     out: options.Out,
-    method: Annotated[
-        str,
-        option(
-            "NAME",
-            f"{method_help(FOR_STILLS)}; yours as module:callable or file.py:callable.",
-            group=SOLVER,
-            autocompletion=lambda: list(FOR_STILLS),
-        ),
-    ] = DEFAULT,
+    method: StillMethod = DEFAULT,
     samples: options.Samples = 16,
     model: options.ModelOption = options.Model.rendered,
     bounces: options.BouncesOption = "direct",
     matrix: options.MatrixOption = None,
     truth: Annotated[
-        str | None,
-        option(
-            "IMAGE",
-            "The hidden image, if known (a file or a shipped one): adds metrics, a picture.",
-        ),
+        str | None, option("IMAGE", "The hidden image, if known: adds metrics and a picture.")
     ] = None,
     uncertain: Annotated[
         str | None,
-        option(
-            "NAME[=ERROR],...",
-            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005, in which "
-            "the standard errors count. Default: what a calibrated scene carries; none: nothing.",
-            group=SCENE,
-        ),
+        option("NAME[=ERROR],...|none", "Uncertain scene <default>s.", group=SCENE),
     ] = None,
     monitor_off: options.MonitorOffOption = None,
     light_model: options.LightModelOption = None,
@@ -90,7 +72,7 @@ def reconstruct(
     doubted = _uncertain_errors(uncertain, method, scene, session.definitions)
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
-    with told_folder(out) as folder:
+    with output_folder(out) as folder:
         session.check_scene(method)
         scenario, timed = session.scenario, session.timed
         wall = session.wall(
@@ -117,7 +99,7 @@ def reconstruct(
         warnings = [*sentences(report.warnings), *filter(None, [warning])]
         _write_report(folder, report, image, wall.values, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
-        wall.defects.suggest_mask(folder, text)
+        session.suggest_mask(folder)
         panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
         compared = None if known is None else _compare(folder, image, known, wall.values, text)
         session.warnings += warnings
@@ -131,7 +113,7 @@ def reconstruct(
                 **lights.origin,
                 **settings,
                 **report.numbers,
-                **wall.record,
+                **pixel_record(mask, wall.mask, wall.monitor_off),
                 "truth": truth,
                 **(compared or {}),
             },

@@ -12,21 +12,22 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.messages import residual_summary, residual_warning, sentences
 from periscopy_sim.cli.method_options import (
-    COUPLINGS,
     FOR_VIDEOS,
+    Coupling,
+    VideoMethod,
     check_coupling,
-    method_help,
     settings_for,
     takes_options_of,
 )
-from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, SOLVER, number, option
-from periscopy_sim.cli.output import counted_progress, fixable, progress, say, told_folder
-from periscopy_sim.cli.session import Session, WallInput
+from periscopy_sim.cli.options import EXPERT, OUTPUT, PHOTOGRAPH, number, option
+from periscopy_sim.cli.output import counted_progress, fixable, output_folder, progress, say
+from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
 from periscopy_sim.errors import OutputError
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
@@ -39,66 +40,30 @@ def video(
         Path,
         typer.Argument(
             metavar="FRAMES",
-            help="Photographs in time's order: a folder of files that reconstruct takes, a Zarr "
-            "archive, a multi-part EXR, an NPY or NPZ stack (frames, rows, columns, 3).",
+            help="Photographs in order: a folder, a Zarr archive, a multi-part EXR, an NPY stack.",
             rich_help_panel=PHOTOGRAPH,
         ),
     ],
     scene: options.SceneOption,
     hidden: options.Hidden,
     out: options.Out,
-    method: Annotated[
-        str,
-        option(
-            "NAME",
-            f"How each frame is recovered. {method_help(FOR_VIDEOS)}.",
-            group=SOLVER,
-            autocompletion=lambda: list(FOR_VIDEOS),
-        ),
-    ] = DEFAULT,
-    coupling: Annotated[
-        str,
-        option(
-            "NAME",
-            f"How each frame is tied to the one before it: {', '.join(COUPLINGS)}.",
-            group=SOLVER,
-            autocompletion=lambda: list(COUPLINGS),
-        ),
-    ] = "l1",
+    method: VideoMethod = DEFAULT,
+    coupling: Coupling = "l1",
     samples: options.Samples = 16,
     model: options.ModelOption = options.Model.rendered,
     bounces: options.BouncesOption = "direct",
     matrix: options.MatrixOption = None,
     truth: Annotated[
-        str | None,
-        option(
-            "IMAGES",
-            "The hidden images, if known: a folder of pictures or an NPY stack, one for each "
-            "photograph, or one image (a file or a shipped one) for all; adds metrics and "
-            "frames_sheet.png.",
-        ),
+        str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
     rate: Annotated[
-        float, number("Animation's frames a second.", group=OUTPUT, min=0.1, max=1000)
+        float, number("Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000)
     ] = 16.0,
     also: Annotated[
-        list[str] | None,
-        option(
-            "mp4|webm",
-            "Write the animation in this format too, as video.mp4 or video.webm, by PyAV (the "
-            "extra video); repeatable.",
-            group=OUTPUT,
-        ),
+        list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
     ] = None,
     batch: Annotated[
-        int,
-        option(
-            "NUMBER",
-            "Photographs that P or A is applied to in one product.",
-            group=options.EXPERT,
-            min=1,
-            max=4096,
-        ),
+        int, option("NUMBER", "Photographs in one product.", group=EXPERT, min=1, max=4096)
     ] = 16,
     monitor_off: options.MonitorOffOption = None,
     light_model: options.LightModelOption = None,
@@ -125,7 +90,7 @@ def video(
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
     session = Session(scene, hidden, define, seed)
-    with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
+    with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
         still, _ = session.fit(method, for_stills, request, lights, clip.wall)
@@ -159,7 +124,7 @@ def video(
                 residual_summary(residual),
                 text,
             )
-        clip.wall.defects.suggest_mask(folder, text)
+        session.suggest_mask(folder)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
         summary: dict[str, Any] = {
@@ -175,7 +140,7 @@ def video(
             "rate": rate,
             "formats": formats,
             "white": white,
-            **clip.wall.record,
+            **pixel_record(mask, clip.wall.mask, clip.wall.monitor_off),
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,
@@ -198,7 +163,7 @@ class _Clip:
     name: str
     names: Sequence[str]  # of the frames
     photographs: NDArray[np.floating[Any]]
-    wall: WallInput  # of the first frame
+    wall: Photograph  # of the first frame
     truth: NDArray[np.floating[Any]] | None  # (frames, R, C, 3)
 
 
@@ -220,8 +185,7 @@ def _read_clip(
     scenario = session.scenario
     shape = scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
-        used = inputs.read_mask(mask, scenario)
-        off = inputs.read_backgrounds(monitor_off, scenario, used)
+        used, off = session.companions(mask, monitor_off)
         sequence = open_frames(frames, shape, used)
         _check_left_over(out / "frames", picture_names(len(sequence)))
         photographs, warnings = decoded_photographs(
@@ -229,8 +193,11 @@ def _read_clip(
         )
         for warning in warnings:
             session.warn(warning)
-        first, suggested = f"{frames}, first frame", out / inputs.SUGGESTED
-        wall = session.checked_wall(photographs[0], first, mask, used, off, suggested=suggested)
+        wall = session.without_defects(
+            Photograph(photographs[0], used, off),
+            f"{frames}, first frame",
+            suggested=out / SUGGESTED,
+        )
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)

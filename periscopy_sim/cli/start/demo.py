@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.cli.light import TransportRequest
 from periscopy_sim.cli.options import Out, Seed, option
-from periscopy_sim.cli.output import fixable, say, told_folder
+from periscopy_sim.cli.output import fixable, output_folder, say
 from periscopy_sim.cli.session import Session
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def demo(
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
     from periscopy_sim.storage.formats.exr import write_exr
 
-    with told_folder(out) as folder:
+    with output_folder(out) as folder:
         say(f"rendering with {use_variant()}")
         fast = is_vectorized()
         patches = hidden or ("29x36" if fast else "14x18")
