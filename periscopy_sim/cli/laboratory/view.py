@@ -61,8 +61,8 @@ def view(
 ) -> None:
     """Move a laboratory by hand, in the browser.
 
-    The page shows the scene in 3-D, with handles and sliders for its <default>s, the photograph, the
-    reconstruction and its standard error. Ctrl-C ends the command.
+    The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
+    reconstruction and standard error. Ctrl-C ends the command.
     """
     require("viser")
     with suppress(InterruptedError), staged_folder(out):  # rejects a folder that cannot be written
