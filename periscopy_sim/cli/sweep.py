@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -14,17 +14,18 @@ from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
+from periscopy_sim.cli.output import (
+    check_folder,
+    fixable,
+    progress,
+    say,
+    say_written,
+    to_be_continued,
+)
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.resume import (
-    alone_in,
-    check_settings,
-    read_settings,
-    refuse_results,
-    write_settings,
-)
+from periscopy_sim.storage.outputs.resume import alone_in, write_settings
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -131,12 +132,13 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    _check_folder(out, settings)
+    check_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED)
     if scheduler is not None:
         with workers.connect(scheduler):  # fails if it does not answer
             pass
     with to_be_continued(), alone_in(out):
-        _check_folder(out, settings)  # again, now that nobody else writes there
+        # Again, now that no other process writes there.
+        check_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED)
         if not (out / STORE).exists():
             write_settings(out, settings)
         if not (out / "A.npy").is_file():
@@ -206,20 +208,6 @@ def _rendered(
 
         rendered = ambient_photographs(names, scenario, folder, seed)
     return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
-
-
-def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
-    """Reject a folder of other settings, or with files of unknown settings.
-
-    Until there are results, the `VARIED` settings may differ.
-    """
-    held = read_settings(out)
-    if held is None:
-        refuse_results(out, (*RENDERED, *RESULTS))
-        return
-    if not (out / STORE).exists():
-        held |= {name: settings[name] for name in VARIED}
-    check_settings(held, settings, str(out), "sweep")
 
 
 def _say_means(results: xr.Dataset) -> None:

@@ -24,7 +24,7 @@ from periscopy_sim.cli.method_options import (
     takes_options_of,
 )
 from periscopy_sim.cli.options import EXPERT, OUTPUT, PHOTOGRAPH, number, option
-from periscopy_sim.cli.output import counted_progress, fixable, output_folder, progress, say
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
 from periscopy_sim.errors import OutputError
 from periscopy_sim.photograph import Photograph
@@ -228,7 +228,7 @@ def _recover(
             live = video_metrics.live_rate(recovery, clip.photographs)
         with (
             session.timed("reconstruct"),
-            counted_progress("reconstructing", "frames") as frame_done,
+            progress("reconstructing", "frames") as frame_done,
             npy_writer(file, (count, *shape, 3), np.float32) as write,
         ):
             solved = video_metrics.timed_solutions(recovery, clip.photographs, batch)

@@ -1,4 +1,4 @@
-"""`periscopy tutorial`: what the tutorial works on, in a folder of the user's."""
+"""`periscopy tutorial`: a copy of the tutorial's files."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ from periscopy_sim.shipped import scenes_folder
 
 
 def tutorial(out: Out) -> None:
-    """Copy the files that the tutorial works on.
-
-    They are photographs and measurements of a laboratory, and its truth. Nothing is overwritten.
-    """
+    """Copy the tutorial's photographs and measurements; overwrite nothing."""
     shipped = scenes_folder() / "tutorial"
     for file in sorted(shipped.rglob("*")):
         own = out / file.relative_to(shipped)
