@@ -222,7 +222,7 @@ def test_method_that_fails_fails_alone(tmp_path):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
 def test_full_disk_is_reported_by_the_table_of_run_times(tmp_path):
     (tmp_path / "seconds.csv").symlink_to("/dev/full")
-    with pytest.raises(OutputError, match=r"cannot write .*seconds\.csv: No space left"):
+    with pytest.raises(OutputError, match=r"cannot write .*seconds\.csv: the disk is full"):
         run_sweep(sweep_of(sbrs=[1e-3]), tmp_path)
 
 

@@ -24,28 +24,25 @@ def alone_in(folder: Path) -> Iterator[None]:
 
     The folder is made if missing. Another process at work there is an `OutputError`.
     """
-    from filelock import FileLock, Timeout
-
-    lock = FileLock(folder / LOCK, timeout=0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / LOCK).touch()
+        stream = (folder / LOCK).open("ab")
     except OSError as error:
         raise OutputError(
             f"cannot write {folder}: {error.strerror}; choose another place"
         ) from error
-    try:
-        lock.acquire()
-    except Timeout:
-        raise OutputError(
-            f"another process is at work in {folder}; wait for its end or name another folder"
-        ) from None
-    except (OSError, NotImplementedError):  # a file system without locks
-        pass
-    try:
+    with stream:
+        try:
+            import fcntl
+
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                f"another process is at work in {folder}; wait for its end or name another folder"
+            ) from None
+        except (ImportError, OSError):  # Windows, or a file system without locks
+            pass
         yield
-    finally:
-        lock.release()
 
 
 def read_settings(folder: Path) -> dict[str, Any] | None:

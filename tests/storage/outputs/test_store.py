@@ -245,7 +245,7 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
         "periscopy_sim.storage.outputs.completion.checksum",
         lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
     )
-    with pytest.raises(OutputError, match="No space left"):
+    with pytest.raises(OutputError, match="disk is full"):
         made.write(1, block(1))
     monkeypatch.undo()
     assert list(archive(tmp_path / "d").missing()) == [1]
