@@ -24,7 +24,7 @@ import typer
 
 from periscopy_sim.dataset.archive.layout import read_head
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.completion import MAKING, is_complete
+from periscopy_sim.storage.outputs.store import MAKING, is_complete
 
 CONFIGURATION = """
 seed: 7

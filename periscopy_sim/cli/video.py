@@ -120,9 +120,13 @@ def video(
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.figures.residual import draw_residual
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.sequences.hidden_frames import decoded_truth
-    from periscopy_sim.storage.sequences.opening import decoded_photographs, open_frames
-    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
+    from periscopy_sim.storage.formats.arrays import mapped_stack
+    from periscopy_sim.storage.sequences import (
+        decoded_photographs,
+        decoded_truth,
+        npy_writer,
+        open_frames,
+    )
 
     formats = _formats(also)
     check_coupling(method, coupling)

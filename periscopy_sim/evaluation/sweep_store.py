@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.completion import Block
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.outputs.store import BlockStore
+from periscopy_sim.storage.outputs.store import Block, BlockStore
 
 if TYPE_CHECKING:
     import xarray as xr

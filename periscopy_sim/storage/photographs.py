@@ -21,9 +21,9 @@ from periscopy_sim.photographs.checking import (
 )
 from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.developing.sensor_image import SensorImage, sensor_image
-from periscopy_sim.storage.formats.colour_profile import SRGB, encoding_of
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
+from periscopy_sim.storage.formats.rasters import SRGB, encoding_of
 from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture, format_of
 
@@ -56,7 +56,7 @@ def read_photograph(
     """
     path = Path(path)
     row = format_of(path)
-    picture = row.decode(path, "photograph", shape)
+    picture = row.decode(path, "photograph")
     encoded = _is_encoded(picture, path)
     values, warnings = _linear_light(picture, encoded, shape, row.name, str(path))
     checked = check_photograph(values, shape, str(path), mask)
@@ -94,7 +94,7 @@ def read_sensor_image(
     """
     path = Path(path)
     row = format_of(path)
-    picture = row.decode(path, "photograph", None)
+    picture = row.decode(path, "photograph")
     values = picture.values
     encoded = _is_encoded(picture, path)
     if encoded and (has_black or white is not None):

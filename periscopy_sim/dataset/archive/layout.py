@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.completion import Block, digest_of
-from periscopy_sim.storage.outputs.store import attributes_of
+from periscopy_sim.storage.outputs.store import Block, attributes_of, digest_of
 
 KIND = "periscopy data set"
 

@@ -15,7 +15,7 @@ import numpy as np
 from periscopy_sim.dataset.archive.layout import BOUNCED_ERROR, Layout, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.completion import (
+from periscopy_sim.storage.outputs.store import (
     Block,
     checksum,
     is_recorded,
@@ -124,7 +124,7 @@ def verify_dataset(
 def _fault(path: Path, group: Any, block: Block) -> str:
     """Return what is wrong with a block; empty where nothing is."""
     record = read_record(path, block.number)
-    for name, expected in ({} if record is None else record["crc32c"]).items():
+    for name, expected in record["crc32c"].items():
         try:
             if checksum(path / block.files[name]) != expected:
                 return f"{name}: another checksum"

@@ -24,8 +24,7 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
-from periscopy_sim.storage.outputs.completion import MAKING, digest_of
-from periscopy_sim.storage.outputs.store import BlockStore, check_place
+from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place, digest_of
 
 SHARES_PER_THREAD = 4
 """Tasks for each thread of a Dask cluster, so that none waits long for the last."""

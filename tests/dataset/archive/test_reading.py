@@ -9,7 +9,7 @@ from periscopy_sim.dataset.archive.layout import read_head
 from periscopy_sim.dataset.archive.reading import Damage, describe, verify_dataset
 from periscopy_sim.dataset.making.make import make_dataset
 from periscopy_sim.errors import DatasetError, OutputError
-from periscopy_sim.storage.outputs.completion import record_file
+from periscopy_sim.storage.outputs.store import record_file
 
 
 @pytest.fixture(scope="module")

