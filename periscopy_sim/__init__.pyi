@@ -57,7 +57,7 @@ from .scenario import Scenario
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
-from .storage.sequences.opening import open_frames
+from .storage.sequences import open_frames
 from .storage.wall_marks import read_wall_points, read_wall_tags
 
 __all__ = [

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import OutputError, PhotographError
+from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.checking import check_real
 from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
@@ -54,38 +54,30 @@ Write = Callable[[Transport, Mapping[str, Any]], None]
 def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     """Yield the function that writes a matrix of some bounces; its files appear once all are whole.
 
-    That they can be written is tried on entry, before hours of rendering; see `staged_file`. The
-    record holds the digests of the others, so that those of two matrices are not taken for one.
+    The places are tried on entry, before hours of rendering; see `staged_file`. The record holds
+    the digests of the other files, so that those of two matrices are not taken for one.
     """
+    bounced = () if bounces == DIRECT else (bounced_of(path),)
     with ExitStack() as stack:
-        staged, staged_record = (
-            stack.enter_context(staged_file(file)) for file in (path, record_of(path))
+        staged, staged_record, *staged_bounced = (
+            stack.enter_context(staged_file(file)) for file in (path, record_of(path), *bounced)
         )
-        staged_bounced = None
-        if bounces != DIRECT:
-            staged_bounced = stack.enter_context(staged_file(bounced_of(path)))
 
         def write(A: Transport, record: Mapping[str, Any]) -> None:
             mean = channels_mean(A)
-            told = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
             np.save(staged, mean)
-            if staged_bounced is not None:
-                assert isinstance(A, BouncedTransport)
-                held = A.bounced
-                np.savez(staged_bounced, over_wall=held.over_wall, of_patches=held.of_patches,
-                         relative_error=held.relative_error)  # fmt: skip
-                told["bounced_sha256"] = _sha256(held.over_wall, held.of_patches)
-                record = {**record, "bounced_relative_error": held.relative_error}
-            staged_record.write_text(json.dumps({**record, **told}, indent=2) + "\n", "utf-8")
+            made = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
+            if isinstance(A, BouncedTransport):
+                light = {name: getattr(A.bounced, name) for name in ("over_wall", "of_patches")}
+                error = A.bounced.relative_error
+                np.savez(staged_bounced[0], **light, relative_error=error)
+                made["bounced_sha256"] = _sha256(*light.values())
+                record = {**record, "bounced_relative_error": error}
+            staged_record.write_text(json.dumps({**record, **made}, indent=2) + "\n", "utf-8")
 
         yield write
-    if bounces == DIRECT:
-        try:  # of a matrix that stood there before
-            bounced_of(path).unlink(missing_ok=True)
-        except OSError as error:
-            raise OutputError(
-                f"cannot remove {bounced_of(path)}, of another matrix: {error}"
-            ) from None
+    if not bounced:
+        bounced_of(path).unlink(missing_ok=True)  # of a matrix that stood there before
 
 
 def read_prototypes(path: Path, pixels: int) -> NDArray[np.float64]:

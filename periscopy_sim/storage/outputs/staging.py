@@ -90,6 +90,8 @@ def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
     """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     undo.callback(_remove_empty, made)
+    if folder.is_file():
+        raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder")
     folder.mkdir(parents=True, exist_ok=True)
     for leftover in folder.glob(f".{glob.escape(target.name)}-????????.partial{target.suffix}"):
         _remove(leftover)
