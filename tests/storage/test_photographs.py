@@ -1,6 +1,8 @@
-import os
 import struct
+import subprocess
+import sys
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -137,14 +139,6 @@ def test_8_bit_files_are_decoded_with_a_warning(tmp_path, suffix):
     assert len(photograph.warnings) == 1 and "sRGB" in photograph.warnings[0]
 
 
-def test_jpeg_is_decoded_with_a_warning(tmp_path):
-    Image.new("RGB", SHAPE[::-1], (188, 99, 10)).save(tmp_path / "y.jpg", quality=100)
-    photograph = read(tmp_path / "y.jpg")
-    expected = [standard_decode(c) for c in (188, 99, 10)]
-    assert np.allclose(photograph.values, expected, atol=0.01)
-    assert "8-bit JPEG" in photograph.warnings[0]
-
-
 @pytest.mark.parametrize("shape", [SHAPE, (*SHAPE, 1)])
 def test_one_channel_is_grey(tmp_path, shape):
     grey = COUNTS[..., 0].reshape(shape)
@@ -172,24 +166,6 @@ def test_alpha_is_left_out_with_a_warning(tmp_path, channels):
         )
         assert len(photograph.warnings) == 1 and "alpha" in photograph.warnings[0]
     assert "left out the channels A" in read(tmp_path / "y.exr").warnings[0]
-
-
-class Grenade:
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
-
-
-def test_pickles_are_never_loaded(tmp_path):
-    crate = np.full(SHAPE, Grenade(tmp_path / "exploded"), dtype=object)
-    np.save(tmp_path / "y.npy", crate)
-    np.savez(tmp_path / "y.npz", photograph=crate)
-    for name in ("y.npy", "y.npz"):
-        with pytest.raises(PhotographError, match="allow_pickle"):
-            read(tmp_path / name)
-    assert not (tmp_path / "exploded").exists()
 
 
 def test_colours_other_than_rgb_are_refused(tmp_path):
@@ -282,3 +258,22 @@ def test_other_curves_and_damaged_profiles_are_refused(tmp_path):
         tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack", iccprofile=profile)
         with pytest.raises(PhotographError, match=told):
             read(tmp_path / "y.tif")
+
+
+def test_import_brings_in_no_decoder():
+    script = (
+        "import sys, periscopy_sim.storage.sequences, periscopy_sim.storage.outputs.provenance\n"
+        "heavy = {'mitsuba', 'scipy', 'OpenEXR', 'tifffile', 'PIL', 'png', 'zarr', 'yaml'}\n"
+        "print(*heavy & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == ""
+
+
+def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):
+    for k in range(40):
+        np.save(tmp_path / f"{k}.npy", LIGHT)
+    with ThreadPoolExecutor(4) as pool:
+        photographs = list(pool.map(read, tmp_path.iterdir()))
+    print("read", len(photographs))
+    assert capfd.readouterr() == ("read 40\n", "")

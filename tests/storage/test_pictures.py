@@ -104,12 +104,6 @@ def test_floating_point_pictures_are_linear(tmp_path):
         assert np.allclose(found, brute_force_average(LIGHT, (4, 2)), rtol=1e-6), name
 
 
-def test_integer_arrays_are_fractions(tmp_path):
-    for dtype, white in ((np.uint8, 255), (np.uint16, 65535)):
-        np.save(tmp_path / "f.npy", np.array([[white, 0, white // 5]], dtype))
-        assert np.allclose(read_hidden_image(tmp_path / "f.npy", (1, 3))[..., 1], [[1, 0, 0.2]])
-
-
 def test_transparent_parts_are_dark(tmp_path):
     pixels = np.array([[[255, 255, 255, 255], [255, 255, 255, 0], [255, 255, 255, 51]]], np.uint8)
     Image.fromarray(pixels).save(tmp_path / "f.png")

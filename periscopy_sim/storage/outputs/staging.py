@@ -46,7 +46,8 @@ def staged_file(path: Path) -> Iterator[Path]:
         with _reported(path):
             target = Path(os.path.realpath(path))  # absolute: the block may change folder
             if target.exists() and not target.is_file():
-                raise OutputError(f"cannot write {path}: it is no regular file; name another")
+                kind = "a folder" if target.is_dir() else "no regular file"
+                raise OutputError(f"cannot write {path}: it is {kind}; name another")
             staged = _temporary_name(target, target.parent, undo)
             staged.touch()  # shows before hours of work whether the place can be written
         with out_of_space_reported(path):
