@@ -169,7 +169,7 @@ def test_frames_of_another_size_are_refused_before_any_is_read(form, save, line_
 
 def test_folder_without_photographs_or_with_two_kinds_is_refused(line_of, tmp_path):
     (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(PhotographError, match="holds no picture"):
+    with pytest.raises(PhotographError, match="holds no file"):
         open_frames(tmp_path, SHAPE)
     np.save(tmp_path / "y10.npy", CLIP[0])
     np.save(tmp_path / "y2.npy", CLIP[0])

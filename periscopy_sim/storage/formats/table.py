@@ -96,9 +96,9 @@ def format_of(path: Path) -> FileFormat:
             suffix = path.suffix.lower()
             special = (r for r in FORMATS if r.within == row.name and suffix in r.suffixes)
             return next(special, row)
-    known = ", ".join(row.name for row in FORMATS if row.suffixes)
+    *others, last = (row.name for row in FORMATS if row.suffixes)
     raise PhotographError(
-        f"{path}: is empty, damaged at its start or of an unknown format; save it as one of {known}"
+        f"{path}: is no {', '.join(others)} or {last} file, or is damaged at its start; save it again"
     )
 
 
