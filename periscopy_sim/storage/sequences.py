@@ -169,7 +169,8 @@ def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
     if len(of_kind) != 1:
         examples = listed([f"{kind} ({files[0].name})" for kind, files in of_kind.items()])
         raise PhotographError(
-            f"{folder}: holds {examples or 'no file named as a picture'}; keep frames of one format alone there"
+            f"{folder}: holds {examples or 'no file named as a picture'}; keep frames of one "
+            "format alone there"
         )
     return next(iter(of_kind.values())), others
 

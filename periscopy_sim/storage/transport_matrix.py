@@ -115,7 +115,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     if bounces == DIRECT:
         return A
     file = bounced_of(path)
-    with decoding(file, "NPZ", AGAIN), np.load(file, allow_pickle=False) as data:
+    with decoding(file, "NPZ", AGAIN), file.open("rb") as stream, np.load(stream) as data:
         light = BouncedLight(data["over_wall"], data["of_patches"], float(data["relative_error"]))
     if _sha256(light.over_wall, light.of_patches) != record.get("bounced_sha256"):
         raise PhotographError(f"{file}: is of another matrix than {path}; {AGAIN}")

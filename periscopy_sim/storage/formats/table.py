@@ -98,7 +98,7 @@ def format_of(path: Path) -> FileFormat:
             return next(special, row)
     *others, last = (row.name for row in FORMATS if row.suffixes)
     raise PhotographError(
-        f"{path}: is no {', '.join(others)} or {last} file, or is damaged at its start; save it again"
+        f"{path}: is no {', '.join(others)} or {last} file, or damaged at its start"
     )
 
 
