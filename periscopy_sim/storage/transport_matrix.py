@@ -137,6 +137,8 @@ def _checked_record(path: Path, scenario: Scenario) -> dict[str, Any]:
     """Return the JSON beside a matrix, which must be of the scene; empty without one."""
     file = record_of(path)
     if not file.is_file():
+        if bounced_of(path).is_file():
+            raise PhotographError(f"{file}: is missing, and {bounced_of(path)} needs it; {AGAIN}")
         return {}
     wanted = {
         "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
