@@ -50,12 +50,6 @@ def test_one_image_stands_for_every_frame(tmp_path):
         assert found.shape == (4, *PATCHES, 3) and np.allclose(found, averaged(light)), name
 
 
-def test_grey_stack_has_three_equal_channels(tmp_path):
-    np.save(tmp_path / "f.npy", SENT[..., :1] / 255)
-    expected = averaged(np.repeat(SENT[..., :1] / 255, 3, axis=3))
-    assert np.allclose(hidden(tmp_path / "f.npy"), expected)
-
-
 def test_wrong_number_of_hidden_frames_is_refused(line_of, tmp_path):
     np.save(tmp_path / "f.npy", SENT)
     for count in (1, 3, 5):

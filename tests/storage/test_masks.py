@@ -47,17 +47,13 @@ def palette(path):
 
 FORMS = {
     "1-bit.png": png_of(1),
-    "2-bit.png": png_of(2),
     "8-bit.png": png_of(8),
     "16-bit.png": png_of(16),
-    "colour.png": png_of(8, planes=3),
     "deep-colour.png": png_of(16, planes=3),
     "palette.png": palette,
-    "pillow.png": lambda path: Image.fromarray(MASK).save(path),
     "ours.png": lambda path: write_png(path, colour(MASK), {}),
     "dim.png": lambda path: Image.fromarray((40 * MASK + 10).astype(np.uint8)).save(path),
     "grey.jpg": lambda path: Image.fromarray((255 * MASK).astype(np.uint8)).save(path, quality=98),
-    "8-bit.tif": lambda path: tifffile.imwrite(path, (255 * MASK).astype(np.uint8)),
     "16-bit.tif": lambda path: tifffile.imwrite(path, (60000 * MASK).astype(">u2")),
     "float.tif": lambda path: tifffile.imwrite(
         path, colour(MASK.astype(np.float32)), photometric="rgb"
@@ -65,14 +61,8 @@ FORMS = {
     "colour.exr": lambda path: write_exr(path, colour(0.3 * MASK), {}),
     "grey.exr": grey_exr,
     "truth.npy": lambda path: np.save(path, MASK),
-    "fortran.npy": lambda path: np.save(path, np.asfortranarray(MASK)),
-    "channel.npy": lambda path: np.save(path, MASK[..., None]),
     "channels.npy": lambda path: np.save(path, colour(MASK)),
-    "whole.npy": lambda path: np.save(path, MASK.astype(">i8")),
-    "bytes.npy": lambda path: np.save(path, MASK.astype(np.int8)),
     "huge.npy": lambda path: np.save(path, np.where(MASK, 2**64 - 1, 0).astype(np.uint64)),
-    "negative.npy": lambda path: np.save(path, np.where(MASK, 1.0, -3.0)),
-    "big-endian.npy": lambda path: np.save(path, np.asfortranarray(1e-20 * MASK, ">f8")),
     "mask.npz": lambda path: np.savez(path, mask=MASK, photograph=np.zeros(3)),
 }
 

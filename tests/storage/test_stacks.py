@@ -41,12 +41,6 @@ def test_zarr_chunks_may_lie_anyhow(chunks, zarr_format, save, tmp_path):
     assert np.array_equal(read(tmp_path / "y.zarr"), CLIP)
 
 
-def test_sharded_zarr_is_read(save, tmp_path):
-    save.bare_zarr(tmp_path / "y.zarr", CLIP, chunks=(1, 6, 5, 3), shards=(4, 6, 5, 3))
-    frames = open_frames(tmp_path / "y.zarr", SHAPE)
-    assert frames.warnings == () and np.array_equal([f.values for f in frames], CLIP)
-
-
 # -- what is refused -----------------------------------------------------------------------------
 
 
@@ -107,13 +101,6 @@ def test_zarr_chunk_that_is_not_there_is_told(save, tmp_path):
     frames = open_frames(tmp_path / "y.zarr", SHAPE)
     assert frames.warnings[0].startswith(f"{tmp_path / 'y.zarr'}: 1 of 2 chunks are not there")
     assert (next(iter(frames)).values[3:] == 0).all()
-
-
-def test_damaged_zarr_is_refused(save, tmp_path):
-    save.zarr(tmp_path / "y.zarr", CLIP)
-    (tmp_path / "y.zarr" / "zarr.json").write_text("{")
-    with pytest.raises(PhotographError, match=r"y\.zarr: cannot be read as Zarr"):
-        open_frames(tmp_path / "y.zarr", SHAPE)
 
 
 class Trap:

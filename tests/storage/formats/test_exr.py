@@ -38,12 +38,6 @@ def test_any_memory_layout_is_written_right(tmp_path, view):
     assert np.array_equal(read_exr(tmp_path / "y.exr")[0], view)
 
 
-def test_other_readers_see_the_same_channels(tmp_path):
-    write_exr(tmp_path / "y.exr", IMAGE, {"sbr": 0.5})
-    with OpenEXR.File(str(tmp_path / "y.exr")) as file:
-        assert np.array_equal(file.channels()["RGB"].pixels, IMAGE)
-
-
 def test_same_inputs_give_the_same_bytes_in_any_process(tmp_path):
     write_exr(tmp_path / "here.exr", IMAGE, {"a": "x", "b": 2.0})
     np.save(tmp_path / "image.npy", IMAGE)
@@ -77,12 +71,6 @@ def test_channels_are_told_by_name_in_any_layer(tmp_path):
     assert set(picture.left_out) == {"wall.A", "depth.Z"}
 
 
-def test_unnamed_layer_goes_first(tmp_path):
-    names = [f"{layer}{c}" for layer in ("", "albedo.") for c in "RGB"]
-    path = save(tmp_path / "y.exr", {n: plane(i) for i, n in enumerate(names)})
-    assert np.array_equal(read_exr(path)[0][0, 0], [0, 1, 2])
-
-
 @pytest.mark.parametrize("name", ["Y", "R", "wall.intensity"])
 def test_lone_channel_is_grey(tmp_path, name):
     image, _ = read_exr(save(tmp_path / "y.exr", {name: plane(4), "A": plane(1)}))
@@ -94,12 +82,6 @@ def test_channels_that_are_no_one_picture_are_listed(tmp_path, names):
     path = save(tmp_path / "y.exr", {n: plane(1) for n in names})
     with pytest.raises(PhotographError, match=sorted(names)[0]):
         read_exr(path)
-
-
-def test_two_layers_of_colour_are_ambiguous(tmp_path):
-    names = [f"{layer}.{c}" for layer in ("a", "b") for c in "RGB"]
-    with pytest.raises(PhotographError, match="exactly one"):
-        read_exr(save(tmp_path / "y.exr", {n: plane(1) for n in names}))
 
 
 def test_several_parts_and_deep_images_are_refused(tmp_path):

@@ -88,13 +88,6 @@ def test_unwritable_place_is_refused_before_the_block(tmp_path, place, staged_ou
     assert file.read_bytes() == b"precious" and entries(tmp_path) == {"file"}
 
 
-def test_folder_is_no_place_for_a_file_nor_a_device(tmp_path):
-    for path in (tmp_path, Path("/dev/null")):
-        with pytest.raises(OutputError), staged_file(path):
-            pytest.fail("entered")
-    assert Path("/dev/null").is_char_device()
-
-
 def test_full_disk_is_the_users_to_fix(tmp_path):
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     for staged_output in (staged_file, staged_folder):

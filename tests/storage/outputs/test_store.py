@@ -170,12 +170,6 @@ def test_record_that_contradicts_the_head_is_made_anew(tmp_path, change, number)
     assert contents(tmp_path / "d") == before
 
 
-def test_archive_without_samples_is_laid_out_anew_for_others(tmp_path):
-    archive(tmp_path / "d", 11)
-    other = {**ATTRIBUTES, "configuration": {"seed": 2}}
-    assert list(archive(tmp_path / "d", 7, other).missing()) == [0, 1, 2]
-
-
 def test_leftovers_of_killed_runs_go_and_files_of_others_stay(tmp_path):
     filled(tmp_path / "d")
     before = contents(tmp_path / "d")
@@ -199,22 +193,6 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
         made.write(1, block(1))
     monkeypatch.undo()
     assert list(archive(tmp_path / "d").missing()) == [1]
-
-
-def test_places_of_other_things_are_refused_and_left_alone(tmp_path):
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(OutputError, match="is a file"):
-        check_place(tmp_path / "file")
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full/thesis.tex").write_text("x")
-    with pytest.raises(OutputError, match="is not empty and no data set"):
-        check_place(tmp_path / "full")
-    assert [file.name for file in (tmp_path / "full").iterdir()] == ["thesis.tex"]
-    check_place(tmp_path / "new")
-    (tmp_path / "empty").mkdir()
-    check_place(tmp_path / "empty")
-    filled(tmp_path / "d")
-    check_place(tmp_path / "d")
 
 
 def test_attributes_are_those_given_and_no_others_are_read(tmp_path):
