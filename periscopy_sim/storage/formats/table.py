@@ -98,7 +98,7 @@ def format_of(path: Path) -> FileFormat:
             return next(special, row)
     *others, last = (row.name for row in FORMATS if row.suffixes)
     raise PhotographError(
-        f"{path}: is no {', '.join(others)} or {last} file, or damaged at its start"
+        f"{path}: is no {', '.join(others)} or {last} file, or is empty or damaged"
     )
 
 
