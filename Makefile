@@ -44,7 +44,7 @@ benchmark: $(VENV)/installed-experiments
 leaderboard: $(VENV)/installed-leaderboard
 	$(BIN)/python -m benchmarks run --out out/leaderboard
 
-# Networks of your own for ps.Learned, in out/learned/trained. PHOTOGRAPHS=FOLDER to learn from, too.
+# A network of your own for ps.Learned, in out/learned/trained. PHOTOGRAPHS=FOLDER to learn from, too.
 learned: $(VENV)/installed-experiments
 	$(BIN)/python -m pip install --quiet --editable '.[learned]'
 	mkdir -p out/learned
@@ -52,9 +52,7 @@ learned: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.learned.pictures --out out/learned/pictures $(if $(PHOTOGRAPHS),--also $(PHOTOGRAPHS))
 	$(BIN)/periscopy dataset out/learned/training.yaml --out out/learned/photographs.zarr
 	$(BIN)/python -m experiments.learned.samples out/learned/photographs.zarr --out out/learned/samples
-	$(BIN)/python -m experiments.learned.train out/learned/samples --network unrolled --out out/learned/trained
-	$(BIN)/python -m experiments.learned.train out/learned/samples --network unet --out out/learned/trained
-	$(BIN)/python -m experiments.learned.train out/learned/samples --network plug-and-play --out out/learned/trained
+	$(BIN)/python -m experiments.learned.train out/learned/samples --out out/learned/trained
 
 # The pages and the gallery, whose scripts run: out/docs/index.html. A warning is an error.
 docs: $(VENV)/installed-docs

@@ -211,25 +211,6 @@ def processor_seconds() -> float:
     return sum(os.times()[:4])
 
 
-def alone(experiment: Experiment) -> None:
-    """Run one experiment from the command line and print its claims."""
-    typer.run(command_of(experiment))
-
-
-def command_of(experiment: Experiment) -> Callable[..., None]:
-    """Return one experiment's command, for typer."""
-
-    def main(out: Out, real: Real = None, rendered: Rendered = None) -> None:
-        with one_line_errors():
-            section = timed(experiment, Setting(out, real, rendered))
-        for claim in section.claims:
-            print(f"{claim.what}: {claim.measured} (paper: {claim.stated}) {claim.verdict}")
-        print(f"{section.name}: {took(section)}")
-
-    main.__doc__ = experiment.__doc__
-    return main
-
-
 def took(section: Section) -> str:
     """Return a section's times in words."""
     if section.seconds is None or section.processor_seconds is None:
@@ -238,9 +219,9 @@ def took(section: Section) -> str:
 
 
 def described(docstring: str | None) -> str:
-    """Return what a module's docstring says between its first line and its command, for a page."""
-    paragraphs = (docstring or "").strip().split("\n\n")
-    return " ".join(" ".join(paragraphs[1:-1]).split())
+    """Return a module's docstring after its first line as one paragraph, commands left out."""
+    paragraphs = (docstring or "").strip().split("\n\n")[1:]
+    return " ".join(" ".join(p for p in paragraphs if not p.startswith("`python")).split())
 
 
 @contextmanager

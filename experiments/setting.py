@@ -268,7 +268,8 @@ def kept(
 ) -> Array:
     """Render a picture, (rows, columns, 3), or read the file that holds it.
 
-    The file is taken if its metadata are what the picture `depends` on; `provenance` is only told.
+    The function reads the file if its metadata are what the picture `depends` on; it only records
+    `provenance`.
     """
     if not (file.is_file() and depends.items() <= read_exr(file)[1].items()):
         with staged_file(file) as staged:

@@ -2,12 +2,12 @@
 
 from .adapters.linear_operator import transport_operator
 from .adapters.torch_transport import TorchTransport
+from .analytic.area_transport import analytic_transport
 from .analytic.point_light import (
     paper_grid,
     point_light_backgrounds,
     point_light_response,
 )
-from .analytic.transport import analytic_transport
 from .calibration.calibrate import calibrate
 from .calibration.result import Calibration
 from .calibration.silhouette.recover import recover_silhouette
@@ -27,9 +27,9 @@ from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .photographs.border import bad_border
 from .photographs.defects import defective_pixels
-from .photographs.developing.develop import develop
+from .photographs.develop import develop
+from .photographs.marks import WallPoints, WallTags
 from .photographs.prepare import Prepared, prepare
-from .photographs.view.wall_marks import WallPoints, WallTags
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -107,6 +107,8 @@ class Scenario:
     wall_relief
         How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
         in metres: there it might cast shadows.
+    loader
+        Loads the scene file at other values; see `at`.
     """
 
     path: Path
@@ -127,6 +129,24 @@ class Scenario:
     blur: float = 0.0
     wall_texture: Array | None = field(default=None, repr=False)
     wall_relief: float = 0.0
+    loader: Callable[[Mapping[str, str]], Scenario] | None = field(default=None, repr=False)
+
+    def at(self, **values: str | float) -> Scenario:
+        """Return the same scene with other values for its file's ``<default>``s.
+
+        Those not named keep their values. The file's text is not read again unless it changed.
+
+        Raises
+        ------
+        SceneError
+            If the file declares no such parameter, or there is no such scene, see `load_scenario`.
+        ValueError
+            If the scenario was made of arrays, not of a file.
+        """
+        if self.loader is None:
+            raise ValueError("this scenario has no scene file to load at other values")
+        given = {name: str(value) for name, value in values.items()}
+        return self.loader({**self.parameters, **given})
 
     def __repr__(self) -> str:
         """Return its file, sizes and parameters on one line."""

@@ -26,7 +26,7 @@ FLOORS = [
     {"figures", "evaluation", "dataset", "calibration", "laboratory", "adapters", "deepinv"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
-    {"scenario", "shipped", "extras"},
+    {"photograph", "scenario", "shipped", "extras"},
     {"numerics", "errors"},
 ]
 FLOOR = {part: -level for level, parts in enumerate(FLOORS) for part in parts}

@@ -18,8 +18,6 @@ POSIX_NAMES = {
 # What only Linux tells, by scripts that measure memory or are run on purpose.
 MEASURING = {
     "experiments/fuzz",
-    "experiments/benchmarks/large.py",
-    "experiments/studies/dataset_kills.py",
     "benchmarks/entry.py",
 }
 RESERVED = {"con", "prn", "aux", "nul", *(f"{n}{k}" for n in ("com", "lpt") for k in range(1, 10))}

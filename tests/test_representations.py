@@ -6,7 +6,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.result import Parameter
-from periscopy_sim.photographs.checking import Photograph
+from periscopy_sim.photograph import Photograph
 
 SHAPES = {"hidden_shape": (3, 4), "photograph_shape": (6, 8)}
 
@@ -70,7 +70,7 @@ def test_videos_and_preconditioners_tell_their_sizes(transport):
 def test_photographs_and_backgrounds_tell_their_size(photograph):
     values = photograph.copy()
     values[0] = np.nan  # masked
-    line = told_briefly(Photograph(values, ("dim",)))
+    line = told_briefly(Photograph(values, warnings=("dim",)))
     assert line == f"Photograph(6x8, mean {values[1:].mean():.3g}, 1 warnings)"
     assert (
         told_briefly(Photograph(np.full((2, 3, 3), np.nan)))

@@ -2,32 +2,28 @@
 
 `python -m experiments.benchmarks --out DIR [--only stills,scale]` writes `index.html`,
 `claims.json` and the plot of cost against size. Absolute times belong to one machine; the ratios,
-measured in one run, carry over. Two run only when asked for: `--only large`, 180 x 144 patches,
-takes a quarter of an hour, 12 GB of memory and 7 GB of disk; `--only live` needs a browser.
+measured in one run, carry over. One runs only when named: `--only live` needs a browser.
 """
 
 import typer
 
-from experiments.benchmarks.large import large
 from experiments.benchmarks.learned import learned
 from experiments.benchmarks.live import live
 from experiments.benchmarks.machine_limits import machine
 from experiments.benchmarks.operators import operators
 from experiments.benchmarks.scale import scale, transport
-from experiments.benchmarks.stills import denoising, differencing, stills, video
+from experiments.benchmarks.stills import denoising, stills, video
 from experiments.page import Experiment, Page
 
 BENCHMARKS: dict[str, Experiment] = {
     "machine": machine,
     "stills": stills,
     "denoising": denoising,
-    "differencing": differencing,
     "scale": scale,
     "video": video,
     "transport": transport,
     "operators": operators,
     "learned": learned,
-    "large": large,
     "live": live,
 }
 
@@ -38,7 +34,7 @@ PAGE = Page(
     names=tuple(BENCHMARKS),
     stated="asked",
     functions=BENCHMARKS,
-    on_demand=("large", "live"),
+    on_demand=("live",),
 )
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""One photograph by each learned method, beside the noise-aware one."""
+"""One photograph by the learned method, beside the noise-aware one."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ from experiments.benchmarks.scene import SMALL, photographs_of, seconds_text
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Chair, Setting
 from experiments.timing import interleaved_seconds
-from periscopy_sim.reconstruction.learned.weights import NETWORKS
 
 RUNS = 41
 MOST = 0.06
-"""Seconds asked for a still of the unrolled network."""
+"""Seconds asked for a still."""
 
 
 def learned(_: Setting) -> Section:
-    """Time stills of all methods in turn."""
-    title = "Learned methods, 36 x 29 patches, 126 x 126 pixels"
+    """Time stills of both methods in turn."""
+    title = "Learned method, 36 x 29 patches, 126 x 126 pixels"
     if find_spec("torch") is None:
         return Section("learned", title, "PyTorch is not installed: not measured.")
     scene = Chair(SMALL)
     y = photographs_of(scene, 1)[0]
     seen = scene.scenario, scene.A, scene.B
     methods: dict[str, ps.NoiseAware] = {"noise-aware": ps.NoiseAware.for_scene(*seen)}
-    methods |= {name: ps.Learned.for_scene(*seen, weights=name) for name in NETWORKS}
+    methods["unrolled"] = ps.Learned.for_scene(*seen)
     tasks = {name: partial(method.reconstruct, y) for name, method in methods.items()}
     seconds = interleaved_seconds(tasks, RUNS)
     claims = [

@@ -22,7 +22,7 @@ from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
 from periscopy_sim.live.choice import SBR, SNR, Choice
 from periscopy_sim.live.page import GIZMO, Offered
-from periscopy_sim.live.session import Session
+from periscopy_sim.live.session import LiveSession
 
 UPDATES, FULL = 5.0, 5.0
 """Goals: pictures a second while dragging, and seconds from letting go to the full ones."""
@@ -49,7 +49,7 @@ def live(_: Setting) -> Section:
     before = os.getloadavg()[0]
     with (
         chromium() as browser,
-        Session(ps.load_scenario("chair", SMALL), first, offered, lambda _: "") as session,
+        LiveSession(ps.load_scenario("chair", SMALL), first, offered, lambda _: "") as session,
         running(session),
     ):
         page = visit(session, browser)
@@ -100,7 +100,7 @@ def chromium() -> Iterator[Any]:
 
 
 @contextmanager
-def running(session: Session) -> Iterator[None]:
+def running(session: LiveSession) -> Iterator[None]:
     """Run a session in a thread of its own; at the end nothing of that is left."""
     thread = Thread(target=session.run)
     thread.start()
@@ -113,21 +113,21 @@ def running(session: Session) -> Iterator[None]:
             raise RuntimeError("the session did not stop")
 
 
-def visit(session: Session, browser: Any, requests: list[str] | None = None) -> Any:
+def visit(session: LiveSession, browser: Any, requests: list[str] | None = None) -> Any:
     """Open the page, and wait for its full pictures; what it asks the network for is noted."""
     page = browser.new_page(viewport={"width": 1200, "height": 800})
     page.set_default_timeout(1000 * PATIENCE)
     if requests is not None:
         page.on("request", lambda request: requests.append(request.url))
         page.on("websocket", lambda websocket: requests.append(websocket.url))
-    page.goto(f"http://127.0.0.1:{session.page.port}")
+    page.goto(session.page.gate.url)
     page.wait_for_function(f"!!{SHEET}")
     page.get_by_text("full pictures").wait_for()
     page.wait_for_timeout(2000)  # the scene's first frames
     return page
 
 
-def drag(session: Session, page: Any, name: str, seconds: float) -> None:
+def drag(session: LiveSession, page: Any, name: str, seconds: float) -> None:
     """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
     at = session.page.handle(name).position(session.page.choice.values)
     grip = at + np.array([0.75 * GIZMO, 0, 0])
@@ -144,7 +144,7 @@ def drag(session: Session, page: Any, name: str, seconds: float) -> None:
     page.mouse.up()
 
 
-def _dragged(session: Session, page: Any) -> tuple[float, float]:
+def _dragged(session: LiveSession, page: Any) -> tuple[float, float]:
     """Return the pictures a second of a drag, and the seconds from its end to the full ones."""
     page.evaluate(COUNT)
     begun = time.monotonic()
@@ -155,7 +155,7 @@ def _dragged(session: Session, page: Any) -> tuple[float, float]:
     return rate, time.monotonic() - released
 
 
-def _on_screen(session: Session, page: Any, point: np.ndarray) -> tuple[float, float]:
+def _on_screen(session: LiveSession, page: Any, point: np.ndarray) -> tuple[float, float]:
     """Return where a point of the scene, (3,), is drawn, in pixels of the page."""
     from scipy.spatial.transform import Rotation
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from functools import partial
 
 import numpy as np
@@ -118,54 +117,6 @@ def denoising(_: Setting) -> Section:
             )
         )
     return Section("denoising", "Total variation", claims=claims)
-
-
-def differencing(_: Setting) -> Section:
-    """Solve the problem of [15] within 1 % of its least objective, and by a plain NumPy port."""
-    scene = Chair(SMALL)
-    shape = scene.scenario.photograph_shape
-    y = photographs_of(scene, 1)[0] * [0, 1, 0]
-    port = peers.NumpyDifferencing(scene.A.astype(np.float64), shape, SMALL)
-    method = scene.differencing
-    exact = method.solve(y)
-    column, λ = y[..., 1].ravel(), float(exact.weight[1])
-
-    def excess(f: Array) -> float:
-        least = port.objective(exact.image[..., 1].ravel(), column, λ)
-        return port.objective(f, column, λ) / least - 1
-
-    iterations = 50
-    while excess(port.solve(column, λ, iterations)) > 0.01 and iterations < 20_000:
-        iterations *= 2
-    tolerance = 0.1
-    while excess(_at(method, tolerance).solve(y).image[..., 1].ravel()) > 0.01:
-        tolerance /= 10
-    ours = median_seconds(partial(_at(method, tolerance).solve, y), 5)
-    theirs = median_seconds(partial(port.solve, column, λ, iterations), 5)
-    best = excess(port.solve(column, λ, 10_000))
-    return Section(
-        "differencing",
-        "The method of [15], one channel",
-        claims=[
-            compare(
-                f"to 1 % above the least objective, against {iterations} iterations in NumPy",
-                "",
-                ours,
-                theirs,
-                None,
-                f"Without the preparation of either. Ours: stopped at a gap of {tolerance:g}; its "
-                f"default, 1e-7, takes {seconds_text(median_seconds(partial(method.solve, y), 3))}."
-                f" The port, whose prox is inexact, stays {best:.1e} above after 10,000.",
-            )
-        ],
-    )
-
-
-def _at(method: ps.Differencing, tolerance: float) -> ps.Differencing:
-    """Return the same method with another tolerance, its preparation shared."""
-    other = copy(method)
-    other.tolerance = tolerance
-    return other
 
 
 def video(_: Setting) -> Section:

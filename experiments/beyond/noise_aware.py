@@ -3,8 +3,6 @@
 Each photograph is taken under the realistic ambient conditions, with three draws of noise; bands
 hold nine tenths of them. Errors are as the images stand, gain-matched; of a real photograph, whose
 monitor's place is known to about a patch, after the best shift of at most 2 patches.
-
-`python -m experiments.beyond.noise_aware --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, label_row, show_light
-from experiments.page import alone, described
+from experiments.page import described
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Setting
 from experiments.sweeps import errors_of, of_method, swept
@@ -158,7 +156,3 @@ def _draw_images(
                     matched, error = ps.gain_matched(image, truth), ps.psnr(image, truth)
                 show_light(ax, matched, 1)
                 ax.set_title(f"SBR {sbr:g}: {error:.1f} dB")
-
-
-if __name__ == "__main__":
-    alone(run)

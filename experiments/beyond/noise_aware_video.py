@@ -1,8 +1,6 @@
 """Video by the noise-aware method beside the paper's: the error of each frame, and the speed.
 
 The clips, the ambient light and the noise are those of Fig. 7, at two signal-to-background ratios.
-
-`python -m experiments.beyond.noise_aware_video --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, draw_means, drawn
-from experiments.page import alone
 from experiments.paper.fig7 import CONDITION, FRAMES, STARTS, STEADY, photographs_of
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
@@ -121,7 +118,7 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
     def steady(case: tuple[str, float], method: str, coupling: str) -> float:
         return float(errors[*case, method, coupling][:, STEADY].mean())
 
-    def told(ratios: Sequence[float]) -> str:
+    def ratios_text(ratios: Sequence[float]) -> str:
         texts = [f"{ratio:.2f}" for ratio in ratios]
         return f"{MOTION} {texts[0]} and {texts[1]}, {REST} {texts[2]} and {texts[3]}"
 
@@ -145,7 +142,7 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
             Claim(
                 "mean squared error from frame 7 on over that of stills, at both SBRs",
                 "below 1",
-                told(over_stills),
+                ratios_text(over_stills),
                 Verdict.of(max(over_stills) < 1),
                 "Drawn towards the frame before by the distance of its colours, a patch stays as "
                 "it was until the photograph has reason enough against it.",
@@ -153,7 +150,7 @@ def _section(setting: Setting, errors: Errors, rates: Rates) -> Section:
             Claim(
                 "the same, over that of the paper's method for video",
                 "",
-                told(over_paper),
+                ratios_text(over_paper),
                 Verdict.MEASURED,
             ),
         ],
@@ -205,7 +202,3 @@ def _draw(setting: Setting, errors: Errors) -> None:
         for ax in panels[-1]:
             ax.set(xlabel="frame")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-
-
-if __name__ == "__main__":
-    alone(run)

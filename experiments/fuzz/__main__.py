@@ -1,10 +1,10 @@
 """Fuzz every reader: photographs, hidden images, sequences, scenes, meshes, configurations.
 
 `python -m experiments.fuzz --out DIR [--count 20000] [--seed 0]` reads sound files of every
-kind, hostile ones made by hand, and damaged ones, in processes of limited memory. Each must be
-accepted, or refused by a `PeriscopyError` of one line, within 10 s and without a warning, output or
-memory beyond what a file of its size deserves. What is not is a defect: it is tallied, and its
-files are kept under DIR/defects. Linux only: it reads /proc.
+kind and damaged ones in processes of limited memory. The reader must accept each file, or reject it
+by a `PeriscopyError` of one line, within 10 s and without a warning, output or memory beyond what a
+file of its size deserves. Anything else is a defect: the script counts it and keeps its files under
+DIR/defects. It reads /proc, so it needs Linux.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ import numpy as np
 import typer
 
 from experiments.fuzz.damage import damaged
-from experiments.fuzz.hostile_pictures import hostile_pictures
-from experiments.fuzz.hostile_texts import hostile_texts
 from experiments.fuzz.sound import Case, sound_cases
 from experiments.fuzz.worker import ACCEPTED, REFUSED
 
@@ -208,12 +206,11 @@ def main(
     processes: Annotated[int, typer.Option(help="Reading at once.")] = 2,
     only: Annotated[str, typer.Option(help="Readers, separated by commas.")] = "",
 ) -> None:
-    """Read sound, hostile and damaged files, and tally what comes of them."""
+    """Read sound and damaged files, and count the outcomes."""
     start = time.perf_counter()
     sound = sound_cases()
-    hostile = [*hostile_pictures(), *hostile_texts()]
     chosen = set(only.split(",")) if only else {case.reader for case in sound}
-    cases = [*sound, *hostile, *damaged_cases(sound, count, seed)]
+    cases = [*sound, *damaged_cases(sound, count, seed)]
     findings = list(fuzz([case for case in cases if case.reader in chosen], sound, processes))
     refused = {f"{f.case.kind}: {f.detail}" for f in findings if f.case in sound and f.detail}
     classes = keep(findings, out)

@@ -159,10 +159,10 @@ def _rechunked(content: bytes, damage: Callable[[bytes], bytes], rng: Random) ->
     else:
         body = damage(body)
     chunks[chosen] = (kind, body)
-    return _PNG + b"".join(png_chunk(kind, body) for kind, body in chunks)
+    return _PNG + b"".join(_png_chunk(kind, body) for kind, body in chunks)
 
 
-def png_chunk(kind: bytes, body: bytes) -> bytes:
+def _png_chunk(kind: bytes, body: bytes) -> bytes:
     """Put a PNG chunk together: its length, kind, body and checksum."""
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 

@@ -58,7 +58,7 @@ def sound_cases() -> list[Case]:
         return [
             *_pictures(Path(folder)),
             *_sequences(Path(folder)),
-            *sound_scenes(),
+            *_scenes(),
             *_configurations(),
         ]
 
@@ -260,8 +260,8 @@ _FACES = [(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 
 _CORNERS = ("0.4 0 0.15 0 0", "0 0 0.15 1 0", "0 0 0.45 1 1", "0.4 0 0.45 0 1")
 
 
-def ply(form: str, vertices: int, faces: int, properties: str, body: bytes) -> bytes:
-    """Put a PLY file's header before its body, whether or not the two agree."""
+def _ply(form: str, vertices: int, faces: int, properties: str, body: bytes) -> bytes:
+    """Put a PLY file's header before its body."""
     head = (
         f"ply\nformat {form} 1.0\nelement vertex {vertices}\n{properties}element face {faces}\n"
         "property list uchar int vertex_indices\nend_header\n"
@@ -273,14 +273,14 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
 UV = "property float u\nproperty float v\n"
 
 
-def sound_scenes() -> list[Case]:
+def _scenes() -> list[Case]:
     """Make two rooms with an occluder: binary PLY, and OBJ beside a monitor of ASCII PLY."""
     faces = np.zeros(len(_FACES), dtype=[("n", "u1"), ("i", "<i4", 3)])
     faces["n"], faces["i"] = 3, _FACES
     body = np.array(_VERTICES, "<f4").tobytes() + faces.tobytes()
-    binary = ply("binary_little_endian", 8, 12, XYZ, body)
+    binary = _ply("binary_little_endian", 8, 12, XYZ, body)
     text = "\n".join((*_CORNERS, "3 0 1 2", "3 0 2 3", ""))
-    screen = ply("ascii", 4, 2, XYZ + UV, text.encode())
+    screen = _ply("ascii", 4, 2, XYZ + UV, text.encode())
     lines = [f"v {x} {y} {z}" for x, y, z in _VERTICES]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in _FACES]
     obj = ("\n".join(lines) + "\n").encode()

@@ -1,13 +1,11 @@
 """The process that reads the cases of `python -m experiments.fuzz`, one by one.
 
 It takes pickled cases from its standard input, each behind 8 bytes of length, and answers with a
-line of JSON: a verdict and its detail. What it is given never holds for its caller: a case may hang
-it, or end it.
+line of JSON: a verdict and its detail. A case may hang or end the process.
 """
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import pickle
@@ -36,8 +34,6 @@ LONGEST_LINE = 1000
 """Characters of an error."""
 
 ACCEPTED, REFUSED = "accepted", "refused"
-
-_known: set[str] = set()
 
 
 def readers() -> dict[str, Callable[[Path], Any]]:
@@ -68,10 +64,8 @@ def outcome(reader: Callable[[Path], Any], case: Case) -> tuple[str, str]:
     with TemporaryDirectory() as folder:
         path = case.write(Path(folder))
         limit_memory(HEADROOM)
-        before, descriptors = reset_peak(), open_files()
+        before = reset_peak()
         printed = os.fstat(1).st_size
-        unraisable: list[str] = []
-        sys.unraisablehook = lambda hook: unraisable.append(repr(hook.exc_value))
         verdict, detail = _read(reader, path)
         growth = status("VmHWM") - before
         detail = detail.replace(folder, "")
@@ -79,15 +73,8 @@ def outcome(reader: Callable[[Path], Any], case: Case) -> tuple[str, str]:
             return verdict, detail
         if growth > GROWTH:
             return "memory", f"{growth >> 20} MB: {detail}"
-        if unraisable:
-            return "unraisable", unraisable[0]
         if os.fstat(1).st_size > printed and case.reader != "scene":  # Mitsuba warns by itself
             return "output", os.pread(1, 300, printed).decode("utf-8", "replace")
-        if open_files() > descriptors and case.kind in _known:
-            gc.collect()
-            if open_files() > descriptors:
-                return "descriptors", detail
-        _known.add(case.kind)  # libraries open files of their own when they are first used
         return verdict, detail
 
 
@@ -135,11 +122,6 @@ def limit_memory(headroom: int) -> None:
     """Let allocations fail beyond what is held now and the headroom."""
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     resource.setrlimit(resource.RLIMIT_DATA, (status("VmData") + headroom, hard))
-
-
-def open_files() -> int:
-    """Count this process's open files."""
-    return sum(1 for _ in Path("/proc/self/fd").iterdir())
 
 
 def reset_peak() -> int:

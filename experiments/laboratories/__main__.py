@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.laboratories import confidence, overall, stages
+from experiments.laboratories import overall, stages
 from experiments.laboratories.making.laboratories import LABORATORIES
 from experiments.laboratories.stages import Workplace
 from experiments.page import Out, Page, Rendered
@@ -23,12 +23,11 @@ PAGE = Page(
     introduction="Stand-ins for real laboratories: plain Mitsuba and Dr.Jit, light that bounces up "
     "to six times, uneven paint, posters, a camera's lens and noise, a ruler's errors of 1 cm and "
     "2 degrees. The commands see what a user has; the truth is only compared with.",
-    names=(*LABORATORIES, "overall", "confidence"),
+    names=(*LABORATORIES, "overall"),
     stated="asked",
     functions={
         **{name: partial(stages.run, laboratory) for name, laboratory in LABORATORIES.items()},
         "overall": overall.run,
-        "confidence": confidence.run,
     },
 )
 

@@ -69,12 +69,12 @@ class User:
     def calibrate(
         self, photograph: Path, scene: Path, backgrounds: Sequence[Path], name: str
     ) -> tuple[Path, dict[str, Any]]:
-        """Calibrate what a scene declares as uncertain; return the new scene and what was told."""
+        """Calibrate what a scene declares as uncertain; return the new scene and the report."""
         # Beside the scene that it comes from, so that its meshes are found.
         out = scene.with_name(f"{scene.stem}_{name}.xml")
         periscopy("calibrate", *self._given(photograph, scene, backgrounds), "--out", out)
-        told: dict[str, Any] = json.loads(out.with_suffix(".json").read_text("utf-8"))
-        return out, told
+        report: dict[str, Any] = json.loads(out.with_suffix(".json").read_text("utf-8"))
+        return out, report
 
     def reconstruct(
         self, photograph: Path, scene: Path, backgrounds: Sequence[Path], name: str
@@ -89,5 +89,5 @@ class User:
 
     def _given(self, photograph: Path, scene: Path, backgrounds: Sequence[Path]) -> list[object]:
         mask = photograph.with_name("wall_mask.png")
-        off = [word for file in backgrounds for word in ("--background", file)]
+        off = [word for file in backgrounds for word in ("--monitor-off", file)]
         return [photograph, "--scene", scene, "--hidden", self.hidden, "--mask", mask, *off]

@@ -29,7 +29,7 @@ from periscopy_sim.storage.outputs.staging import staged_file
 
 TRUE, TRUE_OFF = "true scene, even wall", "the same, monitor off"
 AS_IT_COMES, PREPARED = "as it comes", "prepare"
-BACKGROUND, CALIBRATED = "--background", "calibrate"
+BACKGROUND, CALIBRATED = "--monitor-off", "calibrate"
 ROW = 1.6
 """Inches that a step's pictures are high."""
 
@@ -109,9 +109,9 @@ class Parameter:
     Attributes
     ----------
     name, ruler, value, error, true
-        As the ruler had it, as told with its standard error, as it is.
+        The ruler's value, the estimate with its standard error, and the true value.
     determined
-        Whether it is told as determined.
+        Whether the photograph determines it.
     """
 
     name: str
@@ -123,7 +123,7 @@ class Parameter:
 
     @property
     def strays(self) -> float:
-        """Told errors between told and true."""
+        """Distance of the estimate from the true value, in standard errors."""
         return abs(self.value - self.true) / self.error if self.error else float("inf")
 
 
@@ -150,7 +150,7 @@ def run(laboratory: Laboratory, place: Workplace) -> Section:
     return Section(
         name=laboratory.name,
         title=f"The laboratory “{laboratory.name}”",
-        text=described(__doc__ + "\n\n"),
+        text=described(__doc__),
         claims=list(claims(ways)),
         pictures=pictures,
         tables=[_stages_table(laboratory, ways), _parameters_table(ways)],
@@ -218,7 +218,7 @@ def _go(laboratory: Laboratory, number: int, user: User, true: Mapping[str, floa
     """Take every step; one that fails costs only those that need it."""
     ending = f"_{number}" if number else ""
     camera, ruler = (user.folder / f"{name}{ending}.xml" for name in ("ruler_camera", "ruler"))
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
 
     @cache
     def rectified(name: str) -> Path:
@@ -227,7 +227,7 @@ def _go(laboratory: Laboratory, number: int, user: User, true: Mapping[str, floa
     def calibrated() -> Path:
         off = [rectified("monitor_off")]
         scene, found = user.calibrate(rectified("photograph"), ruler, off, "calibrated")
-        told.update(found)
+        report.update(found)
         return scene
 
     def as_it_comes() -> Path:
@@ -244,23 +244,23 @@ def _go(laboratory: Laboratory, number: int, user: User, true: Mapping[str, floa
         Parameter(
             name, one["start"], one["value"], one["standard_error"], true[name], one["determined"]
         )
-        for name, one in told.get("parameters", {}).items()
+        for name, one in report.get("parameters", {}).items()
     ]
-    doubts = [str(doubt) for doubt in told.get("doubts", ())]
-    return Way(laboratory.name, number, stages, parameters, bool(told.get("trusted")), doubts)
+    doubts = [str(doubt) for doubt in report.get("doubts", ())]
+    return Way(laboratory.name, number, stages, parameters, bool(report.get("trusted")), doubts)
 
 
 def _stage(name: str, user: User, given: Callable[[], tuple[Path, Path, list[Path]]]) -> Stage:
     folder = "".join(letter if letter.isalnum() else "_" for letter in name)
     try:
-        told = user.reconstruct(*given(), folder)
+        summary = user.reconstruct(*given(), folder)
     except CommandError as error:
         return Stage(name, failure=str(error))
     return Stage(
         name,
         str(user.out / folder / "picture"),
-        told["psnr"],
-        unexplained=told["unexplained"],
+        summary["psnr"],
+        unexplained=summary["unexplained"],
     )
 
 
@@ -283,12 +283,12 @@ def won(ways: Sequence[Way], by: str, over: str, kind: str) -> Array:
 
 def claims(ways: Sequence[Way]) -> Iterator[Claim]:
     """Return what was asked of the pictures beside what came out."""
-    for kind, told in KINDS.items():
+    for kind, words in KINDS.items():
         lost = -won(ways, CALIBRATED, TRUE_OFF, kind)
         median = float(np.median(lost))
         yield Claim(
             "what the calibrated scene's picture loses on the true scene's with an even wall, "
-            f"{told}: median over {len(ways)} rulers",
+            f"{words}: median over {len(ways)} rulers",
             f"at most {MOST_LOST:g} dB",
             f"{median:.1f} dB",
             Verdict.of(median <= MOST_LOST),
@@ -296,7 +296,7 @@ def claims(ways: Sequence[Way]) -> Iterator[Claim]:
         )
         gained = won(ways, CALIBRATED, BACKGROUND, kind)
         yield Claim(
-            f"what calibration wins on the ruler's scene, {told}: worst of the rulers",
+            f"what calibration wins on the ruler's scene, {words}: worst of the rulers",
             f"at least {LEAST_WON:g} dB",
             f"{gained.min():.1f} dB",
             Verdict.of(float(gained.min()) >= LEAST_WON),
@@ -320,9 +320,9 @@ def _stages_table(laboratory: Laboratory, ways: Sequence[Way]) -> Table:
 
 def _parameters_table(ways: Sequence[Way]) -> Table:
     def cell(parameter: Parameter) -> str:
-        told = f"{parameter.value:.4g} ± {parameter.error:.2g}"
+        estimate = f"{parameter.value:.4g} ± {parameter.error:.2g}"
         mark = ", determined" if parameter.determined else ""
-        return f"{parameter.ruler:.4g}, {told}{mark}"
+        return f"{parameter.ruler:.4g}, {estimate}{mark}"
 
     names = [parameter.name for parameter in ways[0].parameters]
     rows = []
@@ -331,7 +331,7 @@ def _parameters_table(ways: Sequence[Way]) -> Table:
         true = f"{ways[0].parameters[index].true:.4g}"
         rows.append([name, true, *(cell(each) if each else "failed" for each in found)])
     return Table(
-        "Parameters: true, then for each ruler what it read and what calibration told",
+        "Parameters: true, then for each ruler what it read and the calibrated value",
         ["parameter", "true", *(f"ruler {way.ruler}" for way in ways)],
         rows,
     )

@@ -1,1 +1,1 @@
-"""The learned method: its training data, its training, and where it fails."""
+"""The unrolled network's training: pictures, samples, steps."""

@@ -18,7 +18,7 @@ from periscopy_sim.storage.outputs.resume import (
 def hold_settings(out: Path, results: str, what: str, settings: Mapping[str, Any]) -> None:
     """Make a folder for results, such as ``*.png``, of these settings alone.
 
-    An OutputError says that it holds results of others, or of which nothing is told.
+    An OutputError says that the folder holds results of other or of unknown settings.
     """
     held = read_settings(out)
     if held is None:

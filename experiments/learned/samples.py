@@ -2,7 +2,7 @@
 
 `python -m experiments.learned.samples PHOTOGRAPHS.zarr --out DIR` writes a file for each geometry
 of the data set, and goes on where it was stopped. Each photograph is solved in the scene as it is,
-and in one that a ruler would have told: some numbers off by Gaussian errors as the scene declares
+and in one with a ruler's errors: some numbers off by Gaussian errors as the scene declares
 them (`NAME_error`), times a factor that is drawn. There the image stands displaced, and nothing in
 the photograph says by how much: the network is to learn the displaced one, the truth shifted to
 where the noise-aware image has it.
@@ -42,7 +42,7 @@ class Samples:
     Attributes
     ----------
     rows, curvatures
-        Of the scene that the method was told.
+        Of the scene that the method was given.
     axes, data, weights, errors, start
         (n, ...) of each photograph.
     truth
@@ -83,11 +83,11 @@ def as_displaced(truth: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
     return moved
 
 
-def told_values(
-    true: dict[str, float], factor: float, rng: np.random.Generator, scene: str = "chair"
+def ruler_values(
+    true: dict[str, float], factor: float, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return the numbers of a scene as a ruler told them, off by `factor` declared errors."""
-    path = ps.find_scene(scene)
+    """Return a chair scene's numbers as a ruler gives them, off by `factor` declared errors."""
+    path = ps.find_scene("chair")
     values = {name: float(value) for name, value in read_document(path).defaults.items()} | true
     return true | {
         name: values[name] + factor * error * float(np.clip(rng.standard_normal(), -2, 2))
@@ -140,7 +140,7 @@ def main(
     part: Annotated[str, typer.Option(help="K/N: every N-th geometry from the K-th on.")] = "0/1",
     seed: Annotated[int, typer.Option(help="Of the ruler's errors.")] = 0,
 ) -> None:
-    """Solve the photographs of every geometry, in the true scene and in a told one."""
+    """Solve the photographs of every geometry, in the true scene and in the ruler's."""
     data = ps.open_dataset(photographs)
     settings = {"seed": seed, "photographs": json.loads(json.dumps(dict(data.attrs)))}
     hold_settings(out, "*.npz", "set of samples", settings)
@@ -155,18 +155,18 @@ def main(
             if str(name).startswith(prefix)
         }
         right = round(RIGHT * len(own.sample))
-        for kind, chosen in {"right": slice(0, right), "told": slice(right, None)}.items():
+        for kind, chosen in {"right": slice(0, right), "ruler": slice(right, None)}.items():
             file = out / f"{number:03d}_{kind}.npz"
             if file.exists():
                 continue
-            if kind == "told":
+            if kind == "ruler":
                 rng = np.random.default_rng([seed, int(number)])
-                values = told_values(values, WORST * rng.random(), rng)
+                values = ruler_values(values, WORST * rng.random(), rng)
             scene = ps.load_scenario("chair", HIDDEN, values)
             taken = own.isel(sample=chosen)
             made = solved(
                 scene, taken.photograph.values, taken.hidden.values, taken.signal_scale.values,
-                str(taken.split.values[0]), kind == "told", seed=1000 + int(number),
+                str(taken.split.values[0]), kind == "ruler", seed=1000 + int(number),
             )  # fmt: skip
             made.write(file)
             print(f"{file.name}: {len(made.start)} photographs ({made.split})", flush=True)

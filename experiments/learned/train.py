@@ -1,15 +1,13 @@
-"""Train a network: `python -m experiments.learned.train SAMPLES --network NAME --out DIR`.
+"""Train the unrolled network: `python -m experiments.learned.train SAMPLES --out DIR`.
 
-It learns from what `samples` wrote, on one or two cores within an hour, prints its progress and
-goes on where it was stopped: `NAME.pt` holds the network, the optimizer and the curves so far. At
-the end it writes `NAME.safetensors`, the weights of the least validation error, with their
-provenance, and draws `NAME.png`, the learning curves.
+The training takes what `samples` wrote, one or two cores and an hour, prints its progress and
+continues a stopped run: `unrolled.pt` holds the network, the optimizer and the curves so far. At
+the end it writes `unrolled.safetensors`, the weights of the least validation error, with their
+provenance, and draws `unrolled.png`, the learning curves.
 
 The loss is the mean logarithm of each image's mean squared error, as decibels are, after each
-channel's best gain as in the metrics (`matched`); of photographs in the scene as it is, where
-brightness is known, half of it is without the gain. The denoiser of `plug-and-play` learns from the
-hidden images alone, with noise of its own; the three numbers of its turns are those of the least
-validation error.
+channel's best gain as in the metrics (`matched`). For photographs in the scene as it is, where
+brightness is known, half of the loss is without the gain.
 """
 
 from __future__ import annotations
@@ -28,18 +26,8 @@ from torch.nn.utils import clip_grad_norm_
 from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.resuming import digest_of
 from experiments.learned.samples import HIDDEN, Samples
-from periscopy_sim.reconstruction.learned.plug_and_play import (
-    PlugAndPlay,
-    inverse_root,
-    level_map,
-)
-from periscopy_sim.reconstruction.learned.proximal_step import Problems
-from periscopy_sim.reconstruction.learned.weights import (
-    NETWORKS,
-    Weights,
-    new_network,
-    write_weights,
-)
+from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
+from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -51,14 +39,8 @@ CHECKED = 500
 """Steps between two looks at the validation error."""
 RIGHT = 0.6
 """Share of batches that are of scenes as they are."""
-SETTINGS = {
-    "unrolled": {"steps": 8, "width": 24},
-    "unet": {"width": 16},
-    "plug-and-play": {"steps": 8, "width": 16},
-}
-"""Of each network: about 100,000 weights."""
-LEVELS = 0.01, 1.0
-"""Least and most noise of the denoiser's images, over their root mean square."""
+SETTINGS = {"steps": 8, "width": 24}
+"""Of the network: about 100,000 weights."""
 
 
 @dataclass
@@ -68,7 +50,7 @@ class Curves:
     step: list[int] = field(default_factory=list)
     training: list[float] = field(default_factory=list)
     right: list[float] = field(default_factory=list)
-    told: list[float] = field(default_factory=list)
+    ruler: list[float] = field(default_factory=list)
     seconds: float = 0.0
 
 
@@ -91,20 +73,6 @@ def loss_of(image: torch.Tensor, truth: torch.Tensor, right: bool) -> torch.Tens
     return (loss + error(image, truth).mean()) / 2 if right else loss
 
 
-def denoising_loss(
-    unet: torch.nn.Module, truth: torch.Tensor, root: torch.Tensor, rng: np.random.Generator
-) -> torch.Tensor:
-    """Return the loss of a denoiser of images, (K, 3, R, C), with noise of any level.
-
-    White noise times `root` is the noise of the turns, see `plug_and_play`.
-    """
-    least, most = LEVELS
-    σ = least * (most / least) ** rng.random((len(truth), 1, 1), dtype=np.float32)
-    white = rng.standard_normal((len(truth), 3, len(root)), dtype=np.float32)
-    noisy = truth + (torch.from_numpy(σ * white) @ root).reshape(truth.shape)
-    return error(unet(noisy, level_map(torch.from_numpy(σ), noisy)), truth).mean()
-
-
 class Geometry:
     """The samples of one file as tensors."""
 
@@ -125,33 +93,15 @@ class Geometry:
         return Problems(*self.patterns, axes, data, weights, errors, start), truth
 
 
-def validation(
-    network: torch.nn.Module | None, geometries: list[Geometry], most: int | None = None
-) -> float:
-    """Return the mean error in dB of a network, or of the images that it starts from.
-
-    At most `most` photographs of each geometry are looked at.
-    """
+def validation(network: torch.nn.Module | None, geometries: list[Geometry]) -> float:
+    """Return the mean error in dB of a network, or of the images that it starts from."""
     errors = []
     with torch.inference_mode():
         for geometry in geometries:
-            problems, truth = geometry.problems(slice(most))
+            problems, truth = geometry.problems(slice(None))
             image = problems.start if network is None else network(problems)
             errors.append(error(matched(image, truth), truth).mean())
     return float(torch.stack(errors).mean())
-
-
-def tune_turns(network: PlugAndPlay, geometries: list[Geometry]) -> None:
-    """Set the three numbers of plug and play to those of the least validation error, in turn."""
-    for _ in range(2):
-        for name in ("log_ratio", "log_last", "log_widest"):
-            number = getattr(network, name)
-            found = {}
-            for value in float(number) + np.arange(-3, 4) * 0.5:
-                number.fill_(value)
-                found[value] = validation(network, geometries, most=24)
-            number.fill_(min(found, key=found.__getitem__))
-            print(f"{name} {float(number):.1f}: {min(found.values()):.2f} dB", flush=True)
 
 
 def read_geometries(folder: Path, split: str) -> list[Geometry]:
@@ -165,23 +115,19 @@ def read_geometries(folder: Path, split: str) -> list[Geometry]:
 def main(
     samples: Annotated[Path, typer.Argument(help="What experiments.learned.samples wrote.")],
     out: Annotated[Path, typer.Option(help="Folder for the weights and the curves.")],
-    network: Annotated[str, typer.Option(help=f"One of {', '.join(NETWORKS)}.")] = "unrolled",
     steps: Annotated[int, typer.Option(help="Steps of the optimizer.")] = 12_000,
     threads: Annotated[int, typer.Option(help="Processor cores.")] = 2,
     seed: Annotated[int, typer.Option(help="Of the network and of the order.")] = 0,
 ) -> None:
     """Train, or go on."""
-    if network not in NETWORKS:
-        raise SystemExit(f"no network '{network}'; there are {', '.join(NETWORKS)}")
     torch.set_num_threads(threads)
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)
-    learner = new_network(network, SETTINGS[network])
-    learner = learner.to(memory_format=torch.channels_last)  # a fifth less time
+    learner = UnrolledNetwork(**SETTINGS).to(memory_format=torch.channels_last)  # a fifth less time
     optimizer = torch.optim.Adam(learner.parameters(), RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
     curves, best, least, first = Curves(), learner.state_dict(), np.inf, 0
-    state, samples_sha256 = out / f"{network}.pt", digest_of(sorted(samples.glob("*.npz")))
+    state, samples_sha256 = out / f"{NETWORK}.pt", digest_of(sorted(samples.glob("*.npz")))
     if state.is_file():
         held = torch.load(state, weights_only=True)
         if held["steps"] != steps or held["seed"] != seed:
@@ -194,23 +140,19 @@ def main(
         schedule.load_state_dict(held["schedule"])
         curves, best, least, first = Curves(**held["curves"]), held["best"], *held["at"]
     train, validate = (read_geometries(samples, split) for split in ("train", "validation"))
-    right, told = ([g for g in train if g.right is kind] for kind in (True, False))
+    right, ruler = ([g for g in train if g.right is kind] for kind in (True, False))
     known = {kind: [g for g in validate if g.right is kind] for kind in (True, False)}
     starts = {kind: validation(None, known[kind]) for kind in known}
-    print(f"noise-aware: {starts[True]:.2f} dB, told scenes {starts[False]:.2f} dB", flush=True)
-    root = inverse_root(torch.from_numpy(laplacian(HIDDEN).astype(np.float32)))
+    print(f"noise-aware: {starts[True]:.2f} dB, ruler's scenes {starts[False]:.2f} dB", flush=True)
     losses: list[float] = []
     began = time.perf_counter() - curves.seconds
     for step in range(first, steps):
         rng = np.random.default_rng([seed, step])
-        kind = right if rng.random() < RIGHT or not told else told
+        kind = right if rng.random() < RIGHT or not ruler else ruler
         geometry = kind[int(rng.integers(len(kind)))]
         chosen = torch.from_numpy(rng.choice(len(geometry.truth), BATCH, replace=False))
         problems, truth = geometry.problems(chosen, torch.from_numpy(rng.permutation(3)))
-        if isinstance(learner, PlugAndPlay):
-            loss = denoising_loss(learner.unet, truth, root, rng)
-        else:
-            loss = loss_of(learner(problems), truth, geometry.right)
+        loss = loss_of(learner(problems), truth, geometry.right)
         optimizer.zero_grad()
         loss.backward()
         clip_grad_norm_(learner.parameters(), 1.0)
@@ -222,7 +164,7 @@ def main(
             curves.step.append(step + 1)
             curves.training.append(float(np.mean(losses)))
             curves.right.append(errors[True])
-            curves.told.append(errors[False])
+            curves.ruler.append(errors[False])
             curves.seconds = time.perf_counter() - began
             losses.clear()
             if (mean := (errors[True] + errors[False]) / 2) < least:
@@ -236,33 +178,30 @@ def main(
                     "samples_sha256": samples_sha256,
                 }, staged)  # fmt: skip
             print(f"step {step + 1} of {steps}, {curves.seconds:.0f} s: training "
-                  f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, told scenes "
-                  f"{errors[False]:.2f} dB", flush=True)  # fmt: skip
+                  f"{curves.training[-1]:.2f} dB, validation {errors[True]:.2f} dB, ruler's "
+                  f"scenes {errors[False]:.2f} dB", flush=True)  # fmt: skip
     learner.load_state_dict(best)
-    if isinstance(learner, PlugAndPlay):
-        tune_turns(learner, validate)
     provenance = {
         "data": "experiments/learned/training.yaml", "samples_sha256": samples_sha256,
         "photographs": sum(len(g.truth) for g in train), "seed": seed, "training_steps": steps,
         "torch": torch.__version__.partition("+")[0],
     }  # fmt: skip
-    weights = Weights(network, learner.state_dict(), HIDDEN, SETTINGS[network], provenance)
-    file = out / f"{network}.safetensors"
+    weights = Weights(learner.state_dict(), HIDDEN, SETTINGS, provenance)
+    file = out / f"{NETWORK}.safetensors"
     write_weights(weights, file)
-    told_curves = {**asdict(curves), "noise_aware": starts[True], "noise_aware_told": starts[False]}
-    (out / f"{network}.json").write_text(json.dumps(told_curves), "utf-8")
-    draw(network, curves, starts, out / f"{network}.png")
-    print(f"wrote {file} ({weights.digest[:12]}), {out / network}.png")
+    levels = {"noise_aware": starts[True], "noise_aware_ruler": starts[False]}
+    (out / f"{NETWORK}.json").write_text(json.dumps(asdict(curves) | levels), "utf-8")
+    draw(curves, starts, out / f"{NETWORK}.png")
+    print(f"wrote {file} ({weights.digest[:12]}), {out / NETWORK}.png")
 
 
-def draw(network: str, curves: Curves, starts: dict[bool, float], file: Path) -> None:
+def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
     """Draw the errors beside those of the images that the network starts from."""
     with styled(), drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
-        titles = "Scene as it is", "Scene as a ruler told"
-        for ax, title, errors, start in zip(
-            figure.subplots(1, 2), titles, (curves.right, curves.told), starts.values(), strict=True
-        ):
-            ax.plot(curves.step, errors, label=network)
+        titles = "Scene as it is", "Scene with a ruler's errors"
+        axes, series = figure.subplots(1, 2), (curves.right, curves.ruler)
+        for ax, title, errors, start in zip(axes, titles, series, starts.values(), strict=True):
+            ax.plot(curves.step, errors, label=NETWORK)
             ax.axhline(start, color="0.4", linestyle="--", label="noise-aware")
             ax.set(title=title, xlabel="steps", ylabel="validation error (dB)")
             ax.legend(frameon=False)

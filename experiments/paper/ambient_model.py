@@ -3,8 +3,6 @@
 B holds the responses of point lights (Eq. 4); real ambient light comes from windows, lamps and
 everything that they light. Several choices of B are compared: by the part of each background that
 they leave, by what of it enters a reconstruction, and by what they cost in noise.
-
-`python -m experiments.paper.ambient_model --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLUMN, PAGE, drawn
-from experiments.page import alone
 from experiments.paper.ambient_trial import SBR, Trial, percent
 from experiments.paper.background_models import (
     AREA,
@@ -332,7 +329,3 @@ def draw_ranks(setting: Setting, outcomes: Mapping[str, Outcome]) -> None:
                 ax.semilogy(length - 1, 100 * part[-1], "o", color=color, markersize=4)
         ax.set(xlabel="basis vectors kept of B", ylabel="outside the span (%)", xlim=(0, None))
         figure.legend(loc="outside upper center", ncols=2)
-
-
-if __name__ == "__main__":
-    alone(run)

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy import linalg
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
+from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -26,7 +25,9 @@ PAPER, NEARER, POLYNOMIAL, RENDERED = (
     "polynomials of degree 10",
     "other rendered backgrounds",
 )
-FINER, COARSER, AREA = "37.5 cm steps", "150 cm steps", "area lights of 0.5 m, 75 cm steps"
+FINER, AREA = "37.5 cm steps", "area lights of 0.5 m, 75 cm steps"
+EVEN = np.arange(-3, 3, 0.75)
+"""Metres across and up of the paper's grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,57 +64,24 @@ def choices(
         Those of them that may serve as columns of B where another is tried.
     """
     names = tuple(backgrounds)
-    lights, columns = {}, {}
-    for name, grid in grids().items():
+    grids = {
+        PAPER: ps.paper_grid(),
+        FINER: ps.paper_grid(0.375),
+        NEARER: grid_of(EVEN, np.geomspace(0.25, 7, 8), EVEN),
+    }
+    for name, grid in grids.items():
         B = ps.point_light_backgrounds(scenario, grid)
-        lights[name], columns[name] = sketched_basis(B), B.shape[1]
-        yield Choice(name, B.shape[1], [(lights[name], names)])
-        if name == PAPER:
-            close = sketched_basis(B, rank_tolerance=1e-13)
-            yield Choice("the same, tolerance 1e-13", B.shape[1], [(close, names)])
+        yield Choice(name, B.shape[1], [(background_basis(B), names)])
     B = area_lights(scenario)
-    lights[AREA], columns[AREA] = sketched_basis(B), B.shape[1]
-    yield Choice(AREA, B.shape[1], [(lights[AREA], names)])
-    for degree in (2, 4, 6, 8, 10):
-        Q = polynomials(scenario.photograph_shape, degree)
-        yield Choice(f"polynomials of degree {degree}", Q.shape[1], [(Q, names)])
+    yield Choice(AREA, B.shape[1], [(background_basis(B), names)])
+    polynomial = polynomials(scenario.photograph_shape, 10)
+    yield Choice(POLYNOMIAL, polynomial.shape[1], [(polynomial, names)])
     rendered = {
         name: photographed([backgrounds[other] for other in library if other != name])
         for name in names
     }
-    every = background_basis(np.hstack(list(lights.values())))
-    for title, start, count in (
-        (RENDERED, np.zeros((len(every), 0)), 0),
-        ("paper's grid and other backgrounds", lights[PAPER], columns[PAPER]),
-        ("all lights and other backgrounds", every, sum(columns.values())),
-    ):
-        bases = [(background_basis(np.hstack([start, rendered[n]])), (n,)) for n in names]
-        yield Choice(title, count + rendered[names[0]].shape[1], bases)
-
-
-def grids() -> dict[str, Array]:
-    """Grids of point lights: the paper's, other steps, and 512 lights placed otherwise."""
-    even, away = np.arange(-3, 3, 0.75), np.arange(1, 7, 0.75)
-    above = np.array([-3, -1, 0, 0.6, 1.2, 1.8, 2.4, 3])
-    near, far = np.geomspace(0.25, 7, 8), np.geomspace(1, 30, 8)
-
-    def both_sides(least: float, most: float) -> Array:
-        side = np.geomspace(least, most, 4)
-        return np.concatenate([-side[::-1], side])
-
-    return {
-        PAPER: ps.paper_grid(),
-        COARSER: ps.paper_grid(1.5),
-        FINER: ps.paper_grid(0.375),
-        NEARER: grid_of(even, near, even),
-        "nearer, denser across": grid_of(both_sides(0.2, 3), near, both_sides(0.2, 3)),
-        "denser above": grid_of(even, away, above),
-        "nearer, denser above": grid_of(even, near, above),
-        "further: to 30 m": grid_of(both_sides(0.75, 30), far, both_sides(0.75, 30)),
-        "nearer and further": grid_of(
-            both_sides(0.25, 30), np.geomspace(0.25, 30, 8), both_sides(0.25, 30)
-        ),
-    }
+    bases = [(background_basis(B), (name,)) for name, B in rendered.items()]
+    yield Choice(RENDERED, rendered[names[0]].shape[1], bases)
 
 
 def grid_of(across: Array, away: Array, up: Array) -> Array:
@@ -149,16 +117,3 @@ def photographed(backgrounds: Sequence[Array]) -> Array:
     flips = [f for b in backgrounds for f in (b, b[::-1], b[:, ::-1], b[::-1, ::-1])]
     B = np.hstack([flip.reshape(-1, 3) for flip in flips])
     return np.asarray(B / np.linalg.norm(B, axis=0))
-
-
-def sketched_basis(B: Array, *, width: int = 160, rank_tolerance: float = RANK_TOLERANCE) -> Array:
-    """`background_basis` of many columns, by way of the range of `width` random mixtures of them.
-
-    The singular values fall so fast that the mixtures span B to rounding (Halko, Martinsson and
-    Tropp, SIAM Review 53(2), 2011, Sec. 4).
-    """
-    scaled = B / np.linalg.norm(B, axis=0)
-    mixtures = scaled @ np.random.default_rng(0).normal(size=(B.shape[1], width))
-    Q = linalg.qr(mixtures, mode="economic", check_finite=False)[0]
-    U, σ, _ = linalg.svd(Q.T @ scaled, full_matrices=False, check_finite=False)
-    return np.asarray(Q @ U[:, σ > rank_tolerance * σ[0]])

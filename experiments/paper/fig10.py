@@ -4,8 +4,6 @@ Each row of P is a picture on the wall, whose product with the photograph is one
 image. A difference of neighbouring pixels sums to zero, gives neighbours opposite signs (its
 autocorrelation at one pixel is -1/2) and passes the highest frequencies best: three things that the
 rows of P can be asked for.
-
-`python -m experiments.paper.fig10 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, wall_extent
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Setting
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
@@ -229,7 +226,3 @@ def _draw_spectrum(ax: Any, spectra: dict[str, tuple[Array, Array]]) -> None:
     ax.set(xlabel="spatial frequency (1/m)", ylabel="power (white noise: 1)", ylim=(1e-4, 10))
     ax.set_title("spectrum of the rows")
     ax.legend(loc="lower right")
-
-
-if __name__ == "__main__":
-    alone(run)

@@ -1,8 +1,6 @@
 """Fig. 3: the grid of point lights whose responses on the wall are the columns of B.
 
 Shows the wall, the camera's field of view, the 512 lights, and what two of them cast on the wall.
-
-`python -m experiments.paper.fig3 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, wall_extent
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import Setting
 from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
@@ -114,7 +111,3 @@ def _draw_room(ax: Any, grid: Array, extent: tuple[float, float, float, float]) 
     ax.grid(visible=False)
     ax.set_box_aspect((6, 7, 6), zoom=1.0)
     ax.view_init(elev=20, azim=-55)
-
-
-if __name__ == "__main__":
-    alone(run)

@@ -4,8 +4,6 @@ The paper's two methods, and the noise-aware one beside them, on the paper's com
 conditions in four flips, 60 dB. Three photographs are compared: a real one if given, whose scene is
 known only nearly; a path-traced one; and A f itself, of which the model is exact, so that its error
 is all sensor noise, with the Cramér-Rao bound beside it.
-
-`python -m experiments.paper.fig4 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Measured, Setting
 from experiments.sweeps import errors_of, of_method, swept
@@ -323,7 +320,3 @@ def _label_ends(ax: Any, ends: dict[str, tuple[float, str]]) -> None:
             va="center",
             annotation_clip=False,
         )
-
-
-if __name__ == "__main__":
-    alone(run)

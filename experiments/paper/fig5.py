@@ -1,7 +1,4 @@
-"""Fig. 5: adversarial ambient light, where it comes from, and what it does to the image.
-
-`python -m experiments.paper.fig5 --out DIR [--real FILE.npz]`
-"""
+"""Fig. 5: adversarial ambient light, where it comes from, and what it does to the image."""
 
 from __future__ import annotations
 
@@ -12,7 +9,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import GLASS, NO_BEAM, SNR, Setting
 
@@ -134,7 +130,3 @@ def _draw(setting: Setting, trials: dict[str, Trial]) -> None:
             row[0].set_title(PLACES[name])
         for ax, letter in zip(axes[0], "abcde", strict=True):
             ax.text(0, 1.2, letter, transform=ax.transAxes, fontweight="bold")
-
-
-if __name__ == "__main__":
-    alone(run)

@@ -1,7 +1,4 @@
-"""Fig. 6: one scene under more and more ambient light, both methods, with run times.
-
-`python -m experiments.paper.fig6 --out DIR [--real FILE.npz]`
-"""
+"""Fig. 6: one scene under more and more ambient light, both methods, with run times."""
 
 from __future__ import annotations
 
@@ -15,7 +12,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, label_row, show_light
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Setting
 from experiments.timing import clocked
@@ -166,7 +162,3 @@ def _draw(setting: Setting, photographs: list[Array], rows: list[Row]) -> None:
                 ax.set_title(f"MSE {error:.3f}")
         for line, name in zip(axes, ("photograph", *(row.name for row in rows)), strict=True):
             label_row(line[0], name)
-
-
-if __name__ == "__main__":
-    alone(run)

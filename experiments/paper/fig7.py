@@ -3,8 +3,6 @@
 As in Sec. 4.2 each photograph is A times the true frame, plus ambient light at SBR 0.5 and noise at
 60 dB. The paper's coupling (three-dimensional total variation on the pair of frames) stands beside
 Eq. 12 as written and beside stills, for a scene that moves and for the same scene at rest.
-
-`python -m experiments.paper.fig7 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, draw_means, drawn, label_row, show_light
-from experiments.page import alone
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Chair, Setting
@@ -247,7 +244,3 @@ def _draw_errors(setting: Setting, found: dict[str, Coupled], at_rest: dict[str,
             ax.set(xlabel="frame", title=title, xticks=[1, 6, 12, 18, 24])
         panels[0].set(ylabel="mean squared error", ylim=(0, None))
         panels[0].legend()
-
-
-if __name__ == "__main__":
-    alone(run)

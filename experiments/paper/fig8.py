@@ -2,8 +2,6 @@
 
 A P y is what the recovered hidden image, neither denoised nor repaired, would cast on the wall. It
 should look like the photograph without its background, and A (D A)^+ D y like a poor copy of it.
-
-`python -m experiments.paper.fig8 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Setting
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
@@ -212,7 +209,3 @@ def _draw(
             drawing, ax=axes[1, :], extend="both", aspect=12, pad=0.01,
             label="background-free\npart (mean y = 1)",
         )  # fmt: skip
-
-
-if __name__ == "__main__":
-    alone(run)

@@ -3,8 +3,6 @@
 The paper shows one photograph under stained glass. Here it stands with the sunbeam on the wall and
 without, and the errors under all other conditions. A method fails where it does no better than the
 best image of one colour, which knows nothing of the hidden scene.
-
-`python -m experiments.paper.fig9 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
-from experiments.page import alone
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import GLASS, NO_BEAM, SNR, Setting
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
@@ -131,7 +128,3 @@ def _draw(setting: Setting, trials: Mapping[str, Trial]) -> None:
             for ax, (title, image) in zip(row[2:], inverses, strict=True):
                 show_light(ax, ps.gain_matched(image, truth), 1)
                 ax.set_title(f"{title}, MSE {ps.mean_squared_error(image, truth):.3f}")
-
-
-if __name__ == "__main__":
-    alone(run)

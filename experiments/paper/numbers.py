@@ -1,7 +1,4 @@
-"""The numbers that the paper states in Sec. 2, 3.1 and 3.3, beside what this package finds.
-
-`python -m experiments.paper.numbers --out DIR [--real FILE.npz]`
-"""
+"""The numbers that the paper states in Sec. 2, 3.1 and 3.3, beside what this package finds."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.page import alone
 from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import Setting
 from periscopy_sim.evaluation.diagnostics import (
@@ -179,7 +175,3 @@ def _ranks(A: Matrix, B: Array) -> Table:
             for row in rows
         ],
     )
-
-
-if __name__ == "__main__":
-    alone(run)

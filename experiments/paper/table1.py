@@ -4,8 +4,6 @@ Other machines take other times: what can be compared are the ratios within one 
 two forms: factored, as the package applies it, and explicit, as the paper has it and as video rate
 needs it. The published steps of [15] are timed on one colour channel where three would take
 minutes.
-
-`python -m experiments.paper.table1 --out DIR [--real FILE.npz]`
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.page import alone
 from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import SNR, Setting
 from experiments.timing import clocked
@@ -205,7 +202,3 @@ def _verdict(ratio: float) -> Verdict:
     if ratio > 2:
         return Verdict.BETTER
     return Verdict.of(ratio >= 0.5)
-
-
-if __name__ == "__main__":
-    alone(run)

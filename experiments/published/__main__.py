@@ -25,11 +25,8 @@ PAGE = Page(
     "are the shipped ones where not said otherwise, as measured by a ruler: an image may stand "
     "beside its place by a patch or two, which 'shifted' allows for. Stated values are those of "
     "the paper (Saunders and Goyal, ICCP 2021).",
-    names=(
-        "captures", "placements", "stills", "repeats", "ambient", "video", "single_pixels",
-        "objects",
-    ),
-)  # fmt: skip
+    names=("captures", "placements", "stills", "repeats", "ambient", "video", "single_pixels"),
+)
 
 
 def main(

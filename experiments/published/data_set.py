@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.published.layout import captures
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.storage.formats.matlab import averaged_counts, picture_of, read_matrices
 from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.formats.table import format_of
@@ -157,7 +157,7 @@ def read_capture(path: Path, name: str, shape: tuple[int, int], hidden: tuple[in
     picture = picture_of(matrices, path)
     assert picture.exposure is not None
     photograph = averaged_counts(picture.values, picture.exposure, shape, str(path))
-    checked = check_photograph(photograph, shape, str(path))
+    checked = Photograph.of(photograph, shape, str(path)).values
     halves = halves_of(picture.values, shape, path) / picture.exposure
     truth = truth_of(matrices, path, hidden)
     return Capture(name, checked, halves, picture.exposure, truth)

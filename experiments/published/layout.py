@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 
 CHAIR, AMBIENT, PLATE = "TestPosChair", "TestPosChairAmb", "TestPosD11"
 VIDEO, VIDEO_MUSHROOM = "TestPosD11Video", "TestPosD11Video/Mush"
-REFLECTING, SOLID = "TestPosChairRealscene", "TestPosChair3DScene"
 MUSHROOM_REPEATS, TOMMY_REPEATS = f"{CHAIR}/Mush", f"{CHAIR}/tommy"
 SINGLE_PIXELS = f"{CHAIR}/Single Pixels"
 
@@ -83,18 +82,10 @@ BLOCKS: Mapping[str, Sequence[str]] = {
 }
 """Captures of one lit block of the screen each."""
 
-OBJECTS: Mapping[str, Sequence[str]] = {
-    REFLECTING: tuple(
-        f"image_test_{name}" for name in ("colbar", "colbar_5", "res", "res2", "res3")
-    ),
-    SOLID: _numbered("image_test_", range(1, 4)),
-}  # fmt: skip
-"""Captures of things that reflect light in the monitor's place, by folder."""
-
 
 def captures() -> list[str]:
     """Return the names of all captures of the data set, with their folders, one after another."""
-    by_folder = [STILLS, REPEATS, FRAMES, BLOCKS, OBJECTS]
+    by_folder = [STILLS, REPEATS, FRAMES, BLOCKS]
     names = [f"{folder}/{name}" for part in by_folder for folder in part for name in part[folder]]
     names += [f"{folder}/{name}" for folder, *pair in LEVELS for name in pair]
     names += [f"{AMBIENT}/{WITHOUT_AMBIENT[AMBIENT]}"]  # the chair's is one of its stills
@@ -116,7 +107,6 @@ _BESIDE_DATA = Placement(
 _LATER = {"occluder_dx": -0.008, "occluder_dy": 0.021, "occluder_dz": 0.002}
 _LATER_TEXT = "chair at x 0.498, 0.415 from the wall, z 0.244"
 _NEARER_WALL = {"monitor_dy": 0.006}
-_MATT = {"vertical_exponent": 0.0, "horizontal_exponent": 0.0}
 _VIDEO_PLATE = {"occluder_dx": 0.002, "occluder_dy": -0.006, "occluder_dz": -0.004}
 _VIDEO_TEXT = "plate at x 0.477, 0.466 from the wall, z 0.210"
 
@@ -153,25 +143,6 @@ PLACEMENTS: Mapping[str, Sequence[Placement]] = {
                 "camera_dx": -0.0226,
                 "camera_dz": -0.0116,
                 "camera_stretch": 0.468 / 0.4372,
-            },
-        ),
-    ),
-    REFLECTING: (
-        Placement(
-            f"{_LATER_TEXT}, matt things in the monitor's plane", "chair", {**_LATER, **_MATT}
-        ),
-    ),
-    SOLID: (
-        Placement(
-            f"{_LATER_TEXT}, view from (0.557, 0.062), side 0.400, matt things in the monitor's "
-            "plane",
-            "chair",
-            {
-                **_LATER,
-                **_MATT,
-                "camera_dx": 0.0135,
-                "camera_dz": -0.0025,
-                "camera_stretch": 0.400 / 0.401,
             },
         ),
     ),

@@ -20,7 +20,7 @@ from experiments.setting import FittedScene
 Array = NDArray[np.float64]
 
 LEAST = 3
-"""Repeats that scatter is told of."""
+"""Repeats from which the page reports scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Repeated:
     captures
         The repeats.
     images
-        (K, R, C, 3) by method; each divided by its photograph's mean, as drift is told apart.
+        (K, R, C, 3) by method; each divided by its photograph's mean, as drift is reported apart.
     of_mean
         The image of the mean photograph, by method.
     standard_errors
@@ -90,8 +90,8 @@ def run(setting: PublishedSetting) -> Section:
             Picture(
                 setting.out / "repeats.png",
                 "The first repeat's image, that of the mean photograph, and the scatter over the "
-                "repeats beside the standard errors told (mean over the channels, % of the image's "
-                "99th percentile).",
+                "repeats beside the reported standard errors (mean over the channels, % of the "
+                "image's 99th percentile).",
             )
         ],
         tables=[_table(found), *tables],
@@ -132,22 +132,23 @@ def _table(found: Sequence[Repeated]) -> Table:
         images, truth = repeated.images[method], repeated.truth
         scatter = images.std(axis=0, ddof=1)
         scale = np.percentile(repeated.of_mean[method], 99)
-        told = ""
+        ratio = ""
         if method == OURS:
-            told = f"{np.sqrt(np.mean(scatter**2) / np.mean(repeated.standard_errors**2)):.2f}"
+            ratio = f"{np.sqrt(np.mean(scatter**2) / np.mean(repeated.standard_errors**2)):.2f}"
         quality = ("", "")
         if truth is not None:
             each = [ps.registered(image, truth).psnr for image in images]
             best = ps.registered(repeated.of_mean[method], truth).psnr
             quality = (f"{np.mean(each):.2f} ± {np.std(each, ddof=1):.2f}", f"{best:.2f}")
-        return (f"{100 * np.sqrt(np.mean(scatter**2)) / scale:.2f}", told, *quality)
+        return (f"{100 * np.sqrt(np.mean(scatter**2)) / scale:.2f}", ratio, *quality)
 
     return Table(
         "Drift: standard deviation of the photographs' means, %; scatter of a patch, root mean "
-        "square, % of the image's 99th percentile, and over the standard errors told; PSNR in dB, "
-        "shifted, mean and standard deviation over the repeats, and of the mean photograph.",
+        "square, % of the image's 99th percentile, and over the reported standard errors; PSNR in "
+        "dB, shifted, mean and standard deviation over the repeats, and of the mean photograph.",
         (
-            "folder", "repeats", "drift", "method", "scatter", "over told", "PSNR", "of the mean",
+            "folder", "repeats", "drift", "method", "scatter", "over reported", "PSNR",
+            "of the mean",
         ),
         [
             (
@@ -177,6 +178,6 @@ def _draw(setting: PublishedSetting, found: Sequence[Repeated]) -> None:
                 image = ax.imshow(values, vmin=0, vmax=max(scatter.max(), errors.max()))
                 ax.set_axis_off()
             figure.colorbar(image, ax=list(row[2:]), shrink=0.8)
-        titles = ("first repeat", "mean photograph", "scatter", "standard errors told")
+        titles = ("first repeat", "mean photograph", "scatter", "standard errors")
         for ax, title in zip(axes[0], titles, strict=True):
             ax.set_title(title)

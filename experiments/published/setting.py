@@ -15,7 +15,6 @@ import periscopy_sim as ps
 from experiments.published.data_set import Capture, DataSet
 from experiments.published.layout import (
     FRAMES,
-    OBJECTS,
     PLACEMENTS,
     STILLS,
     WITHOUT_AMBIENT,
@@ -139,7 +138,7 @@ class PublishedSetting:
         """Return the capture that placements of a folder are tried on, without ambient light."""
         names = [
             *filter(None, [WITHOUT_AMBIENT.get(place)]),
-            *{**STILLS, **FRAMES, **OBJECTS}[place],
+            *{**STILLS, **FRAMES}[place],
         ]
         found = (self.data.read(f"{place}/{name}", self.shape(place)) for name in names)
         return next((capture for capture in found if capture is not None), None)

@@ -39,11 +39,11 @@ class Block:
     capture
         The capture.
     stated
-        (row, column) of the lit block by the ground truth, of its centre; None if not told.
+        (row, column) of the lit block by the ground truth, of its centre; None if unknown.
     matching
         (row, column) of the patch whose column of A is most like the photograph.
     predicted
-        (rows, columns, 3) A times the ground truth; the matching column where that is not told.
+        (rows, columns, 3) A times the ground truth; the matching column where that is unknown.
     correlation
         Of photograph and prediction, both less their means.
     shadows
@@ -165,7 +165,7 @@ def _table(blocks: Sequence[Block]) -> Table:
     mean = np.mean([block.gains for block in blocks], axis=0)
 
     def cells(block: Block) -> tuple[str, ...]:
-        stated, apart = "not told", ""
+        stated, apart = "unknown", ""
         if block.stated is not None:
             stated = f"{block.stated[0]:.1f}, {block.stated[1]:.1f}"
             down, right = np.subtract(block.matching, block.stated)

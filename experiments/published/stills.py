@@ -40,19 +40,16 @@ class Still:
         (R, C, 3) by the method's name.
     unexplained
         What scene and noise-aware image leave of the photograph, over its root mean square.
-    compared
-        Whether the file's ground truth, if it has one, is what the image should be.
     """
 
     capture: Capture
     images: Mapping[str, Array]
     unexplained: float
-    compared: bool = True
 
     @property
     def truth(self) -> Array | None:
-        """(R, C, 3) what the image should be; None where that is not known."""
-        return self.capture.truth if self.compared else None
+        """(R, C, 3) the hidden image; None where the file has none."""
+        return self.capture.truth
 
 
 def run(setting: PublishedSetting) -> Section:
@@ -98,11 +95,11 @@ def _orientation(stills: Sequence[Still]) -> Claim:
             FLIPS, key=lambda flip: ps.registered(still.images[OURS], truth[FLIPS[flip]]).psnr
         )
         votes[best] += 1
-    told = ", ".join(f"{flip}: {count}" for flip, count in votes.items() if count)
+    counts = ", ".join(f"{flip}: {count}" for flip, count in votes.items() if count)
     return Claim(
         "ground truth in the orientation in which it agrees best",
         "as stored",
-        f"{told} of {len(stills)}",
+        f"{counts} of {len(stills)}",
         Verdict.of(max(votes, key=lambda flip: votes[flip]) == "as stored"),
         "If not, an axis of the data is read the wrong way round.",
     )

@@ -70,6 +70,10 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
     return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
 
+analytic_transport = area_transport
+"""The public name."""
+
+
 def has_areas(scenario: Scenario, finer: int = 1) -> bool:
     """Return whether a scene is of the kind that `area_transport` takes."""
     try:

@@ -45,7 +45,7 @@ def wall_plane(scenario: Scenario) -> WallFrame:
     """Return the frame of a wall that is one plane; else raise a SceneError."""
     points, normals = scenario.wall_points, scenario.wall_normals
     wall = wall_frame(points, normals, scenario.photograph_shape)
-    deviation = np.abs(wall_coordinates(wall, points)[:, 2]).max()
+    deviation = np.abs((points - wall.center) @ wall.normal).max()
     if deviation > tolerance(points) or np.abs(normals - wall.normal).max() > FLATNESS:
         raise refusal(
             scenario,
@@ -53,12 +53,6 @@ def wall_plane(scenario: Scenario) -> WallFrame:
             f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it",
         )
     return wall
-
-
-def wall_coordinates(wall: WallFrame, points: Array) -> Array:
-    """Return points as across, up and height above the wall, (n, 3)."""
-    coordinates: Array = (points - wall.center) @ np.stack([wall.across, wall.up, wall.normal]).T
-    return coordinates
 
 
 def monitor_axes(scenario: Scenario) -> Array:

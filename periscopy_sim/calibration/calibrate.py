@@ -27,7 +27,7 @@ from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
-from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.background_photographs import (
     Backgrounds,
     named,
@@ -138,7 +138,7 @@ def calibrate(
     held = uncertain_parameters(path, names, given, uncertain)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
-    y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
+    y = Photograph.of(photograph, first.photograph_shape, mask=mask).values
     if hidden_part(first) < LEAST:
         raise SceneError(
             f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: add an "
@@ -203,7 +203,7 @@ def _monitor_off(
     A = render_transport(scenario, seed=seed)
     try:
         given = named(backgrounds)
-        off = {name: check_photograph(image, shape, name, mask) for name, image in given.items()}
+        off = Photograph.of(photograph, shape, mask=mask, monitor_off=given).monitor_off
         observation = observation_of(A, hidden, scenario.channel_gain, mask, shape, off)
         observation.vectorized(photograph)  # which is none of them
         smooth = background_basis(observation.used(point_light_backgrounds(scenario)))

@@ -35,7 +35,7 @@ GAINS = 3
 
 MARGIN = 1.3
 """Times larger than by the linear theory that errors are told to be: valleys of the evidence are
-curved, and so much was missing in simulations, see `experiments.studies.calibration_trust`."""
+curved, and so much was missing in simulations of an earlier version."""
 
 ATTEMPTS = 4
 """Times that a search begins, at most, while its result is in doubt or leaves more than noise."""

@@ -10,9 +10,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import Define, SceneOption, Seed
+from periscopy_sim.cli.options import OUTPUT, Define, SceneOption, Seed, option
 from periscopy_sim.cli.output import progress, say, to_be_continued
+from periscopy_sim.cli.session import Session
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
@@ -21,10 +21,10 @@ def ambient(
     scene: SceneOption,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="FOLDER",
-            help="Folder of the pictures; each appears complete or not at all, and stays.",
+        option(
+            "FOLDER",
+            "Folder of the pictures; each appears complete or not at all, and stays.",
+            group=OUTPUT,
         ),
     ],
     names: Annotated[
@@ -37,9 +37,7 @@ def ambient(
     ] = None,
     target: Annotated[
         float,
-        typer.Option(
-            min=1e-5, max=1, metavar="NUMBER", help="Relative error of a pixel at which to stop."
-        ),
+        option("NUMBER", "Relative error of a pixel at which to stop.", min=1e-5, max=1),
     ] = 3e-4,
     seed: Seed = 0,
     define: Define = None,
@@ -51,10 +49,10 @@ def ambient(
     from periscopy_sim.storage.formats.exr import read_exr
 
     chosen = names or [*REALISTIC, *ADVERSARIAL]
-    # Ambient light needs no hidden patches; one is the least that a scene can have.
-    scenario = inputs.load(scene, "1x1", define)
+    session = Session(scene, define=define, seed=seed)
     files = [out / f"{Path(name).stem}.exr" for name in chosen]
     held_before = {file for file in files if file.is_file()}
+    scenario = session.scenario
     with to_be_continued():
         ambient_photographs(chosen, scenario, out, seed, target=target)
     for file in files:

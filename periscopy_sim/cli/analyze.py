@@ -6,17 +6,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    check_memory,
-    parse_bounces,
-)
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.light import LightModel as AskedPrototypes
+from periscopy_sim.cli.light import TransportRequest as AskedTransport
+from periscopy_sim.cli.light import check_memory
+from periscopy_sim.cli.options import BouncesOption, Model, ModelOption, option, parse_bounces
+from periscopy_sim.cli.options import LightModelOption as PrototypesOption
 from periscopy_sim.cli.output import fixable, progress, say, told_folder, write_json
 from periscopy_sim.storage.outputs.provenance import as_text
 
@@ -45,7 +41,7 @@ def analyze(
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
-    background: arguments.BackgroundOption = None,
+    background: arguments.MonitorOffOption = None,
     backgrounds: PrototypesOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,

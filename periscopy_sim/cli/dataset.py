@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.arguments import Out
+from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, option
 from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
@@ -43,26 +42,22 @@ app = typer.Typer(
 )
 
 
-@app.command("make")
+@app.command("make", cls=GroupedCommand)
 def make(
     configuration: Annotated[
         Path | None, typer.Argument(metavar="CONFIG.yaml", help="What it shall hold.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            metavar="FOLDER",
-            help="The archive, a Zarr folder; goes on with one that is begun.",
+        option(
+            "FOLDER", "The archive, a Zarr folder; goes on with one that is begun.", group=OUTPUT
         ),
     ] = None,
     count: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="NUMBER", help="Samples, instead of the configuration's."),
+        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1)
     ] = None,
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler; without it, this machine."),
+        str | None, option("ADDRESS", "A Dask scheduler; without it, this machine.")
     ] = None,
     example: Annotated[
         bool, typer.Option("--example", help="Print a commented configuration and exit.")
@@ -84,12 +79,12 @@ def make(
     start = time.perf_counter()
     with (
         to_be_continued(),
-        counted_progress("making samples", "samples") as report,
+        counted_progress("making samples", "samples") as show_blocks,
         _between_blocks() as check,
     ):
 
-        def blocks(done: int, total: int) -> None:
-            report(done, total)
+        def block_done(done: int, total: int) -> None:
+            show_blocks(done, total)
             check()
 
         @contextmanager
@@ -103,7 +98,7 @@ def make(
                 yield fraction_done
 
         made = make_dataset(
-            settings, out, count=count, scheduler=scheduler, progress=blocks,
+            settings, out, count=count, scheduler=scheduler, progress=block_done,
             rendering=rendering,
         )  # fmt: skip
     seconds = time.perf_counter() - start
@@ -121,7 +116,7 @@ def make(
     )
 
 
-@app.command("info")
+@app.command("info", cls=GroupedCommand)
 def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
@@ -139,7 +134,7 @@ def info(
         say(f"{name.replace('_', ' '):13} {_in_words(name, value)}")
 
 
-@app.command("verify")
+@app.command("verify", cls=GroupedCommand)
 def verify(data: Archive) -> None:
     """Look for damaged files; exit 2 if there is one.
 
@@ -160,13 +155,13 @@ def verify(data: Archive) -> None:
     say(f"{data}: all {whole} samples are whole")
 
 
-@app.command("export")
+@app.command("export", cls=GroupedCommand)
 def export(
     data: Archive,
     out: Out,
     samples: Annotated[
         str,
-        typer.Option(metavar="NUMBERS", help="Which: 0,5,7 or ranges such as 0-11, by comma."),
+        option("NUMBERS", "Which: 0,5,7 or ranges such as 0-11, by comma."),
     ] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
@@ -183,18 +178,13 @@ def export(
 
 
 def parse_indices(text: str, count: int) -> list[int]:
-    """Read numbers and ranges such as ``0,4-7``, all below `count`.
-
-    A range's end is brought down to it.
-    """
+    """Read numbers and ranges such as ``0,4-7``; a range ends at `count` at the latest."""
     indices: list[int] = []
     for part in text.split(","):
         numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
         if not numbers:
             raise PeriscopyError(f"'{text}' are no samples; write 0,5,7 or a range such as 0-11")
         first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        if last < first:
-            raise PeriscopyError(f"'{part}' is no range of samples; write its least number first")
         indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
     if not indices:
         raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
@@ -215,10 +205,10 @@ def _in_words(name: str, value: Any) -> str:
 
 @contextmanager
 def _between_blocks() -> Iterator[Callable[[], None]]:
-    """Keep Ctrl-C for where the work can stop: the second one stops it anywhere.
+    """Keep Ctrl-C for where the work can stop; a second one stops it anywhere.
 
-    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. What is yielded raises
-    KeyboardInterrupt if one was pressed.
+    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. The function that is yielded
+    raises KeyboardInterrupt if Ctrl-C was pressed.
     """
     pressed: list[int] = []
 
@@ -231,9 +221,6 @@ def _between_blocks() -> Iterator[Callable[[], None]]:
         if pressed:
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
-        yield check
-        return
     before = {number: signal.signal(number, press) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield check

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions, parse_list, parse_size
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.light import LightModel as AskedPrototypes
+from periscopy_sim.cli.light import check_memory
+from periscopy_sim.cli.options import LightModelOption as PrototypesOption
+from periscopy_sim.cli.options import (
     Model,
     ModelOption,
-    check_memory,
+    option,
+    parse_definitions,
+    parse_list,
+    parse_size,
 )
 from periscopy_sim.cli.output import (
     counted_progress,
@@ -25,7 +32,6 @@ from periscopy_sim.cli.output import (
     write_json,
 )
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.evaluation.design.comparison import By, Comparison, Equal
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import (
@@ -38,9 +44,8 @@ from periscopy_sim.storage.outputs.resume import (
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
-    from periscopy_sim.evaluation.design.search import Design
-    from periscopy_sim.evaluation.design.table import Row
-    from periscopy_sim.evaluation.design.variation import Variation
+    from periscopy_sim.evaluation.design import Design, Row
+    from periscopy_sim.evaluation.merit import Comparison
     from periscopy_sim.scenario import Scenario
 
 TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
@@ -48,8 +53,30 @@ TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.
 VALUES = {1: 21, 2: 11}
 """Values of each parameter on the grid, by how many vary; more are drawn."""
 
+MOST_POINTS = 20_000
+"""Points of one design: hours, at a second a point."""
+
 LISTED = 5
 """Points that are printed."""
+
+
+class By(StrEnum):
+    """What ranks the points."""
+
+    bound = "bound"
+    told = "told"
+    time = "time"
+
+
+NUMBER = {By.bound: "bound", By.told: "told_error", By.time: "exposure_time"}
+"""Number of a `Merit` that ranks."""
+
+
+class Equal(StrEnum):
+    """What scenes have in common, see `periscopy_sim.evaluation.merit`."""
+
+    level = "level"
+    time = "time"
 
 
 def design(
@@ -74,7 +101,7 @@ def design(
             "Values of each parameter, all combined. Default: 21 of one parameter, 11 of each of "
             "two.",
             min=1,
-            max=10_000,
+            max=MOST_POINTS,
         ),
     ] = None,
     draws: Annotated[
@@ -84,14 +111,14 @@ def design(
             "Points spread evenly over all ranges instead of a grid; a larger number goes on with "
             "a smaller one's. Default: 64 of three parameters or more.",
             min=1,
-            max=20_000,
+            max=MOST_POINTS,
         ),
     ] = None,
     by: Annotated[
         By,
         typer.Option(
             help="What is best: the least Cramer-Rao bound, the least error that the noise-aware "
-            "method tells, or the shortest exposure time for the bound of the scene as it stands."
+            "method reports, or the shortest exposure for the bound of the scene as it stands."
         ),
     ] = By.bound,
     equal: Annotated[
@@ -128,23 +155,31 @@ def design(
     Scenes are compared over their <default>s: a curve of one, a map of two, a ranking of more. The
     best scene is written. A design that was stopped goes on by the same command.
     """
-    from periscopy_sim.evaluation.design.search import Design, at_border, ranked, run_design
+    from periscopy_sim.evaluation.design import Design, points_of, ranked, run_design
+    from periscopy_sim.evaluation.merit import Comparison
+    from periscopy_sim.evaluation.sweep import image_sha256
     from periscopy_sim.figures.design import draw_design
 
     inputs.refuse_measurements(scene)
     path, given, size = find_scene(scene), parse_definitions(define), parse_size(hidden)
-    variation = _variation(vary, path, given, grid, draws, seed)
-    comparison = Comparison(snr, sbr, equal)
-    shown = {} if images == "none" else {n: n for n in parse_list("--images", images)}
+    ranges = _ranges(vary, path, given)
+    if grid is not None and draws is not None:
+        raise PeriscopyError("--grid and --draws both set the points; give one of them")
+    if draws is None and grid is None:
+        grid = VALUES.get(len(ranges))
+    if grid is not None and grid ** len(ranges) > MOST_POINTS:
+        raise PeriscopyError(f"--grid {grid}: more than {MOST_POINTS} points; give --draws instead")
+    comparison = Comparison(snr, sbr, equal_time=equal is Equal.time)
+    shown = [] if images == "none" else parse_list("--images", images)
     if by is By.told and not shown:
-        raise PeriscopyError("--by told needs images of which errors are told; leave --images out")
+        raise PeriscopyError("--by told needs images; leave --images out")
     prototypes = AskedPrototypes.of(backgrounds, seed)
     standing = inputs.load(scene, hidden, define)
     whole = Design(
         path=path,
         hidden=size,
         parameters=given,
-        variation=variation,
+        points=points_of(ranges, grid, draws or 64, seed),
         comparison=comparison,
         transport=lambda scenario: _transport(scenario, samples, model, seed),
         prototypes=prototypes.matrix,
@@ -152,7 +187,20 @@ def design(
     )
     check_memory(standing)
     provenance = inputs.provenance_of(standing, seed)
-    settings = _settings(provenance, whole, list(shown), samples, model, prototypes)
+    settings = {
+        **{name: value for name, value in provenance.items() if name not in ("command", "scene")},
+        "hidden_shape": list(size),
+        "ranges": {name: list(ends) for name, ends in ranges.items()},
+        "grid": grid,
+        "seed": seed,
+        "snr": snr,
+        "sbr": str(sbr),
+        "equal": equal.value,
+        "images": [[name, image_sha256(image)] for name, image in whole.images.items()],
+        "samples": samples,
+        "model": model.value,
+        **prototypes.origin,
+    }
     _check_folder(out, settings)
     whole.scenario({})
     with to_be_continued(), alone_in(out):
@@ -160,109 +208,74 @@ def design(
         write_settings(out, settings)
         with counted_progress("designing", "scenes") as report:
             rows = run_design(whole, out / TABLE, report)
-        order = ranked(rows, by)
+        order = ranked(rows, NUMBER[by])
         best = order[0] if order else None
         caption = _caption(comparison, hidden)
         with staged_file(out / PICTURE) as file:
-            text = as_text(provenance)
-            draw_design(file, variation, rows, best, caption=caption, metadata=text)
+            draw_design(file, rows, best, grid, caption=caption, metadata=as_text(provenance))
         if best is None:
             (out / BEST).unlink(missing_ok=True)  # of another --by
         else:
             remark = f"periscopy design: best of {len(order)} by {by.value}; {caption}"
             _write_best(out / BEST, whole, best, remark)
-        edges = [] if best is None else at_border(variation, best)
+        edges = [] if best is None else _at_border(ranges, best)
+        record = {
+            **{name: value for name, value in settings.items() if name not in provenance},
+            "by": by.value,
+            "as_it_stands": _finite(rows[0]),
+            "best": best and _finite(best),
+            "best_at_the_border_of": edges,
+            "ranking": [row["point"] for row in order],
+            "failed": {str(row["point"]): row["failure"] for row in rows if row["failure"]},
+            "points": list(map(_finite, rows)),
+            "provenance": provenance,
+        }
         with staged_file(out / RECORD) as file:
-            write_json(file, _record(settings, rows, order, by, edges, provenance))
-    _say(rows, order, by, edges)
+            write_json(file, record)
+    _say(rows, order, edges)
     names = (RECORD, TABLE, PICTURE, *([] if best is None else [BEST]))
     say_written(*(out / name for name in names))
 
 
-def parse_ranges(text: str) -> dict[str, tuple[float, float]]:
-    """Read ``NAME=LOW:HIGH,...``, each name once."""
-    ranges = {}
-    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
+def _ranges(vary: str, path: Path, given: Mapping[str, str]) -> dict[str, tuple[float, float]]:
+    """Read ``NAME=LOW:HIGH,...``, each the name of a number of the scene, once."""
+    from periscopy_sim.calibration.prior import start_values
+    from periscopy_sim.rendering.scene.document import read_document
+
+    ranges, errors = {}, read_document(path).errors
+    entries = [entry.strip() for entry in vary.split(",") if entry.strip()]
     for name, ends in parse_definitions(entries, "--vary").items():
         try:
             low, high = map(float, ends.split(":"))
         except ValueError:
+            low = high = np.nan
+        if not (np.isfinite([low, high]).all() and low < high):
             raise PeriscopyError(
-                f"--vary {name}={ends} is not of the form NAME=LOW:HIGH, such as "
+                f"--vary {name}={ends}: write NAME=LOW:HIGH, a number and a higher one, such as "
                 "occluder_dx=-0.05:0.05"
-            ) from None
-        ranges[name.strip()] = (low, high)
-    return ranges
-
-
-def _variation(
-    vary: str,
-    path: Path,
-    given: Mapping[str, str],
-    grid: int | None,
-    draws: int | None,
-    seed: int,
-) -> Variation:
-    """Return what varies; a PeriscopyError says what cannot."""
-    from periscopy_sim.calibration.prior import start_values
-    from periscopy_sim.evaluation.design.variation import Variation
-    from periscopy_sim.rendering.scene.document import read_document
-
-    ranges = parse_ranges(vary)
-    if grid is not None and draws is not None:
-        raise PeriscopyError("--grid and --draws both set the points; give one of them")
-    errors = read_document(path).errors
-    for name in ranges:
-        if name in errors:
-            raise SceneError(
-                f"--vary {name}: it is how well the ruler knows '{errors[name]}'; vary that one"
             )
-    if ranges:
-        start_values(path, list(ranges), given)
-    if draws is None and grid is None:
-        grid = VALUES.get(len(ranges))
-    return Variation(ranges, None if draws is not None else grid, draws or 64, seed)
+        if name in errors:
+            raise SceneError(f"--vary {name}: it is an error of measurement; vary {errors[name]}")
+        ranges[name] = (low, high)
+    if not ranges:
+        raise PeriscopyError("--vary names no parameter; write NAME=LOW:HIGH")
+    start_values(path, list(ranges), given)
+    return ranges
 
 
 def _transport(scenario: Scenario, samples: int, model: Model, seed: int) -> Any:
     """Return A by rays to fixed places of patches: noise of random ones looks like information."""
     if model is Model.analytic:
-        from periscopy_sim.analytic.transport import analytic_transport
+        from periscopy_sim.analytic.area_transport import analytic_transport
 
-        return analytic_transport(scenario, samples=samples)
+        return analytic_transport(scenario)
     from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
     return render_transport(scenario, samples=samples, strata="gauss", seed=seed)
 
 
-def _settings(
-    provenance: Mapping[str, Any],
-    design: Design,
-    images: list[str],
-    samples: int,
-    model: Model,
-    prototypes: AskedPrototypes,
-) -> dict[str, Any]:
-    """Return all that the points' merits depend on."""
-    from periscopy_sim.evaluation.sweep import image_sha256
-
-    left_out = ("command", "scene")
-    return {
-        **{name: value for name, value in provenance.items() if name not in left_out},
-        "hidden_shape": list(design.hidden),
-        **design.variation.settings(),
-        "snr": design.comparison.snr,
-        "sbr": str(design.comparison.sbr),
-        "equal": design.comparison.equal.value,
-        "images": [[name, image_sha256(design.images[name])] for name in images],
-        "samples": samples,
-        "model": model.value,
-        **prototypes.origin,
-    }
-
-
 def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
-    """Refuse a folder of another design, or with files that are not known to be of this one."""
+    """Reject a folder of another design, or with files of unknown settings."""
     held = read_settings(out)
     if held is not None and (out / TABLE).exists():
         check_settings(held, settings, str(out), "design")
@@ -272,90 +285,59 @@ def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
 
 def _caption(comparison: Comparison, hidden: str) -> str:
     light = f"SBR {comparison.sbr:g}" if comparison.has_ambient_light else "no ambient light"
-    alike = {Equal.level: "at an equal level", Equal.time: "in equal time"}[comparison.equal]
-    return f"{hidden} patches, {comparison.snr:g} dB, {light}, {alike}"
+    equal = "in equal time" if comparison.equal_time else "at an equal level"
+    return f"{hidden} patches, {comparison.snr:g} dB, {light}, {equal}"
 
 
 def _write_best(path: Path, design: Design, best: Row, remark: str) -> None:
-    """Write the scene of a point, and see that it loads from where it lies."""
+    """Write the scene of a point, and check that it loads."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
     from periscopy_sim.rendering.scene.load import load_scenario
 
     with staged_file(path) as staged:
-        write_copy(design.path, {**design.parameters, **best.values}, staged, remark)
+        write_copy(design.path, {**design.parameters, **best["values"]}, staged, remark)
         load_scenario(staged, design.hidden)
 
 
-def _record(
-    settings: Mapping[str, Any],
-    rows: list[Row],
-    order: list[Row],
-    by: By,
-    edges: list[str],
-    provenance: Mapping[str, Any],
-) -> dict[str, Any]:
-    from periscopy_sim.evaluation.design.merit import NUMBERS
-
-    def plain(row: Row) -> dict[str, Any]:
-        numbers = {name: row.figure(name) for name in NUMBERS}
-        told = {n: "inf" if x == float("inf") else x for n, x in numbers.items()}
-        return {
-            "point": row.number,
-            "values": dict(row.values),
-            **told,
-            "failure": row.failure,
-            "remark": "" if row.merit is None else row.merit.remark,
-        }
-
-    return {
-        **{name: value for name, value in settings.items() if name not in provenance},
-        "by": by.value,
-        "as_it_stands": plain(rows[0]),
-        "best": plain(order[0]) if order else None,
-        "best_at_the_border_of": edges,
-        "ranking": [row.number for row in order],
-        "failed": {str(row.number): row.failure for row in rows if row.failure},
-        "points": [plain(row) for row in rows],
-        "provenance": provenance,
-    }
+def _at_border(ranges: Mapping[str, tuple[float, float]], row: Row) -> list[str]:
+    """Return the parameters of a point that lie at an end of their range."""
+    values = {name: float(text) for name, text in row["values"].items()}
+    ends = {name: np.isclose(values[name], ranges[name], atol=1e-12).any() for name in values}
+    return [name for name, is_end in ends.items() if is_end and row["point"] > 0]
 
 
-def _say(rows: list[Row], order: list[Row], by: By, edges: list[str]) -> None:
-    """Print the best points beside the scene as it stands, and what failed."""
-    failed = [row for row in rows if row.failure]
+def _finite(row: Row) -> Row:
+    """Return a row as JSON takes it."""
+    return {name: "inf" if value == float("inf") else value for name, value in row.items()}
+
+
+def _say(rows: list[Row], order: list[Row], edges: list[str]) -> None:
+    """Print the best points beside the scene as it stands, and warnings."""
+    failed = [row for row in rows if row["failure"]]
     for row in failed[:LISTED]:
-        warn(f"{_place(row)}: {row.failure}")
+        warn(f"{_place(row)}: {row['failure']}")
     if len(failed) > LISTED:
-        warn(f"{len(failed) - LISTED} more points failed; {TABLE} says why")
-    told = rows[0].figure("told_error") is not None
-    say("bound" + ("  told   error" if told else "") + "  time    point (errors in % of white)")
-    for row in [rows[0], *(row for row in order[:LISTED] if row.number)]:
-        names = ("bound", *(("told_error", "error") if told else ()))
-        errors = "  ".join(f"{100 * (row.figure(name) or 0):<5.3g}" for name in names)
-        time = row.figure("exposure_time")
+        warn(f"{len(failed) - LISTED} more points failed, see {TABLE}")
+    has_errors = rows[0]["told_error"] is not None
+    names = ("bound", *(("told_error", "error") if has_errors else ()))
+    say("bound" + "  told   error" * has_errors + "  time    point (errors in % of white)")
+    for row in [rows[0], *(row for row in order[:LISTED] if row["point"])]:
+        errors = "  ".join(f"{100 * row[name]:<5.3g}" for name in names)
+        time = row["exposure_time"]
         say(f"{errors}  {'-' if time is None else f'{time:.3g}':<6}  {_place(row)}")
-        if row.merit is not None and row.merit.remark:
-            warn(f"{_place(row)}: {row.merit.remark}")
-    tried = [row for row in rows[1:] if not row.failure]
-    if not tried:
-        warn("every point failed, so that none is best")
-    elif by is By.time and rows[0].figure("bound") == float("inf"):
+        if row["remark"]:
+            warn(f"{_place(row)}: {row['remark']}")
+    if not order:
         warn(
-            "the scene as it stands does not tell all patches, so that no time equals its bound: "
-            "rank --by bound"
+            "no point is best: none makes a scene that determines all patches; ask for fewer "
+            "patches by --hidden, or rank by another --by"
         )
-    elif not order:
-        other = "" if by is By.told else ", or rank --by told"
-        warn(
-            "no point tells all patches, so that none is best: ask for fewer patches by "
-            f"--hidden{other}"
-        )
-    elif order[0].number == 0:
+    elif order[0]["point"] == 0:
         say("no point is better than the scene as it stands")
     elif edges:
         say(f"the best lies at the border of {', '.join(edges)}: better ones may lie beyond")
 
 
 def _place(row: Row) -> str:
-    values = ", ".join(f"{name}={value}" for name, value in row.values.items())
-    return f"as it stands ({values})" if row.number == 0 else values
+    values = ", ".join(f"{name}={value}" for name, value in row["values"].items())
+    return values if row["point"] else f"as it stands ({values})"

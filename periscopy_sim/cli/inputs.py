@@ -1,4 +1,4 @@
-"""What the commands are given: the scene, its transport matrix, photographs, masks."""
+"""What the commands read: the scene, hidden images, photographs, masks."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.cli.arguments import parse_definitions, parse_size
-from periscopy_sim.cli.output import fixable, progress, warn
+from periscopy_sim.cli.options import parse_definitions, parse_size
+from periscopy_sim.cli.output import fixable, warn
 from periscopy_sim.errors import PeriscopyError, PhotographError
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.checking import Photograph
+    from periscopy_sim.photograph import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
     from periscopy_sim.reconstruction.residual.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 Mask = NDArray[np.bool_]
 SUGGESTED = "mask.png"
 """Where a command that finds defective pixels writes a mask that leaves them out."""
+
+LONG = 1.5
+"""Ratio of a patch's sides from which rows and columns may be interchanged."""
 
 
 def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
@@ -36,13 +39,27 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
 
 
 def refuse_measurements(name: str) -> None:
-    """Refuse measurements in the place of the scene that is made of them."""
+    """Reject measurements in the place of the scene that `periscopy lab` makes of them."""
     path = Path(name)
     if path.suffix.lower() in (".yaml", ".yml") and path.is_file():
         raise PeriscopyError(
             f"{path}: measurements are no scene yet; make one of them: periscopy lab {path} --out "
             f"{path.with_suffix('.xml').name}"
         )
+
+
+def provenance_of(scenario: Scenario, seed: int | None) -> dict[str, Any]:
+    """Record versions, scene, variant, seed and command line."""
+    import mitsuba as mi
+
+    from periscopy_sim.storage.outputs.provenance import provenance
+
+    command = ["periscopy", *sys.argv[1:]]
+    record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
+    return {**record, "parameters": dict(scenario.parameters)}
+
+
+# -- doubts about a scene ------------------------------------------------------------------------
 
 
 def warn_of_long_patches(scenario: Scenario, name: str) -> list[str]:
@@ -52,19 +69,15 @@ def warn_of_long_patches(scenario: Scenario, name: str) -> list[str]:
         float(np.linalg.norm(edges, axis=1).mean())
         for edges in (scenario.patch_across, scenario.patch_up)
     )
-    turned = abs(np.log((across * columns / rows) / (up * rows / columns)))
-    if np.exp(abs(np.log(across / up))) < LONG or turned > abs(np.log(across / up)) / 2:
+    ratio, turned = across / up, across * columns**2 / (up * rows**2)
+    if max(ratio, 1 / ratio) < LONG or abs(np.log(turned)) > abs(np.log(ratio)) / 2:
         return []
-    told = (
+    line = (
         f"{name}: --hidden {rows}x{columns} makes patches of {1e3 * across:.3g} mm across and "
         f"{1e3 * up:.3g} mm up; rows come first: is {columns}x{rows} meant?"
     )
-    warn(told)
-    return [told]
-
-
-LONG = 1.5
-"""Sides of a patch, one over the other, from which its grid may be turned."""
+    warn(line)
+    return [line]
 
 
 def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
@@ -78,10 +91,7 @@ def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
 
 
 def warn_of_occluders(scenario: Scenario, name: str) -> None:
-    """Warn where no occluder casts a shadow; else of those that look wrong.
-
-    These are of another unit, or lie within others.
-    """
+    """Warn where no occluder casts a shadow, else of occluders of a wrong unit or within others."""
     from periscopy_sim.rendering.overlap import swallowed
     from periscopy_sim.rendering.shadow_check import size_doubts
 
@@ -108,14 +118,6 @@ def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
 
     if path is None:
         return None
-    if not path.exists():
-        beside = [
-            other
-            for other in (path.with_name(f"{path.stem}_mask.png"), path.with_name("mask.png"))
-            if other.is_file()
-        ]
-        if beside:
-            raise PhotographError(f"{path}: no such file; there is {beside[0]}: is that meant?")
     mask = photographs.read_mask(path, scenario.photograph_shape)
     with fixable(str(path)):
         return checked_mask(mask, scenario.transport_shape)
@@ -125,18 +127,10 @@ def read_photograph(path: Path, scenario: Scenario, mask: Mask | None = None) ->
     """Read a photograph of the size that the scene's camera sees, and print its warnings."""
     from periscopy_sim.storage import photographs
 
-    try:
-        given = photographs.read_photograph(path, scenario.photograph_shape, mask)
-    except PhotographError as error:
-        if mask is not None or "by a mask" not in str(error):
-            raise
-        beside = path.with_name(f"{path.stem}_mask.png")
-        if beside.is_file():
-            raise PhotographError(f"{error}, such as --mask {beside}") from None
-        raise
-    for warning in given.warnings:
+    photograph = photographs.read_photograph(path, scenario.photograph_shape, mask)
+    for warning in photograph.warnings:
         warn(warning)
-    return given
+    return photograph
 
 
 def read_backgrounds(
@@ -146,14 +140,14 @@ def read_backgrounds(
     backgrounds: dict[str, Array] = {}
     for path in paths or []:
         if str(path) in backgrounds:
-            raise PhotographError(f"--background {path} is given twice")
+            raise PhotographError(f"--monitor-off {path} is given twice")
         backgrounds[str(path)] = read_photograph(path, scenario, mask).values
     return backgrounds
 
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """What of a photograph measures no light of the wall, where a mask does not leave it out."""
+    """Pixels of a photograph that measure no light of the wall and that no mask leaves out."""
 
     pixels: DefectivePixels
     used: Mask | None
@@ -164,7 +158,7 @@ class Defects:
     """A line of each kind, if there are any."""
 
     def else_warned(self, residual: Residual | None) -> str:
-        """Return what a residual warns of, unless these pixels are the likeliest cause; or none."""
+        """Return a residual's warning, unless these pixels are its likeliest cause; or nothing."""
         if residual is None or (self.pixels.any_kind.any() and residual.likeliest == "pixels"):
             return ""
         return residual.warning
@@ -190,18 +184,17 @@ def look_for_defects(
     A border that stands out is not used, where no mask says what is and the method is `maskable`;
     else it is warned of. `suggested` is where a mask that leaves all of them out will be.
     """
-    from periscopy_sim.photographs.border import bad_border
+    from periscopy_sim.photographs.border import BadBorder, bad_border
     from periscopy_sim.photographs.defects import defective_pixels
 
     remedy = f"leave them out by --mask {suggested or 'FILE'}"
-    border = bad_border(photograph, mask)
-    inside = border.inside(photograph.shape[:2])
-    sound = inside if mask is None else mask & inside
+    border = bad_border(photograph) if mask is None else BadBorder()
+    sound = border.inside(photograph.shape[:2]) if mask is None else mask
     used, warnings = mask, []
     if border:
-        outstanding = f"{border}, darker or brighter all along than the light farther inside"
-        if mask is None and maskable:
-            used = inside
+        outstanding = f"border lines that are far too dark or bright ({border})"
+        if maskable:
+            used = sound
             warnings.append(f"{name}: left out {outstanding}; --mask takes exactly what it shows")
         else:
             warnings.append(f"{name}: {outstanding}; {remedy}")
@@ -214,26 +207,5 @@ def look_for_defects(
 
 
 def mask_record(path: Path | None, mask: Mask | None) -> dict[str, Any]:
-    """Return what a summary tells of what was left out."""
+    """Return the entries of a summary about pixels that were left out."""
     return {"mask": path, "pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
-
-
-def photograph(
-    scenario: Scenario, image: NDArray[np.float64], samples: int, seed: int
-) -> NDArray[np.float64]:
-    """Path trace a photograph with a progress bar."""
-    from periscopy_sim.rendering.photograph import render_photograph
-
-    with fixable("photograph"), progress("path tracing the photograph") as report:
-        return render_photograph(scenario, image, samples=samples, seed=seed, progress=report)
-
-
-def provenance_of(scenario: Scenario, seed: int | None) -> dict[str, Any]:
-    """Record versions, scene, variant, seed and command line."""
-    import mitsuba as mi
-
-    from periscopy_sim.storage.outputs.provenance import provenance
-
-    command = ["periscopy", *sys.argv[1:]]
-    record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
-    return {**record, "parameters": dict(scenario.parameters)}

@@ -1,4 +1,4 @@
-"""The options of the registered methods, as a command's arguments."""
+"""The options of the registered methods, on the command line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, TypeVar
 
-from periscopy_sim.cli import arguments
+from periscopy_sim.cli.options import EXPERT, SOLVER, number
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
 
@@ -15,29 +15,26 @@ Offered = Mapping[str, tuple[Option, ...]]
 """The options that each method takes, by the method's name."""
 
 FOR_STILLS: Offered = {name: entry.options for name, entry in METHODS.items()}
+_COUPLINGS = {name: entry.video.couplings for name, entry in METHODS.items() if entry.video}
 FOR_VIDEOS: Offered = {
     name: (*entry.options, *entry.video.options) for name, entry in METHODS.items() if entry.video
 }
-COUPLINGS = tuple(
-    dict.fromkeys(
-        coupling for entry in METHODS.values() if entry.video for coupling in entry.video.couplings
-    )
-)
+COUPLINGS = tuple(dict.fromkeys(each for taken in _COUPLINGS.values() for each in taken))
 
 
 def method_help(offered: Offered) -> str:
     """Return the help of ``--method``: each method, what it is, and its certainty for stills."""
-    return "; ".join(
-        f"{name}: {entry.help}"
-        + (f" (with {entry.certainty})" if entry.certainty and offered is FOR_STILLS else "")
-        for name, entry in METHODS.items()
-        if name in offered
-    )
+    words = []
+    for name in offered:
+        entry = METHODS[name]
+        certainty = entry.certainty if offered is FOR_STILLS else ""
+        words.append(f"{name}: {entry.help}" + (f" (with {certainty})" if certainty else ""))
+    return "; ".join(words)
 
 
 def coupling_help() -> str:
     """Return the help of ``--coupling``: each coupling, and the methods that alone take it."""
-    owners = {each: [name for name in FOR_VIDEOS if each in _couplings(name)] for each in COUPLINGS}
+    owners = {each: [name for name in _COUPLINGS if each in _COUPLINGS[name]] for each in COUPLINGS}
     return "; ".join(
         each + ("" if len(names) == len(FOR_VIDEOS) else f" ({_either(names)} alone)")
         for each, names in owners.items()
@@ -45,21 +42,21 @@ def coupling_help() -> str:
 
 
 def takes_options_of(offered: Offered) -> Callable[[Command], Command]:
-    """Give a command's ``**options`` the names, bounds and help of the methods' options."""
+    """Give a command's ``**numbers`` the names, bounds and help of the methods' options."""
 
     def decorate(command: Command) -> Command:
         signature = inspect.signature(command, eval_str=True)
-        *own, rest = signature.parameters.values()
-        assert rest.kind is inspect.Parameter.VAR_KEYWORD
+        own = list(signature.parameters.values())[:-1]
         options = [
             inspect.Parameter(
                 name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_argument(taken)
             )
             for name, taken in _by_name(offered).items()
         ]
-        told: Any = command
-        told.__signature__ = signature.replace(parameters=[*own, *options])
-        told.__annotations__ = {p.name: p.annotation for p in [*own, *options]} | {"return": None}
+        described: Any = command
+        described.__signature__ = signature.replace(parameters=[*own, *options])
+        annotations = {p.name: p.annotation for p in [*own, *options]}
+        described.__annotations__ = annotations | {"return": None}
         return command
 
     return decorate
@@ -68,58 +65,46 @@ def takes_options_of(offered: Offered) -> Callable[[Command], Command]:
 def settings_for(
     method: str, given: Mapping[str, float | None], offered: Offered, coupling: str = ""
 ) -> dict[str, float]:
-    """Return the values of a method's options: what is given, and its defaults.
+    """Return the values of a method's options: the user's, else the defaults.
 
-    A user's own method takes none. Options of other couplings of a video's frames are left out;
-    to give one of these, or one of another method, is an error.
+    A user's own method takes none. Options of other couplings of a video's frames are left out; a
+    PeriscopyError names an option of the user's that belongs to another coupling or method.
     """
-    taken = {option.name: option for option in offered.get(method, ())}
-    owners = _by_name(offered)
+    options = {
+        option.name: option
+        for option in offered.get(method, ())
+        if option.coupling in ("", coupling)
+    }
     values = {name: value for name, value in given.items() if value is not None}
     for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
-        belongs = next(iter(owners[name].values())).coupling
-        if belongs not in ("", coupling):
+        owners = _by_name(offered)[name]
+        if name not in options:
+            belongs = next(iter(owners.values())).coupling
+            other = f"--coupling {belongs}" if belongs else f"--method {_either(owners)}"
             raise PeriscopyError(
-                f"{flag} belongs to --coupling {belongs}, not to {coupling}; leave it out"
+                f"{flag} belongs to {other}, not to {coupling if belongs else method}; leave it out"
             )
-        if name not in taken:
+        if not options[name].least <= value <= options[name].most:
             raise PeriscopyError(
-                f"{flag} belongs to --method {_either(owners[name])}, not to {method}; leave it out"
+                f"{flag} {value:g}: --method {method} takes {options[name].least:g} to "
+                f"{options[name].most:g}"
             )
-        if not taken[name].least <= value <= taken[name].most:
-            raise PeriscopyError(
-                f"{flag} {value:g}: --method {method} takes {taken[name].least:g} to "
-                f"{taken[name].most:g}"
-            )
-    return {
-        name: values.get(name, option.default)
-        for name, option in taken.items()
-        if option.coupling in ("", coupling)
-    }
+    return {name: values.get(name, option.default) for name, option in options.items()}
 
 
 def check_coupling(method: str, coupling: str) -> None:
     """Check that a method recovers videos and knows a coupling."""
     if method not in FOR_VIDEOS:
         raise PeriscopyError(f"no method '{method}' for videos; use {_either(FOR_VIDEOS)}")
-    owners = [n for n in FOR_VIDEOS if coupling in _couplings(n)]
-    if not owners:
-        raise PeriscopyError(f"no coupling '{coupling}'; use {_either(_couplings(method))}")
-    if method not in owners:
+    if coupling not in _COUPLINGS[method]:
         raise PeriscopyError(
-            f"--coupling {coupling} belongs to --method {_either(owners)}; {method} takes "
-            f"{_either(_couplings(method))}"
+            f"--coupling {coupling}: method {method} takes {_either(_COUPLINGS[method])}"
         )
 
 
-def _couplings(method: str) -> tuple[str, ...]:
-    video = METHODS[method].video
-    return video.couplings if video else ()
-
-
 def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
-    """Return, for each option's name, the methods that take it and as what."""
+    """Return, for each option's name, the methods that take it and its entry there."""
     taken: dict[str, dict[str, Option]] = {}
     for method, options in offered.items():
         for option in options:
@@ -130,21 +115,20 @@ def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
 def _argument(taken: Mapping[str, Option]) -> Any:
     """Return the annotation of an option that some methods take."""
     first = next(iter(taken.values()))
-    alike: dict[tuple[float, str], list[str]] = {}
-    for method, option in taken.items():
-        alike.setdefault((option.default, option.unit), []).append(method)
+    methods: dict[tuple[float, str], list[str]] = {}
+    for method, entry in taken.items():
+        methods.setdefault((entry.default, entry.unit), []).append(method)
     defaults = "; ".join(
-        f"{default:g} by {', '.join(methods)}" + (f" ({unit})" if unit else "")
-        for (default, unit), methods in alike.items()
+        f"{default:g} by {', '.join(names)}" + (f" ({unit})" if unit else "")
+        for (default, unit), names in methods.items()
     )
     return Annotated[
         float | None,
-        arguments.option(
-            "NUMBER",
+        number(
             f"{first.help} Default: {defaults}.",
-            min=min(option.least for option in taken.values()),
-            max=max(option.most for option in taken.values()),
-            callback=arguments.not_nan,
+            group=SOLVER if first.name.endswith("weight") else EXPERT,
+            min=min(entry.least for entry in taken.values()),
+            max=max(entry.most for entry in taken.values()),
             show_default=False,
         ),
     ]

@@ -1,4 +1,4 @@
-"""What the commands tell: lines, warnings, progress, times, files, JSON."""
+"""What the commands print and write: lines, warnings, progress, times, JSON."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ INTERRUPTED = 130
 
 BETWEEN_LINES = 20.0
 """Seconds between two lines of progress where there is no terminal."""
-
-FORETELLS = 0.02
-"""Part of the work from which it tells how long the rest takes; before, kernels are compiled."""
 
 
 @contextmanager
@@ -96,74 +93,50 @@ def progress(label: str, *, lines: bool = True) -> Iterator[Callable[[float], No
 
     What is yielded takes the fraction done, 0 to 1. Without `lines` there are none elsewhere.
     """
-    from rich.progress import BarColumn, TaskProgressColumn
-
-    with _shown(label, BarColumn(), TaskProgressColumn(), lines=lines) as (update, told):
-
-        def report(fraction: float) -> None:
-            update(total=1.0, completed=fraction)
-            told(f"{100 * fraction:.0f} %", fraction)
-
-        yield report
+    with _bar(label, lines=lines) as update:
+        yield lambda fraction: update(fraction, f"{100 * fraction:.0f} %")
 
 
 @contextmanager
 def counted_progress(label: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how many of many things are done, and how many a second; see `progress`.
+    """Show how many of many things are done; see `progress`.
 
     What is yielded takes how many are done, and of how many.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-
-    columns = BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}")
-    begun: list[tuple[float, int]] = []
-    with _shown(label, *columns) as (update, told):
-
-        def report(done: int, total: int) -> None:
-            if not begun:
-                begun.append((time.perf_counter(), done))
-            start, before = begun[0]
-            rate = (done - before) / max(time.perf_counter() - start, 1e-9)
-            text = f"{rate:.1f} {unit}/s" if done > before else ""
-            update(total=total, completed=done, rate=text)
-            told(f"{done} of {total} {unit}", done / max(total, 1))
-
-        yield report
-
-
-def _left(passed: float, fraction: float) -> str:
-    """Return how long the rest takes if it goes on as it did, as ", about 12 s left"."""
-    if not FORETELLS <= fraction < 1:
-        return ""
-    left = passed * (1 - fraction) / fraction
-    return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"
+    with _bar(label) as update:
+        yield lambda done, total: update(done / max(total, 1), f"{done} of {total} {unit}")
 
 
 @contextmanager
-def _shown(
-    label: str, *columns: Any, lines: bool = True
-) -> Iterator[tuple[Callable[..., None], Callable[[str, float], None]]]:
-    """Yield what updates a bar, and what prints a line if it is time for one."""
+def _bar(label: str, *, lines: bool = True) -> Iterator[Callable[[float, str], None]]:
+    """Yield a function that shows a fraction done, and its text."""
     from rich.console import Console
-    from rich.progress import Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    watched = console.is_terminal
-    begun = last = time.monotonic()
+    lines &= not console.is_terminal
+    last = time.monotonic()
 
-    def told(how_far: str, fraction: float) -> None:
+    def say_stage(text: str) -> None:
+        if lines:
+            print(f"periscopy: {text}", file=sys.stderr, flush=True)
+
+    def update(fraction: float, text: str) -> None:
         nonlocal last
-        if lines and not watched and time.monotonic() - last > BETWEEN_LINES:
+        bar.update(task, total=1.0, completed=fraction, text=text)
+        if time.monotonic() - last > BETWEEN_LINES:
             last = time.monotonic()
-            how_far += _left(last - begun, fraction)
-            print(f"periscopy: {label}: {how_far}", file=sys.stderr, flush=True)
+            say_stage(f"{label}: {text}")
 
-    if lines and not watched:
-        print(f"periscopy: {label}", file=sys.stderr, flush=True)
-    columns = (TextColumn("{task.description}"), *columns, TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not watched) as bar:
-        task = bar.add_task(label, total=None, rate="")
-        yield lambda **fields: bar.update(task, **fields), told
+    say_stage(label)
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    disabled = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=disabled) as bar:
+        task = bar.add_task(label, total=None, text="")
+        yield update
 
 
 class Stopwatch:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.output import fixable, progress, say, warn
+from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli.options import LIGHT, SCENE, option
+from periscopy_sim.cli.output import fixable, say, warn
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -27,18 +28,21 @@ MOST_SAMPLES = 2**20
 """Camera samples a pixel, which may take hours."""
 
 
+_sensor_number = partial(option, "NUMBER", group="Sensor")
+
+
 def photograph(
-    scene: arguments.SceneArgument,
+    scene: options.SceneArgument,
     image: Annotated[
         str,
         typer.Argument(metavar="IMAGE", help="What the monitor shows: a file, or a shipped image."),
     ],
-    out: arguments.OutFile,
+    out: options.OutFile,
     hidden: Annotated[
-        str, option("ROWSxCOLUMNS", "Patches to average the image down to.")
+        str, option("ROWSxCOLUMNS", "Patches to average the image down to.", group=SCENE)
     ] = "29x36",
     samples: Annotated[
-        int, option("NUMBER", "Camera samples a pixel.", min=1, max=MOST_SAMPLES)
+        int, option("NUMBER", "Camera samples a pixel.", min=1, max=MOST_SAMPLES, group=LIGHT)
     ] = 4096,
     ambient: Annotated[
         str | None,
@@ -46,6 +50,7 @@ def photograph(
             "LIGHT",
             "Ambient light to add, at --sbr: a photograph of it, or a shipped condition, which is "
             f"path traced: {', '.join((*REALISTIC, *ADVERSARIAL))}.",
+            group=LIGHT,
         ),
     ] = None,
     sbr: Annotated[
@@ -55,35 +60,30 @@ def photograph(
             "Signal-to-background ratio, monitor's light over ambient; scales the sum to mean 1.",
             min=1e-6,
             max=1e6,
+            group=LIGHT,
         ),
     ] = None,
-    snr: arguments.OptionalSnr = None,
+    snr: options.OptionalSnr = None,
     electrons: Annotated[
         float | None,
-        option(
-            "NUMBER",
+        _sensor_number(
             "Expose a sensor, instead of --snr: mean electrons a value collects in a frame.",
             min=1e-3,
             max=1e12,
         ),
     ] = None,
     read_noise: Annotated[
-        float | None,
-        option("NUMBER", "The sensor's read noise, electrons. [default: 2.5]", min=0, max=1e12),
+        float | None, _sensor_number("Read noise, electrons. [default: 2.5]", min=0, max=1e12)
     ] = None,
     full_well: Annotated[
-        float | None,
-        option("NUMBER", "The sensor's full well, electrons. [default: 10000]", min=1, max=1e12),
+        float | None, _sensor_number("Full well, electrons. [default: 10000]", min=1, max=1e12)
     ] = None,
-    bits: Annotated[
-        int | None, option("NUMBER", "The sensor's bit depth. [default: 12]", min=4, max=32)
-    ] = None,
+    bits: Annotated[int | None, _sensor_number("Bit depth. [default: 12]", min=4, max=32)] = None,
     frames: Annotated[
-        int | None,
-        option("NUMBER", "Frames of the sensor to average. [default: 1]", min=1, max=10**5),
+        int | None, _sensor_number("Frames to average. [default: 1]", min=1, max=10**5)
     ] = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Path trace what the camera sees, as an EXR file.
 
@@ -92,72 +92,60 @@ def photograph(
     from periscopy_sim import measurement
     from periscopy_sim.storage.formats.exr import write_exr
 
-    arguments.require_suffix(out, ".exr", "the photograph")
+    options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
     if snr is not None and electrons is not None:
         raise PeriscopyError("--snr and --electrons both set the noise; give one of them")
-    chosen = {
-        "read_noise": read_noise, "full_well": full_well, "bit_depth": bits, "frames": frames
+    sensor = _sensor(
+        electrons, read_noise=read_noise, full_well=full_well, bit_depth=bits, frames=frames
+    )
+    session = Session(scene, hidden, define, seed)
+    settings: dict[str, Any] = {
+        "image": image, "hidden": hidden, "samples": samples, "ambient": ambient, "sbr": sbr,
+        "snr": snr,
     }  # fmt: skip
-    sensor = _sensor(electrons, {name: x for name, x in chosen.items() if x is not None})
     with staged_file(out) as file:
-        scenario = inputs.load(scene, hidden, define)
-        shown = inputs.hidden_image(image, scenario.hidden_shape)
-        background = None
-        if ambient is not None:
-            background = _ambient_light(ambient, scenario, seed)
-        y = inputs.photograph(scenario, shown, samples, seed)
-        inputs.warn_of_long_patches(scenario, scene)
-        grain = _grain(scenario, y)
-        grainy = ""
+        shown = session.hidden_image(image)
+        background = None if ambient is None else _ambient_light(ambient, session)
+        y = session.synthetic_photograph(shown, samples)
+        inputs.warn_of_long_patches(session.scenario, scene)
+        grain, added = _grain(session.scenario, y), math.inf
         with fixable("photograph"):
             if background is not None and sbr is not None:
                 signal, y = y, measurement.composite(y, background, sbr)
                 grain *= float(y.mean() / signal.mean()) * sbr / (1 + sbr)
+            noiseless = y
             if snr is not None:
-                grainy = _grainy(grain, measurement.noise_level(y, snr), y, samples)
+                added = measurement.noise_level(y, snr)
                 y = measurement.add_noise(y, snr, seed)
             if sensor is not None:
-                grainy = _grainy(grain, 10 ** (-sensor.snr / 20) * float(y.mean()), y, samples)
+                added = 10 ** (-sensor.snr / 20) * float(y.mean())
                 exposure = sensor.expose(y, seed)
                 y, saturated = exposure.values, int(exposure.saturated.sum())
-        settings: dict[str, Any] = {
-            "image": image,
-            "hidden": hidden,
-            "samples": samples,
-            "ambient": ambient,
-            "sbr": sbr,
-            "snr": snr,
-        }
-        if sensor is not None:
-            settings |= {**asdict(sensor), "saturated": saturated}
-        write_exr(file, y, as_text({**settings, **inputs.provenance_of(scenario, seed)}))
+                settings |= {**asdict(sensor), "saturated": saturated}
+        write_exr(file, y, as_text({**settings, **session.provenance}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
-    if grainy:
-        warn(f"{out}: {grainy}")
+    if grain > added:
+        warn(f"{out}: {_grainy(grain, added, noiseless, samples)}")
     if sensor is not None:
         say(f"saturated {saturated} of {y.size} values; SNR {sensor.snr:.1f} dB at mean light")
 
 
-def _ambient_light(name: str, scenario: Scenario, seed: int) -> Array:
+def _ambient_light(name: str, session: Session) -> Array:
     """Return ambient light, (rows, columns, 3), of a file or of a shipped condition."""
-    if Path(name).is_file() or name not in (*REALISTIC, *ADVERSARIAL):
-        if not Path(name).is_file() and (guess := did_you_mean(name, (*REALISTIC, *ADVERSARIAL))):
-            raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
-        return inputs.read_photograph(Path(name), scenario).values
-    from periscopy_sim.rendering.ambient.background import render_background
-
-    with progress("path tracing the ambient light") as report:
-        return render_background(
-            f"ambient/{name}", scenario, target=3e-4, seed=seed + 1, progress=report
-        ).photograph
+    shipped = (*REALISTIC, *ADVERSARIAL)
+    if name in shipped and not Path(name).is_file():
+        return session.ambient_light(name)
+    if not Path(name).is_file() and (guess := did_you_mean(name, shipped)):
+        raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
+    return inputs.read_photograph(Path(name), session.scenario).values
 
 
 def _grain(scenario: Scenario, photograph: Array) -> float:
-    """Return the path tracing's standard error, the root mean square of those of the channels.
+    """Return the path tracing's standard error, the root mean square of the channels'.
 
-    It is told from neighbouring pixels, and 0 where it cannot be: those of a textured wall differ.
+    Neighbouring pixels give it; those of a textured wall differ anyway, and it is 0 there.
     """
     from periscopy_sim.reconstruction.residual.camera_noise import camera_noise
 
@@ -168,22 +156,20 @@ def _grain(scenario: Scenario, photograph: Array) -> float:
 
 
 def _grainy(grain: float, added: float, photograph: Array, samples: int) -> str:
-    """Return that the path tracing's standard error exceeds the noise that is added; or nothing."""
-    if grain <= added:
-        return ""
-    own, asked = 100 * np.array([grain, added]) / np.sqrt(np.mean(photograph**2))
-    enough = samples * (grain / added) ** 2
-    most = min(2 ** math.ceil(math.log2(enough)), MOST_SAMPLES)
+    """Return the warning that the path tracing's standard error exceeds the noise added."""
+    own, noise = 100 * np.array([grain, added]) / np.sqrt(np.mean(photograph**2))
+    enough = min(2 ** math.ceil(math.log2(samples * (grain / added) ** 2)), MOST_SAMPLES)
     return (
         f"the path tracing's own noise is {own:.2g} % of the photograph, more than the "
-        f"{asked:.2g} % that was asked for; more samples lessen it: --samples {most}"
+        f"{noise:.2g} % of the noise added; take more samples: --samples {enough}"
     )
 
 
-def _sensor(electrons: float | None, chosen: Mapping[str, Any]) -> Sensor | None:
-    """Return the sensor that was asked for; None if none was."""
+def _sensor(electrons: float | None, **described: Any) -> Sensor | None:
+    """Return the sensor that the options describe; None without ``--electrons``."""
     from periscopy_sim.measurement import Sensor
 
+    chosen = {name: value for name, value in described.items() if value is not None}
     if electrons is None:
         if chosen:
             raise PeriscopyError(

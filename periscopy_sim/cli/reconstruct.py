@@ -9,32 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions
-from periscopy_sim.cli.fitting.fit import fit
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    parse_bounces,
-)
+from periscopy_sim.cli import options
+from periscopy_sim.cli.inputs import SUGGESTED, Defects, Mask
+from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
-from periscopy_sim.cli.output import (
-    Stopwatch,
-    as_json,
-    fixable,
-    progress,
-    say,
-    told_folder,
-    warn,
-    write_json,
-)
+from periscopy_sim.cli.options import SCENE, SOLVER, option
+from periscopy_sim.cli.output import as_json, fixable, progress, say, told_folder, warn
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
 
 NOTHING = "none"
 """What --uncertain takes for a scene that is to be taken for right."""
@@ -50,22 +34,23 @@ if TYPE_CHECKING:
 
 @takes_options_of(FOR_STILLS)
 def reconstruct(
-    photo: arguments.PhotoArgument,
-    scene: arguments.SceneOption,
-    hidden: arguments.Hidden,
-    out: arguments.Out,
+    photo: options.PhotoArgument,
+    scene: options.SceneOption,
+    hidden: options.Hidden,
+    out: options.Out,
     method: Annotated[
         str,
         option(
             "NAME",
             f"{method_help(FOR_STILLS)}; yours as module:callable or file.py:callable.",
+            group=SOLVER,
             autocompletion=lambda: list(FOR_STILLS),
         ),
     ] = DEFAULT,
-    samples: arguments.Samples = 16,
-    model: ModelOption = Model.rendered,
-    bounces: BouncesOption = "direct",
-    matrix: arguments.MatrixOption = None,
+    samples: options.Samples = 16,
+    model: options.ModelOption = options.Model.rendered,
+    bounces: options.BouncesOption = "direct",
+    matrix: options.MatrixOption = None,
     truth: Annotated[
         str | None,
         option(
@@ -77,105 +62,91 @@ def reconstruct(
         str | None,
         option(
             "NAME[=ERROR],...",
-            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005: the image "
-            "is that of the scene which they make most probable, its standard errors count theirs. "
-            "Without ERROR, that of the <default> NAME_error. Default: what a calibrated scene "
-            "carries, in the standard errors alone; none: nothing.",
+            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005, in which "
+            "the standard errors count. Default: what a calibrated scene carries; none: nothing.",
+            group=SCENE,
         ),
     ] = None,
-    background: arguments.BackgroundOption = None,
-    backgrounds: PrototypesOption = None,
-    mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
-    **options: float | None,
+    monitor_off: options.MonitorOffOption = None,
+    light_model: options.LightModelOption = None,
+    mask: options.MaskOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
+    **numbers: float | None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
-    from periscopy_sim.evaluation.methods import check_able, find_method, own_errors, source_sha256
+    from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
     from periscopy_sim.figures.residual import draw_residual
-    from periscopy_sim.photographs.checking import blackened
 
     find_method(method)
-    settings = settings_for(method, options, FOR_STILLS)
-    doubted = _uncertain_errors(uncertain, method, scene, parse_definitions(define))
-    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
-    prototypes = AskedPrototypes.of(backgrounds, seed, [method])
-    timed = Stopwatch()
+    settings = settings_for(method, numbers, FOR_STILLS)
+    session = Session(scene, hidden, define, seed)
+    doubted = _uncertain_errors(uncertain, method, scene, session.definitions)
+    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
+    lights = LightModel.of(light_model, seed, [method])
     with told_folder(out) as folder:
-        with timed("load the scene"), progress("loading the scene"):
-            scenario = inputs.load(scene, hidden, define)
-        check_able(method, scenario.hidden_shape)
-        unseen = inputs.warn_without_shadows(scenario, scene)
-        unseen += inputs.warn_of_long_patches(scenario, scene)
-        used = inputs.read_mask(mask, scenario)
-        given = inputs.read_photograph(photo, scenario, used)
-        dark = inputs.read_backgrounds(background, scenario, used)
-        defects = inputs.look_for_defects(
-            given.values, used, str(photo), out / inputs.SUGGESTED, maskable=method in METHODS
+        session.check_scene(method)
+        scenario, timed = session.scenario, session.timed
+        wall = session.wall(
+            photo, mask, monitor_off, suggested=out / SUGGESTED, maskable=method in METHODS
         )
-        used = defects.used
-        seen = blackened(given.values, used)
-        known = None if truth is None else inputs.hidden_image(truth, scenario.hidden_shape)
+        known = None if truth is None else session.hidden_image(truth)
         with timed("uncertain scene") if doubted or uncertain else nullcontext():
             moved, untold = _uncertain_transport(
                 doubted, uncertain, method, scenario, scene, samples, seed,
-                linear=not asked.is_rendered,
+                linear=not request.is_rendered,
             )  # fmt: skip
-        fitted, A = fit(method, settings, scenario, used, dark, timed, asked, prototypes, moved)
-        provenance = inputs.provenance_of(scenario, seed)
-        text = as_text(provenance)
+        session.warnings += untold
+        fitted, A = session.fit(method, settings, request, lights, wall, moved)
+        text = session.metadata
         with (
             timed("reconstruct"),
-            fixable(f"{photo} by {method}", dark),
+            fixable(f"{photo} by {method}", wall.monitor_off),
             own_errors(method, f"failed on {photo}"),
         ):
-            image, solved = _recovered(fitted, seen, scenario.hidden_shape)
+            image, solved = _recovered(fitted, wall.values, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, seen, solved, scenario, defects)
+            told = _told(fitted, wall.values, solved, scenario, wall.defects)
             left = told.residual
             explicable = left and left.likeliest not in ("", "object")
             otherwise = left and (left.better_orientation or left.better_encoding)
-            if left and explicable and not (dark or told.doubt or otherwise):
-                told = replace(told, doubt=_doubt(scenario, A, used, seen))
+            if left and explicable and not (wall.monitor_off or told.doubt or otherwise):
+                told = replace(told, doubt=_doubt(scenario, A, wall.mask, wall.values))
         doubts = list(filter(None, (told.doubt, told.misfit)))
-        _write_told(folder, told, image, seen, text)
+        _write_told(folder, told, image, wall.values, text)
         if told.residual is not None:
-            draw_residual(folder / "residual.png", seen, told.residual, text)
+            draw_residual(folder / "residual.png", wall.values, told.residual, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
-        defects.suggest_mask(folder, text)
-        shown = panels.displayable(image)
-        panels.write_enlarged(folder / "reconstruction.png", shown, text)
-        summary: dict[str, Any] = {
-            "method": method,
-            "method_sha256": source_sha256(method),
-            "photograph": str(photo),
-            "photograph_shape": scenario.photograph_shape,
-            "hidden_shape": scenario.hidden_shape,
-            **asked.origin,
-            **prototypes.origin,
-            **settings,
-            **told.numbers,
-            **inputs.mask_record(mask, used),
-            "backgrounds": list(dark),
-            "warnings": [*unseen, *untold, *given.warnings, *defects.warnings, *doubts],
-            "truth": truth,
-        }
-        if known is not None:
-            summary |= _compare(folder, image, known, seen, text)
-        write_json(
-            folder / "summary.json", {**summary, "seconds": timed.seconds, "provenance": provenance}
+        wall.defects.suggest_mask(folder, text)
+        panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
+        compared = None if known is None else _compare(folder, image, known, wall.values, text)
+        session.warnings += doubts
+        session.write_summary(
+            folder / "summary.json",
+            {
+                "method": method,
+                "method_sha256": source_sha256(method),
+                "photograph": str(photo),
+                **request.origin,
+                **lights.origin,
+                **settings,
+                **told.numbers,
+                **wall.record,
+                "truth": truth,
+                **(compared or {}),
+            },
         )
     for doubt in doubts:
         warn(f"{photo}: {doubt}")
     for remark in told.remarks:
         say(remark)
-    if known is not None:
-        farther = ": none farther is tried, so the image may be farther off"
+    if compared:
+        limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
         say(
-            f"against the truth: gain-matched PSNR {summary['psnr']:.2f} dB, registered "
-            f"{summary['psnr_registered']:.2f} dB (shift {summary['shift']} patches down, right"
-            f"{farther if summary['shift_at_limit'] else ''})"
+            f"against the truth: gain-matched PSNR {compared['psnr']:.2f} dB, registered "
+            f"{compared['psnr_registered']:.2f} dB (shift {compared['shift']} patches down, right"
+            f"{limit})"
         )
 
 
@@ -190,10 +161,10 @@ def _uncertain_errors(
         raise PeriscopyError(
             f"--uncertain belongs to --method {able}, not to {method}; leave it out"
         )
-    named = arguments.parse_errors(text, "--uncertain")
+    named = options.parse_errors(text, "--uncertain")
     if not named:
         raise PeriscopyError(f"--uncertain '{text}' names nothing; write NAME=ERROR, or {NOTHING}")
-    return arguments.known_errors(named, find_scene(scene), given)
+    return options.known_errors(named, find_scene(scene), given)
 
 
 def _uncertain_transport(
@@ -289,7 +260,7 @@ def _told(
     photograph: Array,
     found: Any,
     scenario: Scenario,
-    defects: inputs.Defects,
+    defects: Defects,
 ) -> _Told:
     """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
     from periscopy_sim.calibration.scene_covariance import is_calibrated
@@ -320,7 +291,7 @@ def _told(
     )
 
 
-def _doubt(scenario: Scenario, A: Any, mask: inputs.Mask | None, seen: Array) -> str:
+def _doubt(scenario: Scenario, A: Any, mask: Mask | None, seen: Array) -> str:
     """Return why a photograph may show no monitor, though the scene does not explain it."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.reconstruction.background_subspace import background_basis

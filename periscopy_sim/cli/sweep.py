@@ -9,32 +9,46 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
-from periscopy_sim.cli.arguments import option, parse_ambient, parse_list, parse_ratios
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport, BouncesOption, parse_bounces
+from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.outputs.resume import alone_in
+from periscopy_sim.storage.outputs.resume import (
+    alone_in,
+    check_settings,
+    read_settings,
+    refuse_results,
+    write_settings,
+)
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from periscopy_sim.scenario import Array, Scenario
+
+RENDERED = ("A.npy", "photograph.exr", "ambient")
+STORE = "sweep.zarr"
+RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
+VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
+"""Settings that no rendering depends on: they may change until there are results."""
 
 
 def sweep(
-    scene: arguments.SceneArgument,
-    hidden: arguments.Hidden,
+    scene: options.SceneArgument,
+    hidden: options.Hidden,
     out: Annotated[
         Path, option("FOLDER", "Folder of results; a sweep that stopped goes on there.")
     ],
     photograph: Annotated[
-        Path | None, option("FILE", "A photograph without ambient light; needs --truth.")
+        Path | None,
+        option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
     ] = None,
     truth: Annotated[
         str | None, option("IMAGE", "What the monitor showed in --photograph.")
@@ -58,18 +72,18 @@ def sweep(
     methods: Annotated[
         str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
     ] = "noise-aware,preconditioned,differencing",
-    snr: arguments.Snr = 60.0,
+    snr: options.Snr = 60.0,
     seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
     scheduler: Annotated[
         str | None, option("ADDRESS", "A Dask scheduler; without it, this machine's cores.")
     ] = None,
-    samples: arguments.Samples = 16,
-    bounces: BouncesOption = "direct",
-    background: arguments.BackgroundOption = None,
-    backgrounds: PrototypesOption = None,
-    mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    samples: options.Samples = 16,
+    bounces: options.BouncesOption = "direct",
+    monitor_off: options.MonitorOffOption = None,
+    light_model: options.LightModelOption = None,
+    mask: options.MaskOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Compare methods over ambient light and SBRs.
 
@@ -78,8 +92,6 @@ def sweep(
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
-    from periscopy_sim.evaluation.sweep_folder import RESULTS, check_folder, claim_folder
-    from periscopy_sim.evaluation.sweep_store import mean_errors
     from periscopy_sim.figures import panels
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
@@ -87,16 +99,18 @@ def sweep(
     require_all()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
-    ratios, lights = parse_ratios(sbr), parse_ambient(ambient)
-    asked = AskedTransport(samples, seed, bounces=parse_bounces(bounces), file=out / "A.npy")
-    names = parse_list("--methods", methods)
+    ratios, lights = options.parse_ratios(sbr), options.parse_ambient(ambient)
+    request = TransportRequest(
+        samples, seed, bounces=options.parse_bounces(bounces), file=out / "A.npy"
+    )
+    names = options.parse_list("--methods", methods)
     for name in names:
         find_method(name)
-    prototypes = AskedPrototypes.of(backgrounds, seed, names)
+    prototypes = LightModel.of(light_model, seed, names)
     scenario = inputs.load(scene, hidden, define)
     shown = inputs.hidden_image(truth or hidden_image or "", scenario.hidden_shape)
     used = inputs.read_mask(mask, scenario)
-    dark = inputs.read_backgrounds(background, scenario, used)
+    dark = inputs.read_backgrounds(monitor_off, scenario, used)
     signal = None
     if photograph is not None:
         signal = inputs.read_photograph(photograph, scenario, used).values
@@ -109,7 +123,7 @@ def sweep(
         **_versions_and_scene(scenario),
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
-        "bounces": asked.origin["bounces"],
+        "bounces": request.origin["bounces"],
         **prototypes.origin,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
@@ -126,18 +140,20 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    check_folder(out, settings)
+    _check_folder(out, settings)
     if scheduler is not None:
         with workers.connect(scheduler):  # does it answer?
             pass
     with to_be_continued(), alone_in(out):
-        claim_folder(out, settings)
+        _check_folder(out, settings)  # again, now that nobody else writes there
+        if not (out / STORE).exists():
+            write_settings(out, settings)
         if not (out / "A.npy").is_file():
             matrices.transport(
                 scene, hidden, out / "A.npy", samples=samples, bounces=bounces, seed=seed,
                 define=define,
             )  # fmt: skip
-        A = channels_mean(asked.matrix(scenario))
+        A = channels_mean(request.matrix(scenario))
         B = prototypes.matrix(scenario)
         with fixable(f"scene '{scenario.path}'", dark):
             fitted = fit_methods(names, scenario, A, B, used, dark)
@@ -170,8 +186,7 @@ def sweep(
         with staged_file(out / "sweep.png") as file:
             text = as_text(inputs.provenance_of(scenario, seed))
             panels.draw_sweep(file, results, metadata=text)
-    for line in mean_errors(results):
-        say(line)
+    _say_means(results)
     say_written(*(out / name for name in RESULTS))
 
 
@@ -185,7 +200,7 @@ def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
 def _background(path: Path, scenario: Scenario, used: inputs.Mask | None, flips: bool) -> Array:
     """Read ambient light, (rows, columns, 3); all that its flips show must be finite, too."""
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.photographs.checking import used_pixels
+    from periscopy_sim.photograph import used_pixels
 
     light = inputs.read_photograph(path, scenario, used).values
     turned = sweeps.flips({"": light}).values() if flips else ()
@@ -208,3 +223,34 @@ def _rendered(
 
         rendered = ambient_photographs(names, scenario, folder, seed)
     return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
+
+
+def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
+    """Reject a folder of other settings, or with files of unknown settings.
+
+    Until there are results, the `VARIED` settings may differ.
+    """
+    held = read_settings(out)
+    if held is None:
+        refuse_results(out, (*RENDERED, *RESULTS))
+        return
+    if not (out / STORE).exists():
+        held |= {name: settings[name] for name in VARIED}
+    check_settings(held, settings, str(out), "sweep")
+
+
+def _say_means(results: xr.Dataset) -> None:
+    """Print the mean error of each method at each SBR, and the failures."""
+    errors = results["mean_squared_error"].mean(("background", "seed"))  # of what did not fail
+    names = [str(name) for name in results["algorithm"].values]
+    heading = "mean squared error at SBR"
+    width = max(map(len, [heading, *names]))
+    say(f"{heading:{width}}" + "".join(f"{sbr:9g}" for sbr in results["sbr"].values))
+    for name, of_method in zip(names, errors.transpose("algorithm", "sbr").values, strict=True):
+        cells = (f"{'failed':>9}" if np.isnan(error) else f"{error:9.5f}" for error in of_method)
+        say(f"{name:{width}}{''.join(cells)}")
+    for name in names:
+        messages = results["failure"].sel({"algorithm": name}).values.ravel()
+        failed = messages[messages != ""]
+        if failed.size:
+            say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")

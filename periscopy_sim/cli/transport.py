@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import json
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.fitting.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    check_memory,
-    parse_bounces,
-)
+from periscopy_sim.cli import options
+from periscopy_sim.cli.light import TransportRequest, check_memory
 from periscopy_sim.cli.output import as_json, say
+from periscopy_sim.cli.session import Session
 
 
 def transport(
-    scene: arguments.SceneArgument,
-    hidden: arguments.Hidden,
-    out: arguments.OutFile,
-    samples: arguments.Samples = 16,
-    model: ModelOption = Model.rendered,
-    bounces: BouncesOption = "direct",
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    scene: options.SceneArgument,
+    hidden: options.Hidden,
+    out: options.OutFile,
+    samples: options.Samples = 16,
+    model: options.ModelOption = options.Model.rendered,
+    bounces: options.BouncesOption = "direct",
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Render the light transport matrix A of a scene.
 
@@ -33,20 +27,20 @@ def transport(
     """
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 
-    arguments.require_suffix(out, ".npy", "the matrix")
-    asked = AskedTransport(samples, seed, model, parse_bounces(bounces))
-    with transport_writer(out, asked.bounces) as write:
-        scenario = inputs.load(scene, hidden, define)
-        check_memory(scenario)
-        A = asked.matrix(scenario)
+    options.require_suffix(out, ".npy", "the matrix")
+    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces))
+    session = Session(scene, hidden, define, seed)
+    with transport_writer(out, request.bounces) as write:
+        check_memory(session.scenario)
+        A = request.matrix(session.scenario)
         record = {
-            "photograph_shape": scenario.photograph_shape,
-            "hidden_shape": scenario.hidden_shape,
+            "photograph_shape": session.scenario.photograph_shape,
+            "hidden_shape": session.scenario.hidden_shape,
             "model": model.value,
             "samples": samples,
-            **inputs.provenance_of(scenario, seed),
+            **session.provenance,
         }
         write(A, json.loads(as_json(record)))
     say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {record_of(out)}")
-    if not asked.is_direct:
+    if not request.is_direct:
         say(f"wrote {bounced_of(out)}")

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.fitting.fit import fit
-from periscopy_sim.cli.fitting.prototypes import AskedPrototypes, PrototypesOption
-from periscopy_sim.cli.fitting.transport_matrix import (
-    AskedTransport,
-    BouncesOption,
-    Model,
-    ModelOption,
-    parse_bounces,
-)
+from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
@@ -30,19 +23,14 @@ from periscopy_sim.cli.method_options import (
     settings_for,
     takes_options_of,
 )
-from periscopy_sim.cli.output import (
-    Stopwatch,
-    counted_progress,
-    fixable,
-    progress,
-    say,
-    told_folder,
-    warn,
-    write_json,
-)
+from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, SOLVER, number, option
+from periscopy_sim.cli.output import counted_progress, fixable, progress, say, told_folder
+from periscopy_sim.cli.session import Session, WallInput
 from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.storage.outputs.provenance import as_text
+
+if TYPE_CHECKING:
+    from periscopy_sim.reconstruction.residual.residual import Residual
 
 
 @takes_options_of(FOR_VIDEOS)
@@ -53,16 +41,18 @@ def video(
             metavar="FRAMES",
             help="Photographs in time's order: a folder of files that reconstruct takes, a Zarr "
             "archive, a multi-part EXR, an NPY or NPZ stack (frames, rows, columns, 3).",
+            rich_help_panel=PHOTOGRAPH,
         ),
     ],
-    scene: arguments.SceneOption,
-    hidden: arguments.Hidden,
-    out: arguments.Out,
+    scene: options.SceneOption,
+    hidden: options.Hidden,
+    out: options.Out,
     method: Annotated[
         str,
         option(
             "NAME",
             f"How each frame is recovered. {method_help(FOR_VIDEOS)}.",
+            group=SOLVER,
             autocompletion=lambda: list(FOR_VIDEOS),
         ),
     ] = DEFAULT,
@@ -71,27 +61,25 @@ def video(
         option(
             "NAME",
             f"How each frame is tied to the one before it: {coupling_help()}.",
+            group=SOLVER,
             autocompletion=lambda: list(COUPLINGS),
         ),
     ] = "l1",
-    samples: arguments.Samples = 16,
-    model: ModelOption = Model.rendered,
-    bounces: BouncesOption = "direct",
-    matrix: arguments.MatrixOption = None,
+    samples: options.Samples = 16,
+    model: options.ModelOption = options.Model.rendered,
+    bounces: options.BouncesOption = "direct",
+    matrix: options.MatrixOption = None,
     truth: Annotated[
         str | None,
         option(
             "IMAGES",
-            "What was hidden, if known: a folder of pictures or an NPY stack, one for each "
+            "The hidden images, if known: a folder of pictures or an NPY stack, one for each "
             "photograph, or one image (a file or a shipped one) for all; adds metrics and "
             "frames_sheet.png.",
         ),
     ] = None,
     rate: Annotated[
-        float,
-        option(
-            "NUMBER", "Animation's frames a second.", min=0.1, max=1000, callback=arguments.not_nan
-        ),
+        float, number("Animation's frames a second.", group=OUTPUT, min=0.1, max=1000)
     ] = 16.0,
     also: Annotated[
         list[str] | None,
@@ -99,134 +87,76 @@ def video(
             "mp4|webm",
             "Write the animation in this format too, as video.mp4 or video.webm, by PyAV (the "
             "extra video); repeatable.",
+            group=OUTPUT,
         ),
     ] = None,
     batch: Annotated[
         int,
-        option("NUMBER", "Photographs that P or A is applied to in one product.", min=1, max=4096),
+        option(
+            "NUMBER",
+            "Photographs that P or A is applied to in one product.",
+            group=options.EXPERT,
+            min=1,
+            max=4096,
+        ),
     ] = 16,
-    background: arguments.BackgroundOption = None,
-    backgrounds: PrototypesOption = None,
-    mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
-    **options: float | None,
+    monitor_off: options.MonitorOffOption = None,
+    light_model: options.LightModelOption = None,
+    mask: options.MaskOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
+    **numbers: float | None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
-    from threadpoolctl import threadpool_limits
-
     from periscopy_sim.evaluation import video_metrics
-    from periscopy_sim.evaluation.methods import check_able
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.figures.residual import draw_residual
-    from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.formats.arrays import mapped_stack
-    from periscopy_sim.storage.sequences import (
-        decoded_photographs,
-        decoded_truth,
-        npy_writer,
-        open_frames,
-    )
 
     formats = _formats(also)
     check_coupling(method, coupling)
-    settings = settings_for(method, options, FOR_VIDEOS, coupling)
+    settings = settings_for(method, numbers, FOR_VIDEOS, coupling)
     entry = METHODS[method]
-    for_stills = {option.name for option in entry.options} & settings.keys()
+    names_for_stills = {option.name for option in entry.options} & settings.keys()
+    for_stills = {name: settings[name] for name in names_for_stills}
     weights = {name: settings[name] for name in settings if name not in for_stills}
-    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), matrix)
-    prototypes = AskedPrototypes.of(backgrounds, seed, [method])
-    timed = Stopwatch()
+    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
+    lights = LightModel.of(light_model, seed, [method])
+    session = Session(scene, hidden, define, seed)
     with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
-        with timed("load the scene"), progress("loading the scene"):
-            scenario = inputs.load(scene, hidden, define)
-        check_able(method, scenario.hidden_shape)
-        unseen = inputs.warn_without_shadows(scenario, scene)
-        unseen += inputs.warn_of_long_patches(scenario, scene)
-        with timed("read the frames"), progress("reading the photographs") as report:
-            used = inputs.read_mask(mask, scenario)
-            dark = inputs.read_backgrounds(background, scenario, used)
-            sequence = open_frames(frames, scenario.photograph_shape, used)
-            names = drawing.picture_names(len(sequence))
-            _check_left_over(out / "frames", names)
-            photographs, warnings = decoded_photographs(
-                sequence, scenario.photograph_shape, used, Path(scratch, "y.npy"), report
-            )
-            for warning in warnings:
-                warn(warning)
-            first = f"{frames}, first frame"
-            defects = inputs.look_for_defects(photographs[0], used, first, out / inputs.SUGGESTED)
-            used = defects.used
-            known = None
-            if truth is not None:
-                path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-                known = decoded_truth(
-                    path, scenario.hidden_shape, len(sequence), Path(scratch, "truth.npy")
-                )
-        for_each = {name: settings[name] for name in for_stills}
-        still, _ = fit(method, for_each, scenario, used, dark, timed, asked, prototypes)
+        session.check_scene(method)
+        clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
+        still, _ = session.fit(method, for_stills, request, lights, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
-        records = []
-        doubts: dict[str, str] = {}
-        # Products this small gain little from threads, which wait for each other on a busy machine.
-        with threadpool_limits(1), fixable(str(frames), dark):
-            with timed("rehearse"):
-                live = video_metrics.live_rate(recovery, photographs)
-            with (
-                timed("reconstruct"),
-                counted_progress("reconstructing", "frames") as frame_done,
-                npy_writer(
-                    folder / "frames.npy", (len(names), *scenario.hidden_shape, 3), np.float32
-                ) as write,
-            ):
-                solved = video_metrics.timed_solutions(recovery, photographs, batch)
-                for k, (solution, seconds) in enumerate(solved):
-                    write(solution.image)
-                    if k == 0:
-                        residual = still.residual(photographs[0], solution)
-                    told = solution.told()
-                    if doubt := still.doubt(solution):
-                        doubts[sequence.names[k]] = doubt
-                    records.append(video_metrics.record_of(k, sequence.names[k], seconds, told))
-                    frame_done(k + 1, len(names))
-        doubted = _counted(str(frames), doubts)
-        for doubt in doubted:
-            warn(doubt)
-        if warning := defects.else_warned(residual):
-            warn(f"{first}: {warning}")
-            doubted.append(f"{first}: {warning}")
-        images = mapped_stack(folder / "frames.npy")
-        provenance = inputs.provenance_of(scenario, seed)
-        text = as_text(provenance)
-        with timed("draw"):
+        images, records, residual, rates = _recover(
+            session, recovery, still, clip, folder / "frames.npy", batch
+        )
+        text = session.metadata
+        with session.timed("draw"):
             white = drawing.white_of(images)
-            if known is not None:
-                video_metrics.compare(records, images, known)
-                errors = [record["mean_squared_error"] for record in records]
+            if clip.truth is not None:
+                video_metrics.compare(records, images, clip.truth)
                 drawing.draw_sheet(
-                    folder / "frames_sheet.png", photographs, known, images, errors, text
-                )
+                    folder / "frames_sheet.png", clip.photographs, clip.truth, images,
+                    [record["mean_squared_error"] for record in records], text,
+                )  # fmt: skip
             with progress("drawing the frames") as report:
                 drawing.draw_frames(folder / "frames", images, white, text, report)
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as report:
                     drawing.draw_video(
                         folder / f"video.{ending}",
-                        *(photographs, images, known, white, rate, text, report),
+                        *(clip.photographs, images, clip.truth, white, rate, text, report),
                     )
         if residual is not None:
-            draw_residual(folder / "residual.png", photographs[0], residual, text)
-        defects.suggest_mask(folder, text)
+            draw_residual(folder / "residual.png", clip.photographs[0], residual, text)
+        clip.wall.defects.suggest_mask(folder, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
-        rates = {"batch": len(records) / sum(r["seconds"] for r in records), "live": live}
         summary: dict[str, Any] = {
-            "photographs": str(frames),
-            "frames": len(sequence),
-            "photograph_shape": scenario.photograph_shape,
-            "hidden_shape": scenario.hidden_shape,
-            **asked.origin,
-            **prototypes.origin,
+            "photographs": clip.name,
+            "frames": len(clip.names),
+            **request.origin,
+            **lights.origin,
             "method": method,
             **settings,
             **still.fitted(),
@@ -236,46 +166,124 @@ def video(
             "rate": rate,
             "formats": formats,
             "white": white,
-            **inputs.mask_record(mask, used),
-            "backgrounds": list(dark),
-            "warnings": [*unseen, *warnings, *defects.warnings, *doubted],
+            **clip.wall.record,
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,
-            "seconds": timed.seconds,
-            "provenance": provenance,
         }
-        write_json(folder / "summary.json", summary)
+        session.write_summary(folder / "summary.json", summary)
     if residual is not None:
         say(f"first frame, {residual.remark}")
     say(
-        f"{len(records)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
+        f"{len(clip.names)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
         f"{rates['live']:.1f} one at a time"
     )
-    if known is not None:
+    if truth is not None:
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
 
 
+@dataclass(frozen=True, eq=False)
+class _Clip:
+    """The photographs of a video, (frames, rows, columns, 3), and what belongs to them."""
+
+    name: str
+    names: Sequence[str]  # of the frames
+    photographs: NDArray[np.floating[Any]]
+    wall: WallInput  # of the first frame
+    truth: NDArray[np.floating[Any]] | None  # (frames, R, C, 3)
+
+
+def _read_clip(
+    session: Session,
+    frames: Path,
+    mask: Path | None,
+    monitor_off: list[Path] | None,
+    truth: str | None,
+    out: Path,
+    scratch: Path,
+) -> _Clip:
+    """Read and check the photographs and the hidden images, into files of a scratch folder."""
+    from periscopy_sim.figures.video import picture_names
+    from periscopy_sim.shipped import find_image
+    from periscopy_sim.storage.sequences import decoded_photographs, decoded_truth, open_frames
+
+    scenario = session.scenario
+    shape = scenario.photograph_shape
+    with session.timed("read the frames"), progress("reading the photographs") as report:
+        used = inputs.read_mask(mask, scenario)
+        off = inputs.read_backgrounds(monitor_off, scenario, used)
+        sequence = open_frames(frames, shape, used)
+        _check_left_over(out / "frames", picture_names(len(sequence)))
+        photographs, warnings = decoded_photographs(
+            sequence, shape, used, scratch / "y.npy", report
+        )
+        for warning in warnings:
+            session.warn(warning)
+        first, suggested = f"{frames}, first frame", out / inputs.SUGGESTED
+        wall = session.checked_wall(photographs[0], first, mask, used, off, suggested=suggested)
+        known = None
+        if truth is not None:
+            path = Path(truth) if Path(truth).is_dir() else find_image(truth)
+            known = decoded_truth(path, scenario.hidden_shape, len(sequence), scratch / "truth.npy")
+    return _Clip(str(frames), sequence.names, photographs, wall, known)
+
+
+def _recover(
+    session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
+) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Residual | None, dict[str, float]]:
+    """Recover the frames into an NPY file; warn of frames that show nothing.
+
+    Return the frames, (frames, R, C, 3), a row of the table for each, the residual of the first,
+    and frames a second.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.storage.formats.arrays import mapped_stack
+    from periscopy_sim.storage.sequences import npy_writer
+
+    count, shape = len(clip.names), session.scenario.hidden_shape
+    records: list[dict[str, Any]] = []
+    doubts: dict[str, str] = {}
+    residual = None
+    # Products this small gain little from threads, which wait for each other on a busy machine.
+    with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
+        with session.timed("rehearse"):
+            live = video_metrics.live_rate(recovery, clip.photographs)
+        with (
+            session.timed("reconstruct"),
+            counted_progress("reconstructing", "frames") as frame_done,
+            npy_writer(file, (count, *shape, 3), np.float32) as write,
+        ):
+            solved = video_metrics.timed_solutions(recovery, clip.photographs, batch)
+            for k, (solution, seconds) in enumerate(solved):
+                write(solution.image)
+                if k == 0:
+                    residual = still.residual(clip.photographs[0], solution)
+                if doubt := still.doubt(solution):
+                    doubts[clip.names[k]] = doubt
+                records.append(video_metrics.record_of(k, clip.names[k], seconds, solution.told()))
+                frame_done(k + 1, count)
+    for name, doubt in list(doubts.items())[:1]:
+        others = f" (likewise {len(doubts) - 1} more)" if len(doubts) > 1 else ""
+        session.warn(f"{clip.name}, frame {name}: {doubt}{others}")
+    if warning := clip.wall.defects.else_warned(residual):
+        session.warn(f"{clip.name}, first frame: {warning}")
+    rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
+    return mapped_stack(file), records, residual, rates
+
+
 def _formats(also: list[str] | None) -> list[str]:
-    """Return the endings of all the files of the animation; refuse one that cannot be written."""
-    from periscopy_sim.figures.movie import require_encoder
+    """Return the suffixes of the animation's files; check that each can be written."""
+    from periscopy_sim.figures.animation import require_encoder
 
     for ending in also or []:
         require_encoder(ending)
     return ["png", *dict.fromkeys(also or [])]
 
 
-def _counted(frames: str, doubts: Mapping[str, str]) -> list[str]:
-    """Return one line of the frames in doubt: why the first is, and how many others are."""
-    if not doubts:
-        return []
-    name, why = next(iter(doubts.items()))
-    others = f" (likewise {len(doubts) - 1} more)" if len(doubts) > 1 else ""
-    return [f"{frames}, frame {name}: {why}{others}"]
-
-
 def _check_left_over(folder: Path, names: list[str]) -> None:
-    """Refuse a folder whose pictures would be taken for those of this video."""
+    """Reject a folder with pictures of a longer video."""
     left_over = sorted({file.name for file in folder.glob("*.png")} - set(names))
     if left_over:
         raise OutputError(

@@ -1,4 +1,4 @@
-"""How well a scene can be seen: condition numbers, angles between subspaces, Cramér-Rao bounds."""
+"""The paper's diagnostics of a scene: condition numbers, angles between subspaces, bounds."""
 
 from __future__ import annotations
 
@@ -122,27 +122,22 @@ def condition_number(A: NDArray[np.floating[Any]]) -> float:
 
 
 def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Array:
-    """Return what P leaves of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
+    """Return the residual of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
 
-    Divided by the spectral norm of P, since P carries the units of 1/A. A column of zeros gives 0.
+    P carries the units of 1/A, its spectral norm too: ‖P‖ = 1 / σ_min(A⊥), from its Cholesky
+    factor. A column of zeros gives 0.
     """
     norms = np.linalg.norm(B, axis=0)
-    left = np.linalg.norm(P.apply(B), axis=0) / np.where(norms > 0, norms, 1)
-    residual: Array = left / spectral_norm(P)
-    return residual
-
-
-def spectral_norm(P: Preconditioner) -> float:
-    """Largest singular value of P, from its Cholesky factor: ‖P‖ = 1 / σ_min(A⊥)."""
-    return 1 / float(linalg.svdvals(P.cholesky)[-1])
+    residual = np.linalg.norm(P.apply(B), axis=0) / np.where(norms > 0, norms, 1)
+    return np.asarray(residual * linalg.svdvals(P.cholesky)[-1])
 
 
 def rank_row(
     A: NDArray[np.floating[Any]], B: NDArray[np.floating[Any]], rank_tolerance: float
 ) -> dict[str, float]:
-    """Return what one rank tolerance of B costs and leaves.
+    """Return the rank, largest residual background and noise gain of one rank tolerance of B.
 
-    ``tolerance``; ``rank`` kept; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
+    By name: ``tolerance``; ``rank``; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
     ``noise_gain``, trace(P Pᵀ).
     """
     P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)

@@ -33,16 +33,16 @@ from periscopy_sim.scenario import Scenario
 Matrix = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 Factory = Callable[..., Method]
-"""Fits a method to a scene: takes the scenario, A, (M, N), and B, (M, L); those that take the
-keyword `mask` too are told where the wall is used, (rows, columns), or None; those that take
-`backgrounds` are given photographs with the monitor off, to the others these are columns of B."""
+"""Fits a method to a scene: takes the scenario, A, (M, N), and B, (M, L). With a keyword `mask` it
+gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photographs with the monitor
+off, which are columns of B for other methods."""
 MethodError = (Exception, SystemExit)
-"""What a method may raise without ending more than itself; `sys.exit` in it is such an error."""
+"""Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
 
 
 @dataclass(frozen=True)
 class Unfit:
-    """Stands in for a method that cannot be fitted: every reconstruction fails for the reason."""
+    """Replaces a method that cannot be fitted: every reconstruction raises the reason."""
 
     reason: str
 
@@ -88,10 +88,7 @@ def find_method(name: str) -> Factory:
 
 
 def check_able(name: str, hidden_shape: tuple[int, int]) -> None:
-    """Refuse a method that lacks its library, or knows no hidden images of this size.
-
-    It is a PeriscopyError, before anything is rendered.
-    """
+    """Raise a PeriscopyError if a method lacks its library or does not support this size."""
     entry = METHODS.get(name)
     if entry is None:
         return
@@ -125,26 +122,30 @@ def fit_method(
 
     A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used, the backgrounds
     are photographs with the monitor off, (rows, columns, 3) each. An uncertain scene and the
-    options are for methods whose entry in `METHODS` takes them. A user's own callable that takes no
-    mask is warned of; a PeriscopyError says that it raises anything, or returns what cannot
-    reconstruct, a ValueError that one of `METHODS` cannot be fitted to A and B.
+    options are for methods whose entry in `METHODS` takes them. It warns of a user's own callable
+    that takes no mask. A PeriscopyError says that the callable raised an error or returned no
+    method, a ValueError that one of `METHODS` cannot be fitted to A and B.
     """
     from threadpoolctl import threadpool_limits
 
     fit = find_method(name)
-    told: dict[str, Any] = {}
-    if backgrounds:
-        if _takes(fit, "backgrounds"):
-            told["backgrounds"] = backgrounds
-        else:
-            sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
-            B = observation_of(A, *sizes, backgrounds).joined(B)
-    if mask is not None and _takes_mask(fit, name):
-        told["mask"] = mask
+    keywords: dict[str, Any] = {}
+    if backgrounds and _takes(fit, "backgrounds"):
+        keywords["backgrounds"] = backgrounds
+    elif backgrounds:
+        shapes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
+        B = observation_of(A, *shapes, backgrounds).joined(B)
+    if mask is not None and _takes(fit, "mask"):
+        keywords["mask"] = mask
+    elif mask is not None:
+        warnings.warn(
+            f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
+            stacklevel=2,
+        )
     if uncertain is not None:
-        told["uncertain"] = uncertain
+        keywords["uncertain"] = uncertain
     with threadpool_limits(1), own_errors(name, "cannot be fitted"):
-        method = fit(scenario, A, B, **told, **options)
+        method = fit(scenario, A, B, **keywords, **options)
     if not callable(getattr(method, "reconstruct", None)):
         raise PeriscopyError(
             f"method '{name}' makes an object of type {type(method).__name__}, which has no "
@@ -161,13 +162,11 @@ def fit_methods(
     mask: Mask | None = None,
     backgrounds: Backgrounds | None = None,
 ) -> dict[str, Method]:
-    """Fit methods to a scene, each as `fit_method` does; return them by name, in the order given.
+    """Fit methods to a scene, each as `fit_method` does; return them by name, in order.
 
-    One that cannot be fitted is warned of, and stands as an `Unfit`, which fails on every
-    photograph; if none can be fitted, the first error is raised.
+    It warns of a method that cannot be fitted and returns an `Unfit` for it; if none can be fitted,
+    it raises the first error.
     """
-    for name in names:
-        find_method(name)
     methods: dict[str, Method] = {}
     errors: list[ValueError] = []
     for name in names:
@@ -190,11 +189,10 @@ def without_addresses(message: str) -> str:
 
 @contextmanager
 def own_errors(name: str, what: str) -> Iterator[None]:
-    """Report whatever a user's own method raises as the user's mistake, and where it arose.
+    """Turn any error of a user's own method into a PeriscopyError that says where it arose.
 
-    Errors of `METHODS` pass as they are, and so does a lack of memory. Of others a PeriscopyError
-    names the method, the error, what it means (such as "cannot be fitted"), and the last line of
-    the method's file that led to it.
+    It names the method, the consequence `what` (such as "cannot be fitted"), the error, and the
+    last line of the method's file in its traceback. Errors of `METHODS` and a lack of memory pass.
     """
     try:
         yield
@@ -204,11 +202,8 @@ def own_errors(name: str, what: str) -> Iterator[None]:
         if name in METHODS:
             raise
         file = _file(name)
-        lines = [
-            frame.lineno
-            for frame in traceback.extract_tb(error.__traceback__)
-            if file and Path(frame.filename).resolve() == file.resolve()
-        ]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [f.lineno for f in frames if file and Path(f.filename).resolve() == file.resolve()]
         where = f" ({file.name}:{lines[-1]})" if file and lines else ""
         raise PeriscopyError(
             f"method '{name}' {what}: {type(error).__name__}: {error}{where}"
@@ -218,34 +213,24 @@ def own_errors(name: str, what: str) -> Iterator[None]:
 def image_by(
     method: Method, photograph: NDArray[np.float64], hidden_shape: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Reconstruct from a photograph, (rows, columns, 3), and hold the method to its promise."""
+    """Reconstruct from a photograph, (rows, columns, 3), and check the image by `promised`."""
     return promised(method.reconstruct(photograph), hidden_shape)
 
 
 def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Hold what a method returned to what it promises, (R, C, 3), real and finite; a ValueError."""
+    """Return a method's image as float32; a ValueError unless (R, C, 3), real and finite."""
     values = np.asarray(image)
-    if values.shape != (*hidden_shape, 3):
-        raise ValueError(f"returned shape {values.shape} instead of {(*hidden_shape, 3)}")
-    if values.dtype.kind not in "iuf":
-        raise ValueError(f"returned values of type {values.dtype} instead of real numbers")
+    if values.shape != (*hidden_shape, 3) or values.dtype.kind not in "iuf":
+        raise ValueError(
+            f"returned {values.dtype} of shape {values.shape} instead of real numbers of shape "
+            f"{(*hidden_shape, 3)}"
+        )
     with np.errstate(over="ignore"):  # infinities are counted
         single: NDArray[np.float32] = values.astype(np.float32)
     if not np.isfinite(single).all():
         wrong = np.count_nonzero(~np.isfinite(single))
         raise ValueError(f"returned NaN or infinite values, {wrong} of {single.size}")
     return single
-
-
-def _takes_mask(fit: Factory, name: str) -> bool:
-    """Return whether a callable accepts the keyword `mask`, and warn if not."""
-    if _takes(fit, "mask"):
-        return True
-    warnings.warn(
-        f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
-        stacklevel=3,
-    )
-    return False
 
 
 def _takes(fit: Factory, keyword: str) -> bool:
@@ -258,7 +243,7 @@ def _takes(fit: Factory, keyword: str) -> bool:
 
 
 def _place(name: str) -> str:
-    """Return what stands before the colon: a module, or a file that exists."""
+    """Return the module, or the file, of a user's own method: the name before its colon."""
     place, _, attribute = name.rpartition(":")
     if not (place and attribute):
         guess = did_you_mean(name, METHODS)
@@ -266,8 +251,6 @@ def _place(name: str) -> str:
             f"no method '{name}'; {f'{guess} ' if guess else ''}use "
             f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
         )
-    if place.endswith(".py") and not Path(place).is_file():
-        raise PeriscopyError(f"method '{name}': there is no file {place}; check the path")
     return place
 
 
@@ -279,43 +262,33 @@ def _file(name: str) -> Path | None:
 
 
 def _module(name: str) -> ModuleType:
-    """Import what stands before the colon."""
+    """Import the module, or run the file, of a user's own method."""
     place = _place(name)
+    is_file = place.endswith(".py")
+    folder = Path(place).resolve().parent if is_file else Path.cwd()
+    sys.path.insert(0, str(folder))
     try:
-        if place.endswith(".py"):
-            return _module_of_file(Path(place))
-        with _importable(Path.cwd()):
-            return import_module(place)
+        return _module_of_file(Path(place)) if is_file else import_module(place)
     except MethodError as error:  # whatever the user's own code raises
         raise PeriscopyError(
             f"method '{name}' cannot be imported: {type(error).__name__}: {error}"
         ) from error
+    finally:
+        sys.path.remove(str(folder))
 
 
 def _module_of_file(path: Path) -> ModuleType:
     """Run a Python file as a module that no other code can import.
 
-    Pickle then sends what it defines along with its objects, to workers that have no such file.
+    Pickle then sends its definitions along with its objects, to workers that have no such file.
     """
     name = f"{path.stem} of {path.resolve()}"
     spec = spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no Python file")
+    assert spec is not None and spec.loader is not None  # it ends in .py
     module = module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look there while it runs
     try:
-        with _importable(path.resolve().parent):
-            spec.loader.exec_module(module)
+        spec.loader.exec_module(module)
     finally:
         del sys.modules[name]
     return module
-
-
-@contextmanager
-def _importable(folder: Path) -> Iterator[None]:
-    """Let modules of a folder be imported for a while."""
-    sys.path.insert(0, str(folder))
-    try:
-        yield
-    finally:
-        sys.path.remove(str(folder))

@@ -1,6 +1,6 @@
 """How close a reconstruction is to the truth.
 
-Every metric here uses the truth to tune: the gain of each channel, and the shift where it says so.
+Every metric uses the truth: for the gain of each channel, and where it says so for the shift.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Registration:
     image
         (rows, columns, channels) shifted and gain-matched estimate.
     at_limit
-        Whether the shift is as far as any that was tried, down or right: the best may lie beyond.
+        Whether the shift is at the limit of the search, down or right: the best may lie beyond.
     """
 
     psnr: float
@@ -98,16 +98,13 @@ def registered(
     Registration
         The best over the grid; among equals, the smallest shift.
     """
-    steps = int(reach / step + 1e-9)
-    shifts = [step * n for n in range(-steps, steps + 1)]
+    limit = int(reach / step + 1e-9)
+    shifts = [step * n for n in range(-limit, limit + 1)]
     # The nearest first: among equals, max takes the first.
-    candidates = sorted(product(shifts, repeat=2), key=lambda shift: math.hypot(*shift))
-    best = max(
-        ((psnr(moved := shifted(estimate, d, r), truth), (d, r), moved) for d, r in candidates),
-        key=lambda candidate: candidate[0],
-    )
-    at_limit = max(map(abs, best[1])) >= shifts[-1]
-    return Registration(best[0], best[1], gain_matched(best[2], truth), at_limit)
+    candidates = sorted(product(shifts, shifts), key=lambda shift: math.hypot(*shift))
+    best = max(candidates, key=lambda shift: psnr(shifted(estimate, *shift), truth))
+    image, at_limit = shifted(estimate, *best), max(map(abs, best)) >= shifts[-1]
+    return Registration(psnr(image, truth), best, gain_matched(image, truth), at_limit)
 
 
 def shifted(image: Image, down: float, right: float) -> Array:

@@ -1,7 +1,7 @@
 """Sweeps: methods over ambient backgrounds, signal-to-background ratios and noise draws (Fig. 4).
 
-Results are labelled by algorithm (the method's name), background, SBR and seed. A sweep that was
-stopped, in whatever way, goes on where it was, and ends in the same bytes as one that was not.
+Results are labelled by algorithm (the method's name), background, SBR and seed. An interrupted
+sweep goes on where it stopped, and ends in the same bytes as one without interruption.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from periscopy_sim.evaluation.sweep_store import (
 )
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.photographs.checking import used_pixels
+from periscopy_sim.photograph import used_pixels
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.storage.outputs.staging import out_of_space_reported
 
@@ -90,26 +90,21 @@ class Sweep:
     mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        if self.mask is not None and (
-            self.mask.dtype != np.bool_ or self.mask.shape != self.signal.shape[:2]
-        ):
+        mask = np.ones(self.signal.shape[:2], bool) if self.mask is None else self.mask
+        if mask.dtype != np.bool_ or mask.shape != self.signal.shape[:2] or not mask.any():
             raise PeriscopyError(
-                f"the mask has shape {self.mask.shape} and type {self.mask.dtype}; give truth "
-                f"values of shape {self.signal.shape[:2]}"
+                f"the mask has shape {mask.shape} and type {mask.dtype}; give truth values, True "
+                f"somewhere, of shape {self.signal.shape[:2]}"
             )
-        if self.mask is not None and not self.mask.any():
-            raise PeriscopyError("the mask leaves out every pixel; give one that is True somewhere")
         for name, values in self.labels().items():
-            if not values:
-                raise PeriscopyError(f"the sweep has no {name}; give at least one")
-            if len(set(values)) < len(values):
-                raise PeriscopyError(f"the sweep has a {name} twice: {', '.join(map(str, values))}")
+            if not values or len(set(values)) < len(values):
+                raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         for name, image in {"signal": self.signal, **self.backgrounds}.items():
             if image.shape != self.signal.shape:
                 raise PeriscopyError(
                     f"'{name}' has shape {image.shape}, the signal {self.signal.shape}"
                 )
-            used = used_pixels(image, self.mask)
+            used = image[mask]
             if not (np.isfinite(used).all() and used.mean() > 0):
                 raise PeriscopyError(f"'{name}' must be finite, with a positive mean")
         if self.truth.ndim != 3 or self.truth.shape[2] != 3:
@@ -179,13 +174,12 @@ def flips(backgrounds: Mapping[str, Image]) -> dict[str, Image]:
     They are (rows, columns, 3) each, by name. Return each under its own name, then with
     `` up-down``, `` left-right`` and `` both`` added to it.
     """
-    flipped = {}
-    for name, image in backgrounds.items():
-        flipped[name] = image
-        flipped[f"{name} up-down"] = image[::-1]
-        flipped[f"{name} left-right"] = image[:, ::-1]
-        flipped[f"{name} both"] = image[::-1, ::-1]
-    return flipped
+    turns = {"": (1, 1), " up-down": (-1, 1), " left-right": (1, -1), " both": (-1, -1)}
+    return {
+        f"{name}{turn}": image[::down, ::right]
+        for name, image in backgrounds.items()
+        for turn, (down, right) in turns.items()
+    }
 
 
 def run_sweep(
@@ -224,8 +218,7 @@ def run_sweep(
     OutputError
         If the folder holds a sweep of another configuration, or cannot be written.
     PeriscopyError
-        If the scheduler does not answer or its workers keep dying, or what the extra ``sweep``
-        brings is not installed.
+        If the scheduler does not answer, its workers die, or the extra ``sweep`` is not installed.
     """
     require_all()
     from periscopy_sim.evaluation.workers import compute, connect
@@ -233,50 +226,39 @@ def run_sweep(
     store = SweepStore(
         folder / "sweep.zarr", sweep.labels(), sweep.truth.shape[:2], sweep.configuration()
     )
-    missing = store.missing()
-    total = len(sweep.backgrounds) * len(sweep.sbrs) * len(sweep.seeds)
-    if missing:
+    if missing := store.missing():
         with connect(scheduler) as client:
             evaluated = compute(client, _evaluate, sweep, missing)
             for finished, (trial, (outcomes, seconds)) in enumerate(evaluated, 1):
                 store.write(trial, outcomes)
                 _append_seconds(folder / "seconds.csv", sweep, trial, seconds)
                 if progress is not None:
-                    progress((total - len(missing) + finished) / total)
+                    progress(1 - (len(missing) - finished) / store.blocks)
     results = store.load()
     write_table(folder / "sweep.csv", results)
     return results
 
 
 def _evaluate(sweep: Sweep, trial: Trial) -> tuple[list[Outcome], list[float]]:
-    """Reconstruct one photograph by every method; also the seconds that each took."""
+    """Reconstruct one photograph by every method; also the seconds of each."""
     y, truth = sweep.photograph(*trial), np.ascontiguousarray(sweep.truth)
     outcomes, seconds = [], []
     for method in sweep.methods.values():
         start = time.perf_counter()
-        image, failure = _reconstructed(method, y, truth.shape[:2])
+        try:
+            image, failure = image_by(method, y.copy(), truth.shape[:2]), ""
+        except MemoryError:  # says more about the worker than about the method
+            raise
+        except MethodError as error:  # whatever a user's own method raises
+            image = np.full(truth.shape, np.nan, np.float32)
+            failure = without_addresses(f"{type(error).__name__}: {error}")
         seconds.append(time.perf_counter() - start)
-        metrics = (np.nan,) * len(METRICS) if failure else _metrics(image, truth)
-        outcomes.append(Outcome(image, metrics, failure))
+        values = (np.nan,) * len(METRICS)
+        if not failure:
+            best = registered(image, truth).psnr
+            values = mean_squared_error(image, truth), psnr(image, truth), best
+        outcomes.append(Outcome(image, values, failure))
     return outcomes, seconds
-
-
-def _reconstructed(
-    method: Method, y: Array, hidden_shape: tuple[int, int]
-) -> tuple[NDArray[np.float32], str]:
-    """Image of a method and no message, or a blank and why it failed."""
-    try:
-        return image_by(method, y.copy(), hidden_shape), ""
-    except MemoryError:  # says more about the worker than about the method
-        raise
-    except MethodError as error:  # whatever a user's own method raises
-        message = without_addresses(f"{type(error).__name__}: {error}")
-        return np.full((*hidden_shape, 3), np.nan, np.float32), message
-
-
-def _metrics(image: Image, truth: Image) -> tuple[float, ...]:
-    """Values of `METRICS`."""
-    return mean_squared_error(image, truth), psnr(image, truth), registered(image, truth).psnr
 
 
 def _append_seconds(path: Path, sweep: Sweep, trial: Trial, seconds: Sequence[float]) -> None:

@@ -1,4 +1,4 @@
-"""What is told of each frame of a recovered video."""
+"""Metrics of each frame of a recovered video, and the rate of frames."""
 
 from __future__ import annotations
 
@@ -48,17 +48,13 @@ def timed_solutions(
             yield solution, share + time.perf_counter() - clock
 
 
-def record_of(frame: int, name: str, seconds: float, told: Mapping[str, Any]) -> Record:
-    """Return a frame's row of the table; of what is told by channel, the root mean square."""
-    return {
-        "frame": frame,
-        "name": name,
-        "seconds": seconds,
-        **{
-            key: value if isinstance(value, int) else float(np.sqrt(np.mean(np.square(value))))
-            for key, value in told.items()
-        },
+def record_of(frame: int, name: str, seconds: float, numbers: Mapping[str, Any]) -> Record:
+    """Return a frame's row of the table; of numbers by channel, the root mean square."""
+    means = {
+        key: value if isinstance(value, int) else float(np.sqrt(np.mean(np.square(value))))
+        for key, value in numbers.items()
     }
+    return {"frame": frame, "name": name, "seconds": seconds, **means}
 
 
 def compare(records: Sequence[Record], images: Image, known: Image) -> None:
@@ -69,12 +65,9 @@ def compare(records: Sequence[Record], images: Image, known: Image) -> None:
 
 
 def medians_of(records: Sequence[Record]) -> dict[str, float]:
-    """Return the median over the frames of all that is measured."""
-    return {
-        name: float(np.median([record[name] for record in records]))
-        for name in records[0]
-        if name not in ("frame", "name")
-    }
+    """Return the median over the frames of each number."""
+    names = (name for name in records[0] if name not in ("frame", "name"))
+    return {name: float(np.median([record[name] for record in records])) for name in names}
 
 
 def write_table(path: Path, records: Sequence[Record]) -> None:

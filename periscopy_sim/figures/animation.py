@@ -1,35 +1,46 @@
-"""Animated pictures: panels side by side under their titles, in time.
+"""Animated panels side by side under their titles: PNG, MP4 (H.264) and WebM (VP9).
 
-The frames' chunks are put together here rather than by Pillow, which draws each frame twice, keeps
-all of them in memory (346 MB for 400 frames of 756 x 286 pixels) and merges those that are equal.
+Pillow would draw each frame of a PNG twice, keep all of them in memory (346 MB for 400 frames of
+756 x 286 pixels) and merge equal ones, so the chunks are put together here. PyAV writes the others.
 """
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.errors import OutputError
+from periscopy_sim.extras import require
 from periscopy_sim.figures.panels import Image
 from periscopy_sim.storage.formats.srgb import srgb_bytes
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.pictures import area_average, png_bytes
-
-if TYPE_CHECKING:
-    from PIL.ImageFont import FreeTypeFont
 
 Pixels = NDArray[np.uint8]
 
 PANEL = (240, 480)
 """Rows that a panel has about, and columns that it has at most, unless patches are smaller."""
 
+ENCODINGS = {
+    "mp4": ("libx264", {"crf": "14", "preset": "medium"}),
+    "webm": ("libvpx-vp9", {"crf": "20", "b": "0", "deadline": "good", "cpu-used": "4"}),
+}
+"""Encoder and its settings, which keep the patches' borders, by the ending of the file's name."""
+
+BT709, SRGB = 1, 13
+"""Primaries and matrix, and transfer, by their numbers in ITU-T H.273."""
+
+
 _TITLE_ROWS, _GAP = 34, 12
+_FONT = "fonts/ttf/DejaVuSans.ttf"  # Matplotlib's own: the same on every machine
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -45,50 +56,40 @@ def draw_animation(
     """Draw linear images side by side as an animated PNG that repeats for ever.
 
     For each of `count` moments, `frames` gives a (rows, columns, 3) linear image in [0, 1] for
-    each panel, of sizes that stay. They are drawn and encoded as they come, so that a long video
+    each panel, of constant sizes. Frames are drawn and encoded one at a time, so that a long video
     takes no more memory than a short one. `rate` is in frames a second. Viewers without animation
-    show the first frame.
-
-    Raises
-    ------
-    ValueError
-        If there are more or fewer frames than `count`, or none.
+    show the first frame. A ValueError says that there are more or fewer frames than `count`.
 
     References
     ----------
     Portable Network Graphics (PNG) Specification, third edition, W3C 2025: chunks acTL, fcTL, fdAT.
     """
-    if count < 1:
-        raise ValueError(f"count is {count}: give at least one frame")
-    pictures = (side_by_side(titles, frame) for frame in frames)
-    with staged_file(path) as staged, staged.open("wb") as stream:
-        stream.write(_SIGNATURE)
-        for kind, content in _animation_chunks(pictures, count, rate, metadata or {}):
-            checksum = zlib.crc32(kind + content)
-            stream.write(struct.pack(">I", len(content)) + kind + content)
-            stream.write(struct.pack(">I", checksum))
-
-
-def _animation_chunks(
-    pictures: Iterable[Pixels], count: int, rate: float, metadata: Mapping[str, str]
-) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the chunks of an animated PNG: the first picture's, then the others' data."""
     delay = Fraction(1 / rate).limit_denominator(10_000)
     number = -1
-    for number, picture in enumerate(pictures):
-        chunks = list(_chunks(png_bytes(picture, {} if number else metadata)))
-        data = b"".join(content for kind, content in chunks if kind == b"IDAT")
-        if number == 0:
-            yield from (chunk for chunk in chunks if chunk[0] not in (b"IDAT", b"IEND"))
-            yield b"acTL", struct.pack(">2I", count, 0)  # 0: for ever
-        # Control and data chunks are numbered in turn; the first picture's data bear no number.
-        rows, columns, _ = picture.shape
-        place = (max(2 * number - 1, 0), columns, rows, 0, 0)
-        yield b"fcTL", struct.pack(">5I2H2B", *place, delay.numerator, delay.denominator, 0, 0)
-        yield (b"fdAT", struct.pack(">I", 2 * number) + data) if number else (b"IDAT", data)
-    if number + 1 != count:
-        raise ValueError(f"got {number + 1} frames, not {count}")
-    yield b"IEND", b""
+    with staged_file(path) as staged, staged.open("wb") as stream:
+
+        def write(kind: bytes, content: bytes) -> None:
+            stream.write(struct.pack(">I", len(content)) + kind + content)
+            stream.write(struct.pack(">I", zlib.crc32(kind + content)))
+
+        stream.write(_SIGNATURE)
+        for number, frame in enumerate(frames):
+            picture = side_by_side(titles, frame)
+            chunks = list(_chunks(png_bytes(picture, {} if number else metadata or {})))
+            data = b"".join(content for kind, content in chunks if kind == b"IDAT")
+            if number == 0:
+                for kind, content in chunks:
+                    if kind not in (b"IDAT", b"IEND"):
+                        write(kind, content)
+                write(b"acTL", struct.pack(">2I", count, 0))  # 0: for ever
+            # Control and data chunks are numbered in turn; the first picture's data bear no number.
+            place = (max(2 * number - 1, 0), picture.shape[1], picture.shape[0], 0, 0)
+            timing = (delay.numerator, delay.denominator, 0, 0)
+            write(b"fcTL", struct.pack(">5I2H2B", *place, *timing))
+            write(*((b"fdAT", struct.pack(">I", 2 * number) + data) if number else (b"IDAT", data)))
+        if number + 1 != count:
+            raise ValueError(f"got {number + 1} frames, not {count}")
+        write(b"IEND", b"")
 
 
 def _chunks(file: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -98,6 +99,74 @@ def _chunks(file: bytes) -> Iterator[tuple[bytes, bytes]]:
         (length,) = struct.unpack_from(">I", file, start)
         yield file[start + 4 : start + 8], file[start + 8 : start + 8 + length]
         start += length + 12
+
+
+def require_encoder(ending: str) -> None:
+    """Raise a PeriscopyError unless this format can be written here."""
+    if ending not in ENCODINGS:
+        raise OutputError(f"no video format '{ending}'; use {' or '.join(ENCODINGS)}")
+    av, encoder = require("av"), ENCODINGS[ending][0]
+    try:
+        av.codec.Codec(encoder, "w")
+    except ValueError:  # PyAV's error of a missing encoder
+        raise OutputError(
+            f"PyAV {av.__version__} has no encoder {encoder}; install it from its wheel: "
+            "pip install --force-reinstall --only-binary av av"
+        ) from None
+
+
+def draw_movie(
+    path: Path,
+    titles: Sequence[str],
+    frames: Iterable[Sequence[Image]],
+    *,
+    rate: float,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw linear images side by side as a video, complete or not at all.
+
+    Frames and titles are those of `draw_animation`, encoded as they come; `rate` is in frames a
+    second. The path's ending, of `ENCODINGS`, sets the format; the metadata are a JSON comment. A
+    PeriscopyError says that the format cannot be written here, a ValueError that there is no frame.
+    """
+    ending = path.suffix.removeprefix(".")
+    require_encoder(ending)
+    av: Any = require("av")
+    stream = None
+    reproducible = {"fflags": "+bitexact"}  # no random numbers of tracks
+    with (
+        staged_file(path) as staged,
+        av.open(str(staged), "w", container_options=reproducible) as container,
+    ):
+        container.metadata["comment"] = json.dumps(dict(metadata or {}))
+        for images in frames:
+            picture = side_by_side(titles, images)
+            rows, columns, _ = picture.shape  # even sides, as halved colours need: white is added
+            margins = (0, rows % 2), (0, columns % 2), (0, 0)
+            picture = np.pad(picture, margins, constant_values=255)
+            if stream is None:
+                stream = _stream(container, ending, picture.shape[:2], rate)
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
+                format="yuv420p", dst_colorspace=BT709, dst_color_range=BT709
+            )
+            container.mux(stream.encode(frame))
+        if stream is None:
+            raise ValueError("a video of no frames: give at least one")
+        container.mux(stream.encode(None))
+
+
+def _stream(container: Any, ending: str, size: tuple[int, ...], rate: float) -> Any:
+    """Return the stream that pictures of a size are encoded to."""
+    encoder, settings = ENCODINGS[ending]
+    exact = Fraction(rate).limit_denominator(1000)
+    stream = container.add_stream(encoder, exact, options=dict(settings))
+    stream.height, stream.width = size
+    stream.pix_fmt = "yuv420p"  # what every player takes
+    context = stream.codec_context
+    context.color_primaries = context.colorspace = BT709
+    context.color_trc = SRGB
+    context.thread_count = 1  # the same bytes on every machine
+    return stream
 
 
 def _panel(image: Image) -> Pixels:
@@ -115,10 +184,12 @@ def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
 
     Columns hold both. The images are (rows, columns, 3) in [0, 1].
     """
+    import matplotlib
     from PIL import Image as Pillow
-    from PIL import ImageDraw
+    from PIL import ImageDraw, ImageFont
 
-    font, panels = _font(20), [_panel(image) for image in images]
+    font = ImageFont.truetype(Path(matplotlib.get_data_path(), _FONT), 20)
+    panels = [_panel(image) for image in images]
     widths = [
         max(panel.shape[1], int(np.ceil(font.getlength(title))))
         for title, panel in zip(titles, panels, strict=True)
@@ -134,11 +205,3 @@ def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
         picture.paste(Pillow.fromarray(panel), corner)
         left += width + _GAP
     return np.asarray(picture)
-
-
-def _font(size: int) -> FreeTypeFont:
-    """Return Matplotlib's own: the same on every machine."""
-    import matplotlib
-    from PIL import ImageFont
-
-    return ImageFont.truetype(Path(matplotlib.get_data_path(), "fonts/ttf/DejaVuSans.ttf"), size)

@@ -1,4 +1,4 @@
-"""How a calibration went: what it explains of the photograph, and the path of the search."""
+"""A calibration: its residuals of the photograph, and the path of its search."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.panels import displayable, show
+from periscopy_sim.figures.panels import show_light, show_signed
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
-from periscopy_sim.storage.formats.srgb import srgb_encode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +26,7 @@ def draw_calibration(
     calibration: Calibration,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw the photograph, what is left of it before and after, and each parameter's path.
+    """Draw the photograph, its residual before and after, and each parameter's path.
 
     The photograph is (rows, columns, 3), linear.
     """
@@ -40,24 +39,23 @@ def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
     from matplotlib.figure import Figure
 
     count = len(calibration.parameters)
-    below = -(-count // 4)
-    columns = -(-count // below)
+    rows = -(-count // 4)
+    columns = -(-count // rows)
     warned = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
-    heights = [3.0 + warned, 0.4 + 2.3 * below]
+    heights = [3.0 + warned, 0.4 + 2.3 * rows]
     figure = Figure(figsize=(3.1 * max(3, columns), sum(heights)), layout="constrained")
     above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     _draw_residuals(above, photograph, calibration)
     if calibration.doubts:
         reasons = "\n".join(textwrap.fill(doubt, 100) for doubt in calibration.doubts)
         above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d", fontsize=9)
-    axes = beneath.subplots(below, columns, squeeze=False)
-    for k, ax in enumerate(axes.flat):
-        if k < count:
-            _draw_path(ax, calibration, k)
-        else:
-            ax.set_axis_off()
+    axes = beneath.subplots(rows, columns, squeeze=False)
+    for k, ax in enumerate(axes.flat[:count]):
+        _draw_path(ax, calibration, k)
+    for ax in axes.flat[count:]:
+        ax.set_axis_off()
     beneath.supylabel("value, in the scene's units", fontsize=8)
-    beneath.supxlabel("pixels of the photograph that were looked at", fontsize=8)
+    beneath.supxlabel("pixels of the photograph at each level", fontsize=8)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     beneath.legend(
         handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False
@@ -66,22 +64,18 @@ def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
 
 
 def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) -> None:
-    """Show the photograph and the mean over its channels of what is left, in percent."""
-    left = {
-        "at the start": calibration.residual_before,
-        "after calibration": calibration.residual,
-    }
+    """Show the photograph and the mean residual over its channels, in percent, twice."""
+    times = "at the start", "after calibration"
+    residuals = calibration.residual_before, calibration.residual
     parts = percentages(*calibration.unexplained)
-    bound = 100 * float(np.percentile(np.abs(calibration.residual_before.mean(axis=2)), 99)) or 1.0
+    maps = {
+        f"unexplained {when}: {part} %": 100 * residual.mean(axis=2)
+        for when, part, residual in zip(times, parts, residuals, strict=True)
+    }
+    bound = 100 * float(np.percentile(np.abs(residuals[0].mean(axis=2)), 99)) or 1.0
     axes = figure.subplots(1, 3)
-    show(axes[0], "photograph", srgb_encode(displayable(photograph)))
-    for ax, (when, residual), part in zip(axes[1:], left.items(), parts, strict=True):
-        title = f"unexplained {when}: {part} %"
-        shown = 100 * residual.mean(axis=2)
-        picture = show(ax, title, shown, cmap="RdBu_r", vmin=-bound, vmax=bound)
-    bar = figure.colorbar(picture, ax=axes[1:], shrink=0.8)
-    bar.set_label("% of the photograph's root mean square", fontsize=8)
-    bar.ax.tick_params(labelsize=8)
+    show_light(axes[0], "photograph", photograph)
+    show_signed(axes[1:], maps, bound, "% of the photograph's root mean square")
 
 
 def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
@@ -95,7 +89,7 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
         ax.plot(place, values, ".", color=color, markersize=3, label=label)
     best = _best_so_far(visited.evidence)
     ax.plot(place, values[best], color="#08519c", linewidth=0.9, label="best so far")
-    ax.set_ylim(*_shown(calibration, k))
+    ax.set_ylim(*_range(calibration, k))
     ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":", label="start")
     ax.axhline(parameter.value, color="#d94801", linewidth=0.8, label="found")
     low, high = parameter.value + parameter.standard_error * np.array([-1, 1])
@@ -117,19 +111,10 @@ def _best_so_far(evidence: Array) -> NDArray[np.intp]:
     return np.asarray(np.maximum.accumulate(is_best))
 
 
-BEST = 10
-"""Points of the search that the picture must show; descents there judge by their own errors, so
-that these are the best but roughly."""
-
-
-def _shown(calibration: Calibration, k: int) -> tuple[float, float]:
-    """Return the range of start, end, descent and a search's best; the search is wider."""
-    parameter, (*searches, descent) = calibration.parameters[k], calibration.path
+def _range(calibration: Calibration, k: int) -> tuple[float, float]:
+    """Return the range of a parameter's start, end and descent; the search is wider."""
+    parameter = calibration.parameters[k]
     ends = parameter.value + parameter.standard_error * np.array([-1, 1])
-    all_shown = [np.array([parameter.start]), ends, descent.values[:, k]]
-    for search in searches:
-        physical = np.isfinite(search.evidence)
-        all_shown.append(search.values[physical][np.argsort(search.evidence[physical])[:BEST], k])
-    shown = np.concatenate(all_shown)
+    shown = np.concatenate([[parameter.start], ends, calibration.path[-1].values[:, k]])
     margin = 0.08 * float(np.ptp(shown)) or 1.0
     return float(shown.min()) - margin, float(shown.max()) + margin

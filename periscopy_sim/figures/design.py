@@ -1,36 +1,33 @@
-"""Pictures of a design: a curve over one parameter, maps over two, a ranking over more."""
+"""Pictures of a design: curves over one parameter, maps over two, points over more."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.evaluation.design.table import AS_IT_STANDS, Row
-from periscopy_sim.evaluation.design.variation import Variation, as_text
-from periscopy_sim.figures.panels import OKABE_ITO
+from periscopy_sim.evaluation.design import Row
+from periscopy_sim.figures.panels import OKABE_ITO, plain_ticks
 
 Array = NDArray[np.float64]
 
-DRAWN = (
-    ("bound", "bound, without prior knowledge", 100.0),
-    ("told_error", "told error, noise-aware", 100.0),
-    ("error", "actual error, noise-aware", 100.0),
-    ("exposure_time", "exposure time for an equal bound", 1.0),
-)
-"""Numbers of a merit that are drawn, their names, and their factors."""
+DRAWN = {
+    "bound": ("bound, without prior knowledge", 100.0),
+    "told_error": ("reported error, noise-aware", 100.0),
+    "error": ("actual error, noise-aware", 100.0),
+    "exposure_time": ("exposure time for an equal bound", 1.0),
+}
+"""Numbers of a merit that are drawn, their titles, and their factors."""
 
 FAILED = "0.85"
 MARKS = (
-    "circle: as it stands; star: best by what was asked; "
-    "grey: no scene, or some patches are not told"
+    "circle: as it stands; star: best by what was asked; grey: no scene, or undetermined patches"
 )
 MOST_DRAWN = 300.0
-"""Percent of white: of errors beyond, nothing is to be seen in an image."""
+"""Percent of white: larger errors leave nothing to see in an image."""
 
 STANDS: dict[str, Any] = {"marker": "o", "mfc": "none", "mec": "black", "ms": 7, "mew": 1.4}
 BEST: dict[str, Any] = {"marker": "*", "mfc": "white", "mec": "black", "ms": 13, "mew": 1.0}
@@ -38,193 +35,136 @@ BEST: dict[str, Any] = {"marker": "*", "mfc": "white", "mec": "black", "ms": 13,
 
 def draw_design(
     path: Path,
-    variation: Variation,
     rows: Sequence[Row],
     best: Row | None,
+    grid: int | None,
     *,
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw what points of a variation are worth, the scene as it stands and the best marked.
+    """Draw the merits of a design's points, the scene as it stands and the best marked.
 
-    Errors are in percent of white. Rows are `run_design`'s; points that failed are grey.
+    Errors are in percent of white. Rows are `run_design`'s, failed points are grey; `grid` is the
+    number of values of each parameter, None for draws.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(layout="constrained")
-    shown = [each for each in DRAWN if any(row.figure(each[0]) is not None for row in rows)]
-    if len(variation.names) == 1:
-        _draw_curves(figure, variation, rows, best, shown)
-    elif len(variation.names) == 2 and variation.is_grid and (variation.grid or 0) > 1:
-        _draw_maps(figure, variation, rows, best, shown)
+    shown = [name for name in DRAWN if any(row[name] is not None for row in rows)]
+    marked = [(rows[0], STANDS), *([] if best is None else [(best, BEST)])]
+    if len(rows[0]["values"]) == 2 and grid is not None and grid > 1:
+        _draw_maps(figure, rows, marked, shown, grid)
     else:
-        _draw_ranking(figure, variation, rows, best, shown)
+        _draw_curves(figure, rows, marked, shown)
     figure.supxlabel("\n".join(filter(None, (caption, MARKS))), fontsize=8)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 
-def _draw_curves(
-    figure: Any,
-    variation: Variation,
-    rows: Sequence[Row],
-    best: Row | None,
-    shown: Sequence[tuple[str, str, float]],
-) -> None:
-    (name,) = variation.names
-    figure.set_size_inches(5.6, 5.2)
-    errors, time = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    tried = sorted(rows, key=lambda row: float(row.values[name]))
-    x = np.array([float(row.values[name]) for row in tried])
-    cells = np.unique([float(row.values[name]) for row in rows[1:]])
-    for (number, label, factor), colour in zip(shown, OKABE_ITO, strict=False):
-        ax = time if number == "exposure_time" else errors
-        y = factor * _figures(tried, number)
-        ax.plot(x, y, "-o", color=colour, ms=3, lw=1.3, label=label)
-        for row, mark in _marked(rows, best):
-            value = row.figure(number)
-            if value is not None and np.isfinite(value):
-                ax.plot(float(row.values[name]), factor * value, ls="", **mark)
-    for ax in (errors, time):
-        for row in (row for row in tried if row.merit is None):
-            ax.axvspan(*_cell(cells, float(row.values[name])), color=FAILED, lw=0, zorder=0)
-        _plain_log(ax.yaxis, most=MOST_DRAWN if ax is errors else np.inf)
-        ax.grid(True, which="major", color="0.9", lw=0.5)
-        ax.tick_params(labelsize=8, which="both")
-    errors.set_ylabel("standard error of a patch,\n% of white", fontsize=9)
-    errors.legend(fontsize=8, frameon=False)
-    time.set_ylabel("exposure time for an\nequal bound, relative", fontsize=9)
-    time.set_xlabel(name, fontsize=9)
+Marked = Sequence[tuple[Row, dict[str, Any]]]
+
+
+def _draw_curves(figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequence[str]) -> None:
+    """Draw the errors over each parameter, and below them the exposure time if there is one."""
+    from matplotlib.ticker import MaxNLocator
+
+    names = list(rows[0]["values"])
+    is_curve, columns = len(names) == 1, min(len(names), 3)
+    lines = 2 if is_curve else -(-len(names) // columns)
+    figure.set_size_inches(
+        5.6 if is_curve else 3.4 * columns, 0.6 + (2.3 if is_curve else 2.6) * lines
+    )
+    grid = {"height_ratios": (2, 1), "sharex": True} if is_curve else {}
+    axes = figure.subplots(lines, columns, squeeze=False, **grid).ravel()
+    errors = [number for number in shown if number != "exposure_time"]
+    panels = [(ax, name, errors) for ax, name in zip(axes, names, strict=False)]
+    if is_curve:
+        panels.append((axes[1], names[0], ["exposure_time"]))
+    colours = dict(zip(DRAWN, OKABE_ITO, strict=False))
+    for ax, name, numbers in panels:
+        order = sorted(rows, key=lambda row: float(row["values"][name]))
+        for number in numbers:
+            look = {"color": colours[number], "label": DRAWN[number][0], "ms": 3 if is_curve else 5}
+            x, y = _values(order, name), _percent(order, number)
+            ax.plot(x, y, "-o" if is_curve else ".", lw=1.3, **look)
+            for row, mark in marked:  # matplotlib leaves out NaN
+                ax.plot(_values([row], name), _percent([row], number), ls="", **mark)
+        if is_curve:
+            edges = _edges(np.unique(_values(rows[1:], name)))
+            for x in _values([row for row in rows if row["failure"]], name):
+                cell = max(1, int(np.searchsorted(edges, x)))
+                ax.axvspan(*edges[cell - 1 : cell + 1], color=FAILED, lw=0, zorder=0)
+        _style(ax, MOST_DRAWN if numbers == errors else np.inf)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.set_xlabel(name, fontsize=9)
+    for ax in axes[len(panels) :]:
+        ax.set_axis_off()
+    for ax in axes[::columns]:
+        ax.set_ylabel("standard error of a patch,\n% of white", fontsize=9)
+    if is_curve:
+        axes[0].set_xlabel("")
+        axes[1].set_ylabel("exposure time for an\nequal bound, relative", fontsize=9)
+    handles, labels = axes[0].get_legend_handles_labels()
+    where = {"loc": "outside upper center", "fontsize": 8, "frameon": False}
+    figure.legend(handles, labels, ncols=1 if is_curve else 3, **where)
 
 
 def _draw_maps(
-    figure: Any,
-    variation: Variation,
-    rows: Sequence[Row],
-    best: Row | None,
-    shown: Sequence[tuple[str, str, float]],
+    figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequence[str], size: int
 ) -> None:
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import MaxNLocator
 
-    across, up = variation.names
-    size = len(variation.values(across))
+    across, up = rows[0]["values"]
     lines = -(-len(shown) // 2)
     figure.set_size_inches(7.6, 0.5 + 3.1 * lines)
     axes = figure.subplots(lines, 2, sharex=True, sharey=True, squeeze=False)
-    x, y = (_edges(variation.values(name)) for name in (across, up))
-    for ax, (number, label, factor) in zip(axes.ravel(), shown, strict=True):
-        values = factor * _figures(rows[1:], number)
-        grid = np.full(variation.count, np.nan)
-        grid[: len(values)] = values
-        finite = grid[np.isfinite(grid)]
+    x, y = (_edges(np.unique(_values(rows[1:], name))) for name in (across, up))
+    for ax, number in zip(axes.flat, shown, strict=True):
         ax.set_facecolor(FAILED)
-        ax.set_title(label, fontsize=9)
+        ax.set_title(DRAWN[number][0], fontsize=9)
         ax.tick_params(labelsize=8)
         ax.xaxis.set_major_locator(MaxNLocator(5))
-        if not finite.size:
+        values = np.ma.masked_invalid(_percent(rows[1:], number).reshape(size, size).T)
+        if values.mask.all():
             continue
-        norm = LogNorm(finite.min(), max(finite.max(), 1.001 * finite.min()))
-        masked = np.ma.masked_invalid(grid.reshape(size, size).T)
-        picture = ax.pcolormesh(x, y, masked, norm=norm, cmap="viridis_r", shading="flat")
-        unit = "relative" if number == "exposure_time" else "% of white"
+        norm = LogNorm(values.min(), max(values.max(), 1.001 * values.min()))
+        picture = ax.pcolormesh(x, y, values, norm=norm, cmap="viridis_r", shading="flat")
         bar = figure.colorbar(picture, ax=ax, shrink=0.92)
-        bar.set_label(unit, fontsize=8)
-        _plain_log(bar.ax.yaxis, scale=False)
+        bar.set_label("relative" if number == "exposure_time" else "% of white", fontsize=8)
         bar.ax.tick_params(labelsize=8, which="both")
-        for row, mark in _marked(rows, best):
-            place = [float(row.values[name]) for name in (across, up)]
-            if x[0] <= place[0] <= x[-1] and y[0] <= place[1] <= y[-1]:
-                ax.plot(*place, ls="", clip_on=False, **mark)
+        plain_ticks(bar.ax.yaxis)
+        for row, mark in marked:
+            h, v = (float(row["values"][name]) for name in (across, up))
+            if x[0] <= h <= x[-1] and y[0] <= v <= y[-1]:
+                ax.plot(h, v, ls="", clip_on=False, **mark)
     for ax in axes[-1]:
         ax.set_xlabel(across, fontsize=9)
     for ax in axes[:, 0]:
         ax.set_ylabel(up, fontsize=9)
 
 
-def _draw_ranking(
-    figure: Any,
-    variation: Variation,
-    rows: Sequence[Row],
-    best: Row | None,
-    shown: Sequence[tuple[str, str, float]],
-) -> None:
-    errors = [each for each in shown if each[0] != "exposure_time"]
-    from matplotlib.ticker import MaxNLocator
-
-    names, columns = variation.names, 3
-    lines = -(-(len(names) + 1) // columns)
-    figure.set_size_inches(3.2 * columns, 0.4 + 2.5 * lines)
-    axes = figure.subplots(lines, columns, squeeze=False).ravel()
-    order = np.argsort(np.where(np.isfinite(v := _figures(rows, "bound")), v, np.inf))
-    for (number, label, factor), colour in zip(errors, OKABE_ITO, strict=False):
-        values = factor * _figures(rows, number)
-        axes[0].plot(1 + np.arange(len(rows)), values[order], ".", color=colour, label=label, ms=5)
-        for ax, name in zip(axes[1:], names, strict=False):
-            ax.plot([float(row.values[name]) for row in rows], values, ".", color=colour, ms=5)
-            for row, mark in _marked(rows, best):
-                value = row.figure(number)
-                if value is not None and np.isfinite(value):
-                    ax.plot(float(row.values[name]), factor * value, ls="", **mark)
-            ax.set_xlabel(name, fontsize=9)
-            ax.xaxis.set_major_locator(MaxNLocator(5))
-    axes[0].set_xlabel("rank by the bound", fontsize=9)
-    for ax in axes[: len(names) + 1]:
-        _plain_log(ax.yaxis, most=MOST_DRAWN)
-        ax.grid(True, which="major", color="0.9", lw=0.5)
-        ax.tick_params(labelsize=8, which="both")
-    for ax in axes[::columns]:
-        ax.set_ylabel("% of white", fontsize=9)
-    for ax in axes[len(names) + 1 :]:
-        ax.set_axis_off()
-    figure.legend(
-        *axes[0].get_legend_handles_labels(), loc="outside upper center", fontsize=8,
-        frameon=False, ncols=3,
-    )  # fmt: skip
+def _values(rows: Sequence[Row], name: str) -> Array:
+    return np.array([float(row["values"][name]) for row in rows])
 
 
-def _marked(rows: Sequence[Row], best: Row | None) -> list[tuple[Row, dict[str, Any]]]:
-    marked = [(row, STANDS) for row in rows if row.number == AS_IT_STANDS]
-    return [*marked, *([] if best is None else [(best, BEST)])]
-
-
-def _figures(rows: Sequence[Row], number: str) -> Array:
-    """Return a number of each row, NaN where there is none."""
-    found = [row.figure(number) for row in rows]
-    values = np.array([np.nan if each is None else each for each in found], float)
+def _percent(rows: Sequence[Row], number: str) -> Array:
+    """Return a number of each row in its unit; NaN where it is missing or infinite."""
+    values = DRAWN[number][1] * np.array([row[number] for row in rows], float)
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _edges(values: Array) -> Array:
-    half = np.diff(values) / 2
-    middles = values[:-1] + half
-    return np.concatenate([[values[0] - half[0]], middles, [values[-1] + half[-1]]])
+    """Return the edges of cells about ascending values."""
+    half = np.diff(values) / 2 if len(values) > 1 else np.zeros(1)
+    return np.concatenate([[values[0] - half[0]], values[:-1] + half[: len(values) - 1],
+                           [values[-1] + half[-1]]])  # fmt: skip
 
 
-def _cell(values: Array, value: float) -> tuple[float, float]:
-    if len(values) < 2:
-        return value, value
-    known = [as_text(each) for each in values]
-    low, high = list(pairwise(_edges(values)))[known.index(as_text(value))]
-    return float(low), float(high)
-
-
-def _plain_log(axis: Any, *, scale: bool = True, most: float = np.inf) -> None:
-    """Tick a logarithmic axis, up to `most`, with plain numbers, as many as there is room for."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    if scale:
-        axis.axes.set_yscale("log")
-        low, high = axis.get_view_interval()
-        axis.axes.set_ylim(low, min(high, max(most, 2 * low)))
-    low, high = axis.get_view_interval()
-    span = np.log10(max(high, 1e-300) / max(low, 1e-300))
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
-    if span < 0.7:
-        from matplotlib.ticker import MaxNLocator
-
-        axis.set_major_locator(MaxNLocator(4))
-        axis.set_minor_locator(LogLocator(subs=()))
-    else:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if span < 2.5 else (1,)))
-    axis.set_major_formatter(plain)
-    axis.set_minor_formatter(NullFormatter())
+def _style(ax: Any, most: float) -> None:
+    """Give a panel a logarithmic vertical axis that ends at `most`, and a grid."""
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, min(high, max(most, 2 * low)))
+    ax.grid(True, which="major", color="0.9", lw=0.5)
+    ax.tick_params(labelsize=8, which="both")
+    plain_ticks(ax.yaxis)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.panels import displayable
-from periscopy_sim.figures.panels import show as show_picture
+from periscopy_sim.figures.panels import displayable, panel_row
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
@@ -89,12 +88,8 @@ def show(
     ]
     from matplotlib import pyplot as plt
 
-    widths = [picture.shape[1] / picture.shape[0] for picture in pictures]
-    size = (HEIGHT * sum(widths) + 0.2, HEIGHT + 0.4)
-    figure = plt.figure(figsize=size, layout="constrained")
-    axes = figure.subplots(1, len(pictures), width_ratios=widths, squeeze=False)[0]
-    for ax, name, picture in zip(axes, names, pictures, strict=True):
-        show_picture(ax, name, picture)
+    figure = plt.figure(layout="constrained")
+    axes = panel_row(figure, list(zip(names, pictures, strict=True)), HEIGHT)
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
     return tuple(axes)
@@ -103,12 +98,14 @@ def show(
 def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
     """Return an image scaled to [0, 1], still linear, (rows, columns, 3)."""
     values = np.asarray(_array_of(image))
-    if values.dtype.kind not in "fiub" or values.size == 0:
-        raise ValueError(f"{values.dtype} of shape {values.shape} is no image; give numbers")
     if values.ndim == 2:
         values = values[..., None]
-    if values.ndim != 3 or values.shape[2] not in (1, 3):
-        raise ValueError(f"an image is (rows, columns, 3) or (rows, columns), not {values.shape}")
+    is_shaped = values.ndim == 3 and values.shape[2] in (1, 3) and values.size > 0
+    if not is_shaped or values.dtype.kind not in "fiub":
+        raise ValueError(
+            f"{values.dtype} of shape {values.shape} is no image; give numbers, (rows, columns, 3) "
+            "or (rows, columns)"
+        )
     if white is not None and not 0 < white < np.inf:
         raise ValueError(f"white is {white}: give a positive number")
     values = np.broadcast_to(values.astype(np.float64), (*values.shape[:2], 3))

@@ -38,28 +38,71 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
 
 def enlarged(image: Image, width: int = 720) -> Image:
     """Repeat patches until the image is about `width` pixels wide."""
-    factor = _factor(image, width)
+    factor = max(1, width // image.shape[1])
     return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
 
 
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str], width: int = 720) -> None:
-    """Write what `enlarged` returns by `write_png`, but the sRGB curve is taken once a patch."""
-    write_png(path, image, text, _factor(image, width))
-
-
-def _factor(image: Image, width: int) -> int:
-    factor: int = max(1, width // image.shape[1])
-    return factor
+    """Write the picture that `enlarged` returns by `write_png`, encoding each patch once."""
+    write_png(path, image, text, max(1, width // image.shape[1]))
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
-    The false colours are as `imshow` takes them. Return what a colour bar is made of.
+    The false colours are as `imshow` takes them. Return the image, for a colour bar.
     """
     ax.set_title(title, fontsize=10)
     ax.set_axis_off()
     return ax.imshow(picture, interpolation="nearest", aspect="equal", **colours)
+
+
+def show_light(ax: Any, title: str, image: Image, white: float | None = None) -> None:
+    """Show linear light, (rows, columns, 3), exposed by `displayable`."""
+    show(ax, title, srgb_encode(displayable(image, white)))
+
+
+def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, unit: str) -> None:
+    """Show maps, (rows, columns), by their titles, red above 0 and blue below, with a colour bar.
+
+    Colours end at `bound` either way; NaN is grey.
+    """
+    from matplotlib import colormaps
+
+    colours = colormaps["RdBu_r"].with_extremes(bad="0.6")
+    for ax, (title, values) in zip(axes, maps.items(), strict=True):
+        picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
+    bar = axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8)
+    bar.set_label(unit, fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+
+
+def panel_row(figure: Any, panels: Sequence[tuple[str, Image]], height: float) -> Any:
+    """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles; return the axes.
+
+    The figure becomes as large as pictures of `height` inches need.
+    """
+    aspects = [picture.shape[1] / picture.shape[0] for _, picture in panels]
+    figure.set_size_inches(height * sum(aspects) + 0.2, height + 0.4)
+    axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
+    for ax, (title, picture) in zip(axes, panels, strict=True):
+        show(ax, title, picture)
+    return axes
+
+
+def plain_ticks(axis: Any) -> None:
+    """Tick a logarithmic axis with plain numbers, as many as there is room for."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    span = np.log10(max(high, 1e-300) / max(low, 1e-300))
+    if span < 0.9:
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_minor_locator(LogLocator(subs=()))
+    else:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if span < 2.5 else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def draw_panels(
@@ -75,14 +118,11 @@ def draw_panels(
     """
     from matplotlib.figure import Figure
 
-    aspects = [image.shape[1] / image.shape[0] for _, image in panels]
-    height = 2.6
-    size = (height * sum(aspects) + 0.2, height + (0.65 if caption else 0.4))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
-    for ax, (title, image) in zip(axes, panels, strict=True):
-        show(ax, title, srgb_encode(image))
+    figure = Figure(layout="constrained")
+    panel_row(figure, [(title, srgb_encode(image)) for title, image in panels], 2.6)
     if caption:
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + 0.25)
         figure.supxlabel(caption, fontsize=9)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
@@ -101,11 +141,11 @@ def draw_maps(
     """
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter
 
     values = np.concatenate([np.ravel(values) for _, values in maps])
     norm = LogNorm(float(values.min()), float(values.max()))
-    figure = Figure(figsize=(3.6 * len(maps) + 0.9, 3.4), layout="constrained")
+    height = 1.1 + 3.1 * max(each.shape[0] / each.shape[1] for _, each in maps)
+    figure = Figure(figsize=(3.6 * len(maps) + 0.9, height), layout="constrained")
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     for ax, (title, values) in zip(axes, maps, strict=True):
         picture = ax.imshow(values, norm=norm, cmap="viridis", interpolation="nearest")
@@ -114,9 +154,7 @@ def draw_maps(
         ax.tick_params(labelsize=8)
     axes[0].set_ylabel("patch row", fontsize=9)
     bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
-    bar.ax.yaxis.set_major_formatter(plain)
-    bar.ax.yaxis.set_minor_formatter(plain)
+    plain_ticks(bar.ax.yaxis)
     bar.ax.tick_params(labelsize=8, which="both")
     if caption:
         figure.supxlabel(caption, fontsize=9)
@@ -130,7 +168,7 @@ def draw_certainty(
     assumed: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a reconstruction beside the standard errors of its patches, and what is assumed there.
+    """Draw a reconstruction beside the standard errors of its patches, and their assumption.
 
     Both are (R, C, 3) in one unit; the errors are shown as the root mean square over the channels,
     in percent of the image's 99th percentile.
@@ -143,17 +181,14 @@ def draw_certainty(
     width = max(5.2 * aspect + 1.0, 4.5)
     figure = Figure(figsize=(width, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
-    show(left, "reconstruction", srgb_encode(displayable(image, white=white)))
+    show_light(left, "reconstruction", image, white)
     top = float(errors.max()) or 1.0
     shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
     sentences = ["Right: how far each patch may be off (one standard deviation)."]
-    if assumed:
-        sentences.append(f"It is assumed that {assumed}.")
-    figure.supxlabel(
-        "\n".join(fill(sentence, int(16 * width)) for sentence in sentences), fontsize=7.5
-    )
+    sentences += [f"It is assumed that {assumed}."] * bool(assumed)
+    figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences), fontsize=7.5)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 
 
@@ -166,7 +201,6 @@ def draw_sweep(
     their 10th to their 90th percentile. Where a method failed it is left out.
     """
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     labels = ("algorithm", "sbr", "background", "seed")
     errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
@@ -188,15 +222,8 @@ def draw_sweep(
         )  # fmt: skip
     ax.set_xscale("log")
     ax.set_yscale("log")
-    bottom, top = ax.get_ylim()
-    if top < 4 * bottom:  # room for two labelled ticks
-        middle = np.sqrt(bottom * top)
-        ax.set_ylim(middle / 2, middle * 2)
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(plain)
-        axis.set_minor_formatter(NullFormatter())
+        plain_ticks(axis)
     ax.set_xlabel("signal-to-background ratio", fontsize=8)
     ax.set_ylabel("mean squared error", fontsize=8)
     ax.tick_params(labelsize=7, which="both")

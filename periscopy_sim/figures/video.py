@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.evaluation import metrics
-from periscopy_sim.figures import contact_sheet, panels
-from periscopy_sim.figures.animation import draw_animation
-from periscopy_sim.figures.movie import draw_movie
-from periscopy_sim.figures.panels import Image
+from periscopy_sim.evaluation.metrics import gain_matched
+from periscopy_sim.figures import contact_sheet
+from periscopy_sim.figures.animation import draw_animation, draw_movie
+from periscopy_sim.figures.panels import Image, displayable, write_enlarged
 
 SHEET_COLUMNS = 8
 """Most frames on the contact sheet."""
@@ -46,7 +45,7 @@ def draw_frames(
     folder.mkdir()
     names = picture_names(len(images))
     for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
-        panels.write_enlarged(folder / name, panels.displayable(image, white), text)
+        write_enlarged(folder / name, displayable(image, white), text)
         progress(k / len(images))
 
 
@@ -64,17 +63,13 @@ def draw_sheet(
     """
     chosen = contact_sheet.evenly_chosen(len(errors), SHEET_COLUMNS)
     white = white_of(photographs)
-    contact_sheet.draw_contact_sheet(
-        path,
-        [
-            ("photograph", [panels.displayable(photographs[k], white) for k in chosen]),
-            ("hidden image", [panels.displayable(known[k], 1) for k in chosen]),
-            ("reconstruction", [metrics.gain_matched(images[k], known[k]) for k in chosen]),
-        ],
-        titles=[f"frame {k}" for k in chosen],
-        notes=[f"MSE {errors[k]:.2g}" for k in chosen],
-        metadata=text,
-    )
+    rows = [
+        ("photograph", [displayable(photographs[k], white) for k in chosen]),
+        ("hidden image", [displayable(known[k], 1) for k in chosen]),
+        ("reconstruction", [gain_matched(images[k], known[k]) for k in chosen]),
+    ]
+    titles, notes = [f"frame {k}" for k in chosen], [f"MSE {errors[k]:.2g}" for k in chosen]
+    contact_sheet.draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
 
 
 def draw_video(
@@ -87,25 +82,23 @@ def draw_video(
     text: dict[str, str],
     progress: Callable[[float], None],
 ) -> None:
-    """Draw photograph, reconstruction and, where it is known, the truth side by side in time.
+    """Draw photograph, reconstruction and, if it is known, the truth side by side in time.
 
-    By the path's ending an animated PNG, or a video of `movie.ENCODINGS`.
+    By the path's ending an animated PNG, or a video of `animation.ENCODINGS`.
     """
-    columns = [
-        ("photograph", photographs, white_of(photographs)),
-        ("reconstruction", images, white),
-    ]
-    if known is not None:
-        columns.append(("truth", known, 1.0))
+    panels = {
+        "photograph": (photographs, white_of(photographs)),
+        "reconstruction": (images, white),
+        **({} if known is None else {"truth": (known, 1.0)}),
+    }
     count = len(images)
 
     def moments() -> Iterator[list[Image]]:
         for k in range(count):
-            yield [panels.displayable(shown[k], level) for _, shown, level in columns]
+            yield [displayable(shown[k], level) for shown, level in panels.values()]
             progress((k + 1) / count)
 
-    titles = [title for title, _, _ in columns]
     if path.suffix == ".png":
-        draw_animation(path, titles, moments(), count=count, rate=rate, metadata=text)
+        draw_animation(path, list(panels), moments(), count=count, rate=rate, metadata=text)
     else:
-        draw_movie(path, titles, moments(), rate=rate, metadata=text)
+        draw_movie(path, list(panels), moments(), rate=rate, metadata=text)

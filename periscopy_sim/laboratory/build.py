@@ -23,7 +23,7 @@ from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, read_mesh, 
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 SIDES = 128
-"""Of the prism that stands for a cylinder: its width is right to 2e-4."""
+"""Of the prism that replaces a cylinder: its width is right to 2e-4."""
 
 MOST_CHECKED = 64
 """Pixels along each side of the photograph by which a new scene is tried."""
@@ -50,8 +50,8 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
         If the measurements are no YAML, a number is missing, has no unit or no error, or is out of
         range, or a mesh cannot be read.
     SceneError
-        If the laboratory is none that a photograph can be taken in: the camera sees past the wall,
-        the monitor faces away, something stands before the wall.
+        If no photograph can be taken there: the camera sees past the wall, the monitor faces away,
+        something stands before the wall.
     """
     measurements, out = Path(measurements), Path(out)
     laboratory = load_laboratory(measurements)
@@ -65,7 +65,9 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
         )
     except ConfigurationError as error:
         raise ConfigurationError(f"{measurements}: {error}") from None
-    spare_inputs((out, *files.values()), (measurements, *_mesh_files(laboratory)))
+    bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
+    given = [measurements, *(laboratory.folder / body.file for body in bodies)]
+    spare_inputs((out, *files.values()), given)
     named = {files[name].name: mesh for name, mesh in meshes.items()}
     _check(text, named, laboratory.camera.film, out)
     with ExitStack() as stack:
@@ -76,21 +78,17 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
     return out, *files.values()
 
 
-def _mesh_files(laboratory: Laboratory) -> list[Path]:
-    bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
-    return [laboratory.folder / body.file for body in bodies]
-
-
 def _meshes(laboratory: Laboratory) -> dict[str, TriangleMesh]:
-    """Return the meshes by name: those that were named, and the cylinder if there is one."""
-    meshes = {}
-    for body in laboratory.occluders:
-        if isinstance(body, MeshBody):
-            meshes[body.name] = _own_mesh(body, laboratory.folder / body.file)
-        elif isinstance(body, UprightCylinder):
-            if CYLINDER in {each.name for each in laboratory.occluders}:
-                raise ConfigurationError(f"an occluder is called '{CYLINDER}'; name it otherwise")
-            meshes[CYLINDER] = _unit_cylinder()
+    """Return the meshes by name: those of files, and the cylinder if there is one."""
+    meshes = {
+        body.name: _own_mesh(body, laboratory.folder / body.file)
+        for body in laboratory.occluders
+        if isinstance(body, MeshBody)
+    }
+    if any(isinstance(body, UprightCylinder) for body in laboratory.occluders):
+        if CYLINDER in meshes:
+            raise ConfigurationError(f"a mesh is called '{CYLINDER}'; name it otherwise")
+        meshes[CYLINDER] = _unit_cylinder()
     return meshes
 
 

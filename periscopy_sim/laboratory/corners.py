@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +11,10 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Array
 
 LIKELY = 23.5
-"""Sum of squared deviations of 4 degrees of freedom, exceeded by chance once in 10,000 times."""
+"""Sum of squared deviations of 4 degrees of freedom that chance exceeds once in 10,000 times."""
 
 SHARPEST = 1e-4
-"""Metres that corners are taken to be off at least."""
+"""Least standard deviation of a corner, in metres."""
 
 NAMES = ("target_x", "target_z", "camera_roll", "field_of_view")
 
@@ -39,7 +39,7 @@ def aim_at_corners(
     position_errors: Array,
     corner_errors: Array,
 ) -> Aim:
-    """Return the direction, roll and field of view whose picture has given corners.
+    """Return the direction, roll and field of view whose picture has these corners.
 
     Parameters
     ----------
@@ -58,9 +58,13 @@ def aim_at_corners(
     ConfigurationError
         If no camera there sees these corners, to within the errors.
     """
-    from scipy.optimize import least_squares
+    from scipy.optimize import approx_fprime, least_squares
 
-    middle = _crossing(corners)
+    a, b, c, d = corners
+    sides = np.stack([c - a, b - d], axis=1)
+    if abs(np.linalg.det(sides)) < 1e-9:
+        raise ConfigurationError("camera.corners: they lie on a line; measure them again")
+    middle = a + np.linalg.solve(sides, b - a)[0] * (c - a)  # where the diagonals cross
     extent = float(np.linalg.norm(corners - middle, axis=1).mean())
     away = float(np.linalg.norm(np.insert(middle, 1, distance) - position))
     rightwards = corners[1] + corners[2] - corners[0] - corners[3]
@@ -72,17 +76,19 @@ def aim_at_corners(
         seen = corners_seen(position, distance, film, *values)
         return np.asarray((seen - corners).ravel() / extent)
 
-    found = least_squares(misfit, start, x_scale=scale)
-    left = misfit(found.x) * extent
-    slopes = _slopes(lambda at: corners_seen(at, distance, film, *found.x).ravel(), position)
+    solution = least_squares(misfit, start, x_scale=scale)
+    misfits = misfit(solution.x) * extent
+    slopes = approx_fprime(
+        position, lambda moved: corners_seen(moved, distance, film, *solution.x).ravel(), 1e-6
+    )
     covariance = np.diag(np.maximum(corner_errors, SHARPEST).ravel() ** 2)
     covariance += (slopes * position_errors**2) @ slopes.T
-    J = found.jac * extent
+    J = solution.jac * extent
     inverse = np.linalg.pinv(J)
-    beyond = np.linalg.svd(J)[0][:, J.shape[1] :]  # what no aim of the camera explains
-    unexplained = beyond.T @ left
-    spread = beyond.T @ covariance @ beyond
-    residual = float(np.sqrt(np.mean(left**2) * 2))
+    others = np.linalg.svd(J)[0][:, J.shape[1] :]  # misfits that no aim of the camera explains
+    unexplained = others.T @ misfits
+    spread = others.T @ covariance @ others
+    residual = float(np.sqrt(np.mean(misfits**2) * 2))
     if not unexplained @ np.linalg.solve(spread, unexplained) < LIKELY:
         raise ConfigurationError(
             "camera: from its position it cannot see these corners: they are "
@@ -90,7 +96,7 @@ def aim_at_corners(
             "check position, corners, their order (as the camera sees them) and film"
         )
     errors = np.sqrt(np.diag(inverse @ covariance @ inverse.T))
-    named = dict(zip(NAMES, map(float, found.x), strict=True))
+    named = dict(zip(NAMES, map(float, solution.x), strict=True))
     return Aim(named, dict(zip(NAMES, map(float, errors), strict=True)), residual)
 
 
@@ -114,11 +120,8 @@ def corners_seen(
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, ahead)
-    angle = np.radians(roll)
-    right, up = (
-        np.cos(angle) * right - np.sin(angle) * up,
-        np.sin(angle) * right + np.cos(angle) * up,
-    )
+    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
+    right, up = c * right - s * up, s * right + c * up
     half = np.tan(np.radians(field_of_view) / 2)
     tall = half * film[0] / film[1]
     rays = ahead + np.array([[-half], [half], [half], [-half]]) * right
@@ -130,22 +133,3 @@ def corners_seen(
         )
     reach = (distance - position[1]) / rays[:, 1:2]
     return np.asarray((position + reach * rays)[:, [0, 2]])
-
-
-def _crossing(corners: Array) -> Array:
-    """Return where the diagonals cross: the point of the wall in the picture's middle."""
-    a, b, c, d = corners
-    sides = np.stack([c - a, b - d], axis=1)
-    if abs(np.linalg.det(sides)) < 1e-9:
-        raise ConfigurationError("camera.corners: they lie on a line; measure them again")
-    return np.asarray(a + np.linalg.solve(sides, b - a)[0] * (c - a))
-
-
-def _slopes(function: Callable[[Array], Array], at: Array) -> Array:
-    """Return the derivative of a function at a point, by central differences."""
-    step = 1e-5
-    columns = [
-        (function(at + step * unit) - function(at - step * unit)) / (2 * step)
-        for unit in np.eye(len(at))
-    ]
-    return np.stack(columns, axis=1)

@@ -1,4 +1,4 @@
-"""What was measured of a laboratory: a YAML file, checked before a scene is made of it."""
+"""The measurements of a laboratory: a YAML file, checked before a scene is made of it."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ EXAMPLE = Path(__file__).with_name("example.yaml")
 
 COMMAND = "periscopy lab --example"
 
-MOST_OCCLUDERS = 100
-
 SIDES = ("left", "right", "bottom", "top")
 """Of a frame; its bars are called after them."""
 
+PLACES = ("center", "top_left", "top_right", "bottom_left", "bottom_right")
+"""Of the monitor."""
+
 TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal", "field"}
-"""What names of the scene begin with; no occluder may be called so."""
+"""First words of the scene's own names; no occluder may be called so."""
 
 
 def _colour(given: Any) -> Any:
@@ -36,10 +37,11 @@ def _colour(given: Any) -> Any:
 
 
 def _name(given: str) -> str:
-    if not re.fullmatch("[a-z][a-z0-9_]{0,39}", given):
-        raise ValueError(f"'{given}' is no name; use small letters, digits and _")
-    if given in TAKEN or given.endswith("_error"):
-        raise ValueError(f"'{given}' is a name of the scene's own; choose another")
+    is_taken = given in TAKEN or given.endswith("_error")
+    if is_taken or not re.fullmatch("[a-z][a-z0-9_]{0,39}", given):
+        raise ValueError(
+            f"'{given}' is no name, or one of the scene's own; use small letters, digits and _"
+        )
     return given
 
 
@@ -52,7 +54,7 @@ OnWall = tuple[Length, Length]
 
 
 class Errors(Strict):
-    """How far off a number may be that states nothing of it."""
+    """Standard deviations of numbers without an error of their own."""
 
     length: Size | None = None
     angle: Angle | None = None
@@ -72,7 +74,7 @@ class Wall(Strict):
 
 
 class _Camera(Strict):
-    """What all kinds of cameras have."""
+    """Film of all cameras, in pixels."""
 
     film: RowsAndColumns
 
@@ -96,14 +98,12 @@ class PerspectiveCamera(_Camera):
                 "give either target: [x, z], the point of the wall in the picture's middle, or the "
                 "direction, by turn and tilt"
             )
-        given = self.field_of_view, self.vertical_field_of_view
-        if given.count(None) != 1:
+        fields = [f for f in (self.field_of_view, self.vertical_field_of_view) if f is not None]
+        if len(fields) != 1 or not 0 < fields[0].value < 180:
             raise ValueError(
                 "give either field_of_view, of the picture's width, or vertical_field_of_view, of "
-                "its height"
+                "its height, between 0 and 180 deg"
             )
-        if not 0 < next(filter(None, given)).value < 180:
-            raise ValueError("the field of view must lie between 0 and 180 deg")
         return self
 
 
@@ -165,19 +165,18 @@ class Screen(Strict):
 
     @property
     def places(self) -> dict[str, Place | None]:
-        """Return the places by name; one is given."""
-        names = ("center", "top_left", "top_right", "bottom_left", "bottom_right")
-        return {name: getattr(self, name) for name in names}
+        """Return the places by name; exactly one is not None."""
+        return {name: getattr(self, name) for name in PLACES}
 
 
 Anchor = Literal["base", "center", "corner"]
 
 
 class _Occluder(Strict):
-    """What all occluders have: a name, what they stand with, and what they reflect.
+    """Name, bearer and reflectance, of all occluders.
 
-    The places and turns of one that has a bearer (``with`` in a document) are in the bearer's
-    coordinates: from its anchor, along its own axes. Those that state no error are exact there.
+    With a bearer (``with`` in a document), places and turns are in the bearer's coordinates: from
+    its anchor, along its own axes. There numbers without an error are exact.
     """
 
     name: Annotated[str, AfterValidator(_name)]
@@ -186,7 +185,7 @@ class _Occluder(Strict):
 
 
 class _Body(_Occluder):
-    """What occluders have that stand at a place: the place, and their turns there."""
+    """Place and turns of all occluders that stand at a place."""
 
     position: Place
     turn: Angle = EXACTLY_0
@@ -253,7 +252,7 @@ class Rod(_Round):
 
     @model_validator(mode="after")
     def _has_a_length(self) -> Self:
-        if all(a.value == b.value for a, b in zip(self.start, self.end, strict=True)):
+        if [each.value for each in self.start] == [each.value for each in self.end]:
             raise ValueError(f"rod '{self.name}': start and end are one point; give it a length")
         return self
 
@@ -296,45 +295,30 @@ class Laboratory(Strict):
         PerspectiveCamera | CornersCamera | RectifiedCamera, Field(discriminator="kind")
     ]
     monitor: Screen
-    occluders: Annotated[tuple[Occluding, ...], Field(max_length=MOST_OCCLUDERS)] = ()
+    occluders: tuple[Occluding, ...] = ()
     folder: Path = Path()
 
     @model_validator(mode="after")
-    def _names_are_its_own(self) -> Self:
-        names = [occluder.name for occluder in self.occluders]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"two occluders are called '{name}'; name each once")
-        frames = [each.name for each in self.occluders if isinstance(each, Frame)]
-        bars = {f"{name}_{side}": name for name in frames for side in SIDES}
-        for name in sorted(bars.keys() & set(names)):
-            raise ValueError(
-                f"occluder '{name}' is called like a bar of the frame '{bars[name]}'; name it "
-                "otherwise"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _bearers_are_there(self) -> Self:
-        known: dict[str, Occluding] = {}
+    def _names_are_known_and_differ(self) -> Self:
+        bearers, names = {""}, set[str]()
         for each in self.occluders:
-            bearer = known.get(each.bearer) if each.bearer else None
-            if each.bearer and bearer is None:
+            own = {each.name}
+            if isinstance(each, Frame):
+                own |= {f"{each.name}_{side}" for side in SIDES}
+            if twice := own & names:
+                raise ValueError(f"two occluders or bars are called '{min(twice)}'; rename one")
+            if each.bearer not in bearers:
                 raise ValueError(
                     f"occluder '{each.name}' stands with '{each.bearer}', but no occluder above it "
-                    f"is called so; there are {', '.join(known) or 'none'}"
+                    "with axes of its own (a rod has none) is called so"
                 )
-            if isinstance(bearer, Rod):
-                raise ValueError(
-                    f"occluder '{each.name}' stands with '{bearer.name}', a rod, which has no axes "
-                    "of its own; let it stand with another"
-                )
-            known[each.name] = each
+            names |= own
+            bearers |= set() if isinstance(each, Rod) else {each.name}
         return self
 
 
 def load_laboratory(path: str | Path) -> Laboratory:
-    """Read what was measured of a laboratory.
+    """Read the measurements of a laboratory.
 
     Parameters
     ----------

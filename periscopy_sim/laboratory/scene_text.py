@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from textwrap import wrap
+from textwrap import indent, wrap
 from xml.sax.saxutils import escape, quoteattr
 
 from periscopy_sim.errors import ConfigurationError
@@ -18,9 +18,16 @@ HEAD = """<!-- {title}
 <scene version="3.0.0">
 """
 
+FILM = """<film type="hdrfilm">
+    <integer name="width" value="$width"/>
+    <integer name="height" value="$height"/>
+    <rfilter type="box"/>
+</film>
+<sampler type="independent"/>"""
+
 
 class SceneText:
-    """The text of a scene as it grows: what was measured, then what stands in the laboratory."""
+    """The text of a scene as it grows: first the measured numbers, then shapes and sensor."""
 
     def __init__(self, laboratory: Laboratory) -> None:
         self._errors = {
@@ -29,31 +36,30 @@ class SceneText:
             "number": Measured(0.0),
         }
         self._defaults: list[str] = []
-        self._known: set[str] = set()
-        self._shapes: list[str] = []
+        self._names: set[str] = set()
+        self._elements: list[str] = []
 
     def section(self, title: str) -> None:
-        """Begin what was measured of one thing."""
+        """Begin the measured numbers of one thing."""
         lines = wrap(f"<!-- {_comment(title)} -->", 95, subsequent_indent="     ")
         self._defaults += ["", *(f"    {line}" for line in lines)]
 
     def declare(self, name: str, measured: Measured, kind: str, entry: str) -> str:
-        """Declare a number and its error; return what stands for it.
+        """Declare a number and its error; return the reference to it.
 
         The kind is ``length``, ``angle`` or ``number``, `entry` its name in the document.
         """
         error = measured.error
         if error is None:
-            general = self._errors[kind]
-            if general is None:
+            default = self._errors[kind]
+            if default is None:
                 raise ConfigurationError(
-                    f"{entry} has no error; write it as in '12.5 cm +- 3 mm', or say how far off "
-                    "such numbers are: 'errors: {length: 5 mm, angle: 1 deg}'"
+                    f"{entry} has no error; write it as in '12.5 cm +- 3 mm', or give the error of "
+                    "all such numbers: 'errors: {length: 5 mm, angle: 1 deg}'"
                 )
-            error = general.value
-        if {name, f"{name}_error"} & self._known:
+            error = default.value
+        if {name, f"{name}_error"} & self._names:
             raise ConfigurationError(f"{entry}: two numbers of the scene would be called '{name}'")
-        self._known |= {name, f"{name}_error"}
         self._default(name, measured.value)
         if error > 0:
             self._default(f"{name}_error", error)
@@ -61,68 +67,58 @@ class SceneText:
 
     def place(self, name: str, point: Iterable[Measured], entry: str, axes: str = "xyz") -> str:
         """Declare a point's coordinates; return the tag that moves there from the origin."""
-        names = [
-            f'{axis}="{self.declare(f"{name}_{axis}", each, "length", f"{entry}.{axis}")}"'
+        shifts = {
+            axis: self.declare(f"{name}_{axis}", each, "length", f"{entry}.{axis}")
             for axis, each in zip(axes, point, strict=True)
-        ]
-        return f"<translate {' '.join(names)}/>"
+        }
+        return tag("translate", **shifts)
 
     def turns(self, name: str, tilt: Measured, turn: Measured, entry: str) -> list[str]:
         """Declare a tilt about x and then a turn about z; return their tags."""
         tilted = self.declare(f"{name}_tilt", tilt, "angle", f"{entry}: tilt")
         turned = self.declare(f"{name}_turn", turn, "angle", f"{entry}: turn")
-        return [f'<rotate x="1" angle="{tilted}"/>', f'<rotate z="1" angle="{turned}"/>']
+        return [tag("rotate", x=1, angle=tilted), tag("rotate", z=1, angle=turned)]
 
-    def film(self, size: tuple[int, int]) -> list[str]:
-        """Declare the (rows, columns) of the film; return its lines."""
+    def add(self, kind: str, name: str, *parts: str, element: str = "shape") -> None:
+        """Add a shape, or another element, of a type and an id, made of parts."""
+        inside = indent("\n".join(filter(None, parts)), "    ")
+        text = f'<{element} type="{kind}" id="{name}">\n{inside}\n</{element}>'
+        self._elements.append("\n" + indent(text, "    "))
+
+    def add_camera(self, kind: str, size: tuple[int, int], *parts: str) -> None:
+        """Add the camera, with a film of (rows, columns)."""
         self.section("Rows and columns of the photograph.")
-        for name, pixels in zip(("height", "width"), size, strict=True):
-            self._known.add(name)
-            self._default(name, pixels)
-        return [
-            '    <film type="hdrfilm">',
-            '        <integer name="width" value="$width"/>',
-            '        <integer name="height" value="$height"/>',
-            '        <rfilter type="box"/>',
-            "    </film>",
-            '    <sampler type="independent"/>',
-        ]
-
-    def add(self, lines: Iterable[str]) -> None:
-        """Add something that stands in the laboratory."""
-        self._shapes += ["", *(f"    {line}" for line in lines)]
+        self._default("height", size[0])
+        self._default("width", size[1])
+        self.add(kind, "camera", *parts, FILM, element="sensor")
 
     def text(self, title: str) -> str:
         """Return the whole scene."""
-        lines = [*self._defaults, "", '    <integrator type="path"/>', *self._shapes, "</scene>"]
+        lines = [*self._defaults, "", '    <integrator type="path"/>', *self._elements, "</scene>"]
         return HEAD.format(title=_comment(title)) + "\n".join(lines[1:]) + "\n"
 
     def _default(self, name: str, value: float) -> None:
-        self._defaults.append(
-            f"    <default name={quoteattr(name)} value={quoteattr(repr(value))}/>"
-        )
+        self._names.add(name)
+        self._defaults.append("    " + tag("default", name=name, value=repr(value)))
 
 
-def transform(*tags: str) -> list[str]:
-    """Return the lines of a shape's or sensor's place: its tags act one after the other."""
-    lines = [f"        {tag}" for tag in tags]
-    return ['    <transform name="to_world">', *lines, "    </transform>"]
+def tag(kind: str, **attributes: object) -> str:
+    """Return an empty element."""
+    words = [kind, *(f"{name}={quoteattr(str(value))}" for name, value in attributes.items())]
+    return f"<{' '.join(words)}/>"
 
 
-def paint(reflectance: tuple[float, float, float]) -> list[str]:
-    """Return the lines of a diffuse surface."""
+def transform(*tags: str) -> str:
+    """Return the place of a shape or sensor: its tags act one after the other."""
+    inside = indent("\n".join(tags), "    ")
+    return f'<transform name="to_world">\n{inside}\n</transform>'
+
+
+def paint(reflectance: tuple[float, float, float]) -> str:
+    """Return a diffuse surface."""
     values = reflectance[:1] if len(set(reflectance)) == 1 else reflectance
-    text = ", ".join(map(repr, values))
-    return [
-        '    <bsdf type="diffuse">',
-        f'        <rgb name="reflectance" value="{text}"/>',
-        "    </bsdf>",
-    ]
-
-
-def axes(x: str, y: str, z: str) -> str:
-    """Return the attributes of a shift or a scaling."""
-    return f'x="{x}" y="{y}" z="{z}"'
+    colour = tag("rgb", name="reflectance", value=", ".join(map(repr, values)))
+    return f'<bsdf type="diffuse">\n    {colour}\n</bsdf>'
 
 
 def _comment(text: str) -> str:

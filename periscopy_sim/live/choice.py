@@ -1,4 +1,4 @@
-"""What a person has set: the scene's values, the light, the noise and the method."""
+"""The settings of a laboratory: the scene's values, the light, the noise and the method."""
 
 from __future__ import annotations
 
@@ -14,23 +14,20 @@ SNR = 60.0
 
 @dataclass(frozen=True)
 class Choice:
-    """A laboratory as it is set now.
+    """A laboratory's present settings.
 
     Attributes
     ----------
     values
-        Of the scene's ``<default>``s that can be moved, by name; what the method believes.
+        Of the scene's movable ``<default>``s, by name, which the method believes.
     image
-        What the monitor shows: a file, or a shipped image; empty where nobody knows.
+        The hidden image: a file, or a shipped image; empty where it is unknown.
     place
-        Where ambient light comes from, see `find_condition`; empty for none.
+        The place of ambient light, see `find_condition`; empty for none.
     sbr, snr
         Signal-to-background ratio, and signal-to-noise ratio in dB; see `composite`, `add_noise`.
     method
         Its name, see `find_method`.
-    taken
-        The values with which a synthetic photograph was taken, where it stays as it is while the
-        scene moves; None where it is taken anew.
     """
 
     values: Mapping[str, float]
@@ -39,4 +36,3 @@ class Choice:
     sbr: float
     snr: float
     method: str
-    taken: Mapping[str, float] | None = None

@@ -1,30 +1,27 @@
-"""A laboratory that follows what is wanted: coarse at once, full when it comes to rest.
+"""A laboratory that follows a person's wishes: coarse pictures at once, full ones at rest.
 
-Coarse pictures are computed in a thread of their own, full ones where `run` was called. Neither
-has a queue: each takes what is wanted by the time that it is free. What is overtaken meanwhile is
-never begun, and full pictures that are overtaken are given up.
+There is no queue: it takes the latest wish when it is free, and a newer wish ends full pictures.
 """
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
-from functools import partial
-from threading import Condition, Thread
+from threading import Condition
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import Level, LivePictures, Overtaken
 
+LOG = logging.getLogger(__name__)
 Save = Callable[[LivePictures], None]
 
 
 class LiveLaboratory:
     """A laboratory at its coarse and its full size.
 
-    `show` is given pictures, never older ones after newer, nor coarse ones after full ones of the
-    same; `tell` is given what cannot be shown, in one line, empty where all is well. Both are
-    called by several threads, one at a time.
+    It calls `show` with pictures, and `tell` with one line about a failure, empty if there is none.
     """
 
     def __init__(
@@ -34,132 +31,81 @@ class LiveLaboratory:
         show: Callable[[LivePictures], None],
         tell: Callable[[str], None],
     ) -> None:
-        self._coarse, self._full, self._show, self._tell = coarse, full, show, tell
+        self._levels = {"coarse": coarse, "full": full}
+        self._show, self._tell = show, tell
         self._changed = Condition()
         self._choice: Choice | None = None
-        self._number = 0  # of what is wanted
-        self._rests = 0.0  # when that counts as at rest
-        self._shown = (0, False)  # the number of what is shown, and whether in full
-        self._showing = Condition()
+        self._number = 0  # of the latest wish
+        self._rests = 0.0  # when it counts as at rest
+        self._done = {"coarse": 0, "full": 0}  # the number of the last wish of each level
         self._save: Save | None = None
         self._stopped = False
-        self._broken: Exception | None = None
 
     def want(self, choice: Choice, rest: float = 0.0) -> None:
-        """Ask for pictures; in full, unless more is asked for within so many seconds."""
+        """Ask for pictures; in full, unless another wish comes within so many seconds."""
         with self._changed:
             self._choice, self._number = choice, self._number + 1
             self._rests = time.monotonic() + rest
-            self._changed.notify_all()
+            self._changed.notify()
 
     def save(self, save: Save) -> None:
-        """Have something done with the full pictures of what is wanted, once they are shown."""
+        """Call a function with the full pictures of the latest wish, once they are shown."""
         with self._changed:
-            self._save = save
-            self._rests = 0.0
-            self._changed.notify_all()
+            self._save, self._rests = save, 0.0
+            self._changed.notify()
 
     def stop(self) -> None:
         """End `run`."""
         with self._changed:
             self._stopped = True
-            self._changed.notify_all()
+            self._changed.notify()
 
     def run(self) -> None:
-        """Follow what is wanted until `stop`, or an interrupt."""
-        coarse = Thread(target=self._follow_coarsely, name="coarse pictures")
-        coarse.start()
-        try:
-            done, pictures = 0, None
-            while True:
-                with self._changed:
-                    while not self._stopped and not self._is_due(done, pictures):
-                        self._changed.wait(self._pause(done))
-                    if self._stopped:
-                        break
-                    number, choice, save = self._number, self._choice, self._save
-                    if number == done:
-                        self._save = None
-                if number == done:
-                    assert save is not None and pictures is not None
-                    self._attempt(partial(save, pictures))
-                    continue
-                assert choice is not None
-                try:
-                    pictures = self._pictures(self._full, choice, number)
-                except Overtaken:
-                    continue
-                done = number
-        finally:
-            self.stop()
-            coarse.join()
-        if self._broken is not None:
-            raise self._broken
+        """Follow the wishes until `stop`, or an interrupt."""
+        pictures = None
+        while (work := self._next()) is not None:
+            try:
+                if isinstance(work, str):
+                    pictures = None
+                    pictures = self._follow(work)
+                elif pictures is not None:
+                    work(pictures)
+            except Overtaken:
+                pass
+            except Exception as error:  # one wish that fails must not end the page
+                text = " ".join(str(error).split())
+                if not isinstance(error, PeriscopyError):
+                    LOG.error("periscopy view goes on after an error", exc_info=error)
+                    text = f"{type(error).__name__}: {text}"
+                self._tell(text)
 
-    def _is_due(self, done: int, pictures: LivePictures | None) -> bool:
-        """Return whether there is something to do in full."""
-        if self._number == done:
-            if self._save is not None and pictures is None:
-                self._save = None  # there is nothing to save, as was told
-            return self._save is not None
-        return time.monotonic() >= self._rests
+    def _next(self) -> str | Save | None:
+        """Wait for a level that is behind the latest wish, or for something to save."""
+        with self._changed:
+            while not self._stopped:
+                pause = None
+                if self._done["coarse"] != self._number:
+                    return "coarse"
+                if self._done["full"] != self._number:
+                    pause = self._rests - time.monotonic()
+                    if pause <= 0:
+                        return "full"
+                elif self._save is not None:
+                    save, self._save = self._save, None
+                    return save
+                self._changed.wait(pause)
+        return None
 
-    def _pause(self, done: int) -> float | None:
-        """Return how long to wait for what is wanted to come to rest; None for no end."""
-        if self._number == done:
-            return None
-        return max(self._rests - time.monotonic(), 0.0) + 1e-3
+    def _follow(self, size: str) -> LivePictures:
+        with self._changed:
+            number, choice = self._number, self._choice
+            self._done[size] = number
+        assert choice is not None
 
-    def _follow_coarsely(self) -> None:
-        try:
-            self._coarsely()
-        except Exception as error:  # for `run` to raise
-            self._broken = error
-            self.stop()
+        def is_overtaken() -> bool:  # coarse pictures are finished, so that a drag shows some
+            return self._stopped or (size == "full" and number != self._number)
 
-    def _coarsely(self) -> None:
-        done = 0
-        while True:
-            with self._changed:
-                while not self._stopped and self._number == done:
-                    self._changed.wait()
-                if self._stopped:
-                    return
-                number, choice = self._number, self._choice
-            assert choice is not None
-            self._pictures(self._coarse, choice, number)
-            done = number
-
-    def _pictures(self, level: Level, choice: Choice, number: int) -> LivePictures | None:
-        """Compute and show pictures; coarse ones are finished even if they are overtaken."""
-
-        def is_overtaken() -> bool:
-            return self._stopped or (not level.is_coarse and number != self._number)
-
-        found: list[LivePictures] = []
-        try:
-            self._attempt(lambda: found.append(level.pictures(choice, is_overtaken)), number)
-        except Overtaken:
-            if not level.is_coarse:
-                raise
-        if not found:
-            return None
-        mark = number, not level.is_coarse
-        with self._showing:
-            if mark > self._shown:
-                self._shown = mark
-                self._show(found[0])
-        return found[0]
-
-    def _attempt(self, do: Callable[[], None], number: int | None = None) -> None:
-        """Do something; tell of what a user can change, if that is still wanted."""
-        try:
-            do()
-            told = ""
-        except (PeriscopyError, ValueError) as error:
-            told = " ".join(str(error).split())
-        if number is None and not told:
-            return  # what was done has told so itself
-        with self._showing:
-            if number is None or number == self._number:
-                self._tell(told)
+        pictures = self._levels[size].pictures(choice, is_overtaken)
+        self._show(pictures)
+        self._tell("")
+        return pictures

@@ -1,4 +1,4 @@
-"""A laboratory at one size: from what is set to its pictures."""
+"""A laboratory at one size: from a choice to its pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,10 @@ from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.photographs.checking import blackened
+from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.residual.residual import Residual
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_image
@@ -40,28 +38,22 @@ RAYS = {True: 4, False: 16}
 SEED = 0
 """Of all noise: the same while a scene moves, so that pictures do not flicker."""
 
-RENDERING = Lock()
-"""Held while Mitsuba is used: one thread at a time."""
-
 Mask = NDArray[np.bool_]
-Values = Mapping[str, float]
-Light = Callable[[str], Array | None]
-"""The light of a place, (rows, columns, 3) of the full size; None while it is not known yet."""
 
 
 class Overtaken(Exception):  # noqa: N818  nothing is wrong
-    """Something else is wanted by now."""
+    """A newer wish came."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A photograph that was given, (rows, columns, 3), and where of it the wall is used."""
+    """A given photograph, (rows, columns, 3), and where the mask keeps it, (rows, columns)."""
 
     values: Array
     used: Mask | None = None
 
     def averaged(self, shape: tuple[int, int]) -> Shot:
-        """Return it with fewer pixels; those of which little is used are left out."""
+        """Return it with fewer pixels; the mask excludes those that it mostly covers."""
         if shape == self.values.shape[:2]:
             return self
         used = np.ones(self.values.shape[:2], bool) if self.used is None else self.used
@@ -74,85 +66,38 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class LivePictures:
-    """What a laboratory shows: its photograph, and what a method makes of that.
+    """A laboratory's photograph, (rows, columns, 3), and its reconstruction, (R, C, 3).
 
-    Attributes
-    ----------
-    choice
-        What was set.
-    scenario
-        The scene at these values, which the method believes.
-    rays
-        (4, 2, 3) the camera's rays through the picture's corners, clockwise from the top left:
-        where they come from, and where they meet the wall.
-    is_coarse
-        Whether this is the coarse size.
-    truth
-        (R, C, 3) the hidden image; None where nobody knows it.
-    photograph
-        (rows, columns, 3), synthetic or given.
-    used
-        (rows, columns) where the wall is used; None for everywhere.
-    image
-        (R, C, 3) the reconstruction.
-    standard_errors
-        (R, C, 3) how far its patches may be off; None where the method does not tell.
-    residual
-        What scene and image leave of a given photograph; None of a synthetic one.
-    psnr
-        In dB, gain-matched; None without a truth.
-    is_dark
-        Whether ambient light that was asked for is still missing.
-    remark, doubt
-        What the method says of its result.
-    seconds
-        How long all this took.
+    `scenario` has the values of the choice, which the method believes. `used`, (rows, columns), is
+    where the mask keeps the wall, None for everywhere. `is_dark` says that the ambient light has
+    not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden image is unknown,
+    `standard_errors`, (R, C, 3), where the method reports none, and `residual`, the unexplained
+    light, of a synthetic photograph.
     """
 
     choice: Choice
     scenario: Scenario
-    rays: Array
     is_coarse: bool
     truth: Array | None
     photograph: Array
     used: Mask | None
-    image: NDArray[np.float32]
-    standard_errors: Array | None
-    residual: Residual | None
-    psnr: float | None
     is_dark: bool
-    remark: str
-    doubt: str
-    seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Transport:
-    """A scene and its light transport."""
-
-    scenario: Scenario
-    rays: Array
-    A: NDArray[np.float32]
+    image: NDArray[np.float32]
+    psnr: float | None
+    standard_errors: Array | None = None
+    residual: Residual | None = None
+    remark: str = ""
+    doubt: str = ""
+    seconds: float = 0.0
 
 
 class Level:
     """A laboratory whose photograph and hidden image have certain sizes.
 
-    What was computed last is kept: of what is set, only what has changed is computed anew. For one
-    thread at a time.
-
-    Parameters
-    ----------
-    path, given
-        The scene, and values of those ``<default>``s that stay.
-    photograph, hidden
-        (rows, columns) of the photograph and of the hidden image.
-    light
-        The light of ambient places.
-    shot
-        A photograph that was given, of any size; None for synthetic ones.
-    is_coarse
-        Whether these are the coarse sizes.
+    `given` are values of those ``<default>``s that stay. `light` returns the light of a place,
+    (rows, columns, 3) of the full size, or None before it has come. `shot` is a given photograph of
+    any size, None for synthetic ones. A level keeps its last results, and computes only those anew
+    whose choices changed.
     """
 
     def __init__(
@@ -161,7 +106,7 @@ class Level:
         given: Mapping[str, str],
         photograph: tuple[int, int],
         hidden: tuple[int, int],
-        light: Light,
+        light: Callable[[str], Array | None],
         shot: Shot | None = None,
         *,
         is_coarse: bool,
@@ -170,26 +115,19 @@ class Level:
         self.photograph_shape, self.hidden_shape = photograph, hidden
         self._light, self.is_coarse = light, is_coarse
         self._shot = None if shot is None else shot.averaged(photograph)
-        self._transports: dict[tuple[float, ...], _Transport] = {}
-        self._images: dict[str, Array] = {}
-        self._fitted: tuple[tuple[object, ...], Any] | None = None
-        self._rays: tuple[Array, Array] | None = None
-        self._backgrounds: tuple[Array, Array] | None = None
+        self._kept: dict[str, tuple[object, Any]] = {}
 
     def scenario(self, given: Mapping[str, str]) -> Scenario:
         """Load the scene at values given as text; a SceneError says that there is none."""
-        with RENDERING:
-            return load_scenario(
-                self._path, self.hidden_shape, given, photograph=self.photograph_shape
-            )
+        return load_scenario(self._path, self.hidden_shape, given, photograph=self.photograph_shape)
 
     def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> LivePictures:
-        """Compute the pictures of what is set.
+        """Compute the pictures of a choice.
 
         Raises
         ------
         Overtaken
-            As soon as it is known that something else is wanted.
+            As soon as `is_overtaken` says that a newer wish came.
         PeriscopyError
             If there is no such scene, light, image or method.
         """
@@ -199,87 +137,72 @@ class Level:
                 raise Overtaken
 
         begun = time.perf_counter()
-        seen = self._transport(choice.values)
+        values = tuple(choice.values.values())
+        scenario, A = self._keep("A", values, lambda: self._transport(choice.values))
         unless_overtaken()
-        truth = self._truth(choice.image) if choice.image else None
+        truth = None
+        if choice.image:
+            path = find_image(choice.image)
+            truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         shot, is_dark = self._shot, False
         if shot is None:
-            shot, is_dark = self._taken(choice, truth, seen)
+            shot, is_dark = self._expose(choice, truth, scenario, A)
             unless_overtaken()
-        method = self._method(choice, seen, shot.used)
+        used = shot.used
+        B = self._keep(
+            "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
+        )
+        method = self._keep(
+            "method", (choice.method, values),
+            lambda: fit_method(choice.method, scenario, A, B, used),
+        )  # fmt: skip
         unless_overtaken()
+        more: dict[str, Any] = {}
         with own_errors(choice.method, "failed"):
             if isinstance(method, StillMethod):
-                found = method.solve(shot.values)
-                image = np.asarray(found.image, np.float32)
+                solution = method.solve(shot.values)
+                image = np.asarray(solution.image, np.float32)
+                errors = method.standard_errors(solution)
+                more = {
+                    "standard_errors": None if errors is None else errors.reshape(image.shape),
+                    "remark": str(method.remark(solution)),
+                    "doubt": str(method.doubt(solution)),
+                    "residual": self._shot and method.residual(shot.values, solution),
+                }
             else:
-                found, image = None, image_by(method, shot.values, self.hidden_shape)
+                image = image_by(method, shot.values, self.hidden_shape)
         unless_overtaken()
-        errors, residual, remark, doubt = None, None, "", ""
-        if found is not None:
-            errors = method.standard_errors(found)
-            remark, doubt = str(method.remark(found)), str(method.doubt(found))
-            unless_overtaken()
-            residual = None if self._shot is None else method.residual(shot.values, found)
         return LivePictures(
-            choice=choice,
-            scenario=seen.scenario,
-            rays=seen.rays,
-            is_coarse=self.is_coarse,
-            truth=truth,
-            photograph=shot.values,
-            used=shot.used,
-            image=image,
-            standard_errors=None if errors is None else errors.reshape(*self.hidden_shape, 3),
-            residual=residual,
-            psnr=None if truth is None else psnr(image, truth),
-            is_dark=is_dark,
-            remark=remark,
-            doubt=doubt,
-            seconds=time.perf_counter() - begun,
-        )
+            choice, scenario, self.is_coarse, truth, shot.values, used, is_dark, image,
+            None if truth is None else psnr(image, truth),
+            **more, seconds=time.perf_counter() - begun,
+        )  # fmt: skip
 
-    def _transport(self, values: Values) -> _Transport:
-        """Return the scene at some values, and its A; of the last two that were asked for."""
-        key = tuple(values.values())
-        if key not in self._transports:
-            given = self._given | {name: f"{value:.9g}" for name, value in values.items()}
-            scenario = self.scenario(given)
-            if has_areas(scenario):
-                A = area_transport(scenario)
-            else:
-                with RENDERING:
-                    A = render_transport(scenario, samples=RAYS[self.is_coarse], seed=SEED)
-            require_light(A, scenario)
-            while len(self._transports) > 1:
-                del self._transports[next(iter(self._transports))]
-            self._transports[key] = _Transport(scenario, self._rays_to(scenario), A)
-        found = self._transports.pop(key)
-        self._transports[key] = found  # the last to be forgotten
-        return found
+    def _keep(self, name: str, key: object, make: Callable[[], Any]) -> Any:
+        """Return what `make` makes; that of before while its key is the same."""
+        if name not in self._kept or self._kept[name][0] != key:
+            self._kept.pop(name, None)  # before another takes as much memory
+            self._kept[name] = key, make()
+        return self._kept[name][1]
 
-    def _rays_to(self, scenario: Scenario) -> Array:
-        """Return the camera's rays; those of before while it sees the same of the wall."""
-        points = scenario.wall_points
-        if self._rays is None or not np.array_equal(self._rays[0], points):
-            with RENDERING:
-                survey = Survey(scenario)
-            rays = np.stack([survey.view_origins[:4], survey.view_points[:4]], axis=1)
-            self._rays = points, rays
-        return self._rays[1]
+    def _transport(self, values: Mapping[str, float]) -> tuple[Scenario, Any]:
+        """Return the scene at some values, and its A."""
+        given = {name: f"{value:.9g}" for name, value in values.items()}
+        scenario = self.scenario(self._given | given)
+        if has_areas(scenario):
+            A = area_transport(scenario)
+        else:
+            A = render_transport(scenario, samples=RAYS[self.is_coarse], seed=SEED)
+        require_light(A, scenario)
+        return scenario, A
 
-    def _truth(self, name: str) -> Array:
-        """Return a hidden image, (R, C, 3)."""
-        if name not in self._images:
-            self._images[name] = read_hidden_image(find_image(name), self.hidden_shape)
-        return self._images[name]
-
-    def _taken(self, choice: Choice, truth: Array | None, seen: _Transport) -> tuple[Shot, bool]:
-        """Take a photograph, y = A f + b + noise; return it, and whether its b is still missing."""
+    def _expose(
+        self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any
+    ) -> tuple[Shot, bool]:
+        """Return a photograph, y = A f + b + noise, and whether its b is still missing."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        there = seen if choice.taken is None else self._transport(choice.taken)
-        signal = there.scenario.channel_gain * (there.A @ truth.reshape(-1, 3))
+        signal = scenario.channel_gain * (A @ truth.reshape(-1, 3))
         y = signal.reshape(*self.photograph_shape, 3)
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
@@ -289,28 +212,11 @@ class Level:
             y = composite(y, area_average(ambient, self.photograph_shape), choice.sbr)
         return Shot(add_noise(y, choice.snr, SEED)), bool(choice.place) and ambient is None
 
-    def _method(self, choice: Choice, seen: _Transport, used: Mask | None) -> Any:
-        """Return a method, fitted to the scene."""
-        key = choice.method, *choice.values.values()
-        if self._fitted is None or self._fitted[0] != key:
-            self._fitted = None  # before another takes as much memory
-            B = self._prototypes(seen.scenario)
-            method = fit_method(choice.method, seen.scenario, seen.A, B, used)
-            self._fitted = key, method
-        return self._fitted[1]
-
-    def _prototypes(self, scenario: Scenario) -> Array:
-        """Return B; that of before while the camera sees the same of the wall."""
-        points = scenario.wall_points
-        if self._backgrounds is None or not np.array_equal(self._backgrounds[0], points):
-            self._backgrounds = points, point_light_backgrounds(scenario)
-        return self._backgrounds[1]
-
 
 def coarse_sizes(
     photograph: tuple[int, int], hidden: tuple[int, int], used: float = 1.0
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the coarse sizes of a photograph, of which a part is used, and of a hidden image."""
+    """Return the coarse sizes of a photograph, used in part, and of a hidden image."""
     pixels, patches = COARSE
     shape, size = fitted(photograph, pixels), fitted(hidden, patches)
     fewer = min(1.0, float(np.sqrt(MOST_PATCHES * used * np.prod(shape) / np.prod(size))))

@@ -1,4 +1,4 @@
-"""The light of ambient places, each rendered once in a process of its own.
+"""The light of ambient places, rendered one at a time in a process of its own.
 
 Rendering takes seconds, in which the laboratory goes on moving. A process, unlike a thread, can be
 ended at any time, and does not wait for what else uses Mitsuba here.
@@ -20,12 +20,9 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.ambient_library import find_condition
 
-TARGET = 0.05
-"""Relative error of a pixel: one round of samples reaches it. What is wrong of such light is
-smooth, too, so that methods reject it with the rest."""
-
-RAYS = 16
-"""Of light that has bounced, see `render_background`."""
+TARGET, RAYS = 0.05, 16
+"""Relative error of a pixel, and rays of bounced light, of `render_background`; the error is
+smooth, and methods project it out with the rest."""
 
 PIXELS = 48
 """Along the longer side of what is rendered; between them the light is interpolated."""
@@ -34,9 +31,8 @@ PIXELS = 48
 class AmbientLight:
     """Photographs of a scene's wall by the light of ambient places, as the scene was at first.
 
-    The scene is given by its path, its ``<default>``s and the size of its hidden image. Where its
-    camera moves, the light is taken as it was: lamps are far away. `arrived` is called, in a thread
-    of its own, with the name of each place whose light has come, or cannot be had.
+    Path, ``<default>``s and the size of the hidden image make the scene. A thread of its own calls
+    `arrived` with the place whose light has come or failed.
     """
 
     def __init__(
@@ -49,52 +45,58 @@ class AmbientLight:
         self._scene = path, dict(given), hidden
         self._arrived = arrived
         self._lock = Lock()
-        self._photographs: dict[str, Array] = {}
-        self._failed: dict[str, str] = {}
-        self._rendering: dict[str, BaseProcess] = {}
+        self._results: dict[str, Array | str] = {}  # a photograph, or why there is none
+        self._rendering: tuple[str, BaseProcess] | None = None
 
-    def photograph(self, place: str) -> Array | None:
-        """Return the light of a place, (rows, columns, 3); None while it is being rendered.
+    def want(self, place: str) -> None:
+        """Render the light of a place, unless it is known; end the rendering of another place.
 
-        A PeriscopyError says that it cannot be.
+        A PeriscopyError says that there is no such place.
         """
         with self._lock:
-            if place in self._failed:
-                raise PeriscopyError(self._failed[place])
-            if place not in self._photographs and place not in self._rendering:
+            if self._rendering is not None and self._rendering[0] == place:
+                return
+            if self._rendering is not None:
+                _, process = self._rendering
+                self._rendering = None
+                process.terminate()
+                process.join()
+            if place and place not in self._results:
                 self._start(place)
-            return self._photographs.get(place)
+
+    def photograph(self, place: str) -> Array | None:
+        """Return the light of a place, (rows, columns, 3); None before it has come.
+
+        A PeriscopyError says that it cannot be had.
+        """
+        result = self._results.get(place)
+        if isinstance(result, str):
+            raise PeriscopyError(result)
+        return result
 
     def close(self) -> None:
-        """End what is still being rendered."""
-        with self._lock:
-            processes = list(self._rendering.values())
-        for process in processes:
-            process.terminate()
-            process.join()
+        """End the present rendering."""
+        self.want("")
 
     def _start(self, place: str) -> None:
-        here, there = multiprocessing.Pipe(duplex=False)
-        spawn = multiprocessing.get_context("spawn")
-        process = spawn.Process(
-            target=_render, args=(there, find_condition(place), *self._scene), daemon=True
+        receiver, sender = multiprocessing.Pipe(duplex=False)
+        process = multiprocessing.get_context("spawn").Process(
+            target=_render, args=(sender, find_condition(place), *self._scene), daemon=True
         )
-        self._rendering[place] = process
         process.start()
-        there.close()  # so that its end is seen here
-        Thread(target=self._await, args=(place, here), daemon=True).start()
+        self._rendering = place, process
+        sender.close()  # so that the receiver sees the end of the process
+        Thread(target=self._await, args=(place, process, receiver), daemon=True).start()
 
-    def _await(self, place: str, light: Connection) -> None:
+    def _await(self, place: str, process: BaseProcess, receiver: Connection) -> None:
         try:
-            found = light.recv()
-        except EOFError:
-            found = f"the light of {place} was not rendered: its process ended"
+            result = receiver.recv()
+        except (EOFError, OSError):
+            result = f"the light of {place} was not rendered: its process ended"
         with self._lock:
-            del self._rendering[place]
-            if isinstance(found, str):
-                self._failed[place] = found
-            else:
-                self._photographs[place] = found
+            if self._rendering is None or self._rendering[1] is not process:
+                return  # another place is wanted
+            self._rendering, self._results[place] = None, result
         self._arrived(place)
 
 

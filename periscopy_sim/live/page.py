@@ -1,23 +1,20 @@
-"""The page that shows a laboratory: handles in its scene, what is chosen beside it.
+"""The page that shows a laboratory: handles in its scene, controls beside it.
 
-All who look at it see and set the same. Nothing is computed here.
+All viewers see and set the same. The page computes nothing.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
-import os
-import socket
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import RLock
 from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import LivePictures
@@ -26,28 +23,21 @@ from periscopy_sim.live.room import Room
 from periscopy_sim.live.sheet import draw_sheet
 from periscopy_sim.scenario import Scenario
 
-SLIDING = 0.3
-"""Seconds after which a slider that was moved counts as at rest: it does not tell when it is let go
-of."""
-
-DRAGGING = 1.0
-"""The same of a handle, which does tell when it is let go of."""
+SLIDING, DRAGGING = 0.3, 1.0
+"""Seconds after which a slider and a handle count as at rest; only a handle reports its release."""
 
 SBRS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 SNRS = 20, 80
-NOTHING, UNKNOWN = "none", "not known"
 WIDTH = 470
-"""Of what stands beside the scene, in pixels."""
+"""Of the controls beside the scene, in pixels."""
 
 GIZMO = 0.14
 """Length of a handle's arrows, in metres."""
 
-Want = Callable[[Choice, float], None]
-
 
 @dataclass(frozen=True)
 class Offered:
-    """What can be chosen: hidden images, ambient places, methods."""
+    """The hidden images, ambient places and methods among which a viewer can choose."""
 
     images: Sequence[str]
     places: Sequence[str]
@@ -57,9 +47,9 @@ class Offered:
 class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
-    What is set is given to `want`, with the seconds after which it counts as at rest; `save` is
-    called by a button; `server` is viser's. A PeriscopyError says that the extra is not installed,
-    or the port is taken.
+    It calls `want` with each new choice and the seconds after which that counts as at rest, and
+    `save` when its button is pressed. `server` is viser's, behind `gate`. A PeriscopyError says
+    that the extra is not installed, or the port is taken.
     """
 
     def __init__(
@@ -75,25 +65,21 @@ class Page:
         is_given: bool,
     ) -> None:
         viser = require("viser")
-        refuse_taken(host, port)
+        from periscopy_sim.live.gate import Gate
+
         self._choice, self._movables = first, {each.name: each for each in movables}
         self._lock = RLock()
         self._dragged: Handle | None = None
-        self.want: Want = lambda *_: None
+        self.want: Callable[[Choice, float], None] = lambda *_: None
         self.save: Callable[[], None] = lambda: None
-        with _silence():
+        self.gate = Gate(host, port)
+        with _silence(), self.gate.guarding():
             self.server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
-        self._gui = self.server.gui
         self._room = Room(self.server, scenario)
         self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
+        self.gate.offer_names("handle", [f"/handles/{name}" for name in self._handles])
         self._sliders: dict[str, Any] = {}
         self._lay_out(offered, first, is_given)
-        self.server.on_client_disconnect(lambda _: self._let_go())
-
-    @property
-    def port(self) -> int:
-        """The port that it listens on."""
-        return int(self.server.get_port())
 
     def handle(self, name: str) -> Handle:
         """Return one of its handles."""
@@ -101,16 +87,16 @@ class Page:
 
     @property
     def choice(self) -> Choice:
-        """What is set now."""
+        """The present choice."""
         with self._lock:
             return self._choice
 
     def show(self, pictures: LivePictures) -> None:
-        """Show pictures, and what they are of, but for what is being dragged."""
-        sheet = draw_sheet(pictures)
+        """Show pictures and their values, but for the handle that is being dragged."""
+        sheet, captions = draw_sheet(pictures)
         with self.server.atomic():
             self._room.show(pictures)
-            self._sheet.image = sheet
+            self._sheet.image, self._captions.content = sheet, captions
             with self._lock:
                 for name, slider in self._sliders.items():
                     value = self._choice.values[name]
@@ -120,140 +106,106 @@ class Page:
                     if handle is not self._dragged:
                         gizmo.position = tuple(handle.position(self._choice.values))
         self.server.flush()
-        notes = [each for each in (pictures.doubt, pictures.remark) if each]
-        self._note.content = "  \n".join(notes)
         size = "coarse" if pictures.is_coarse else "full"
-        self._pace.content = f"{size} pictures in {pictures.seconds:.2g} s"
+        pace = f"{size} pictures in {pictures.seconds:.2g} s"
+        notes = [each for each in (pictures.doubt, pictures.remark, pace) if each]
+        self._notes.content = "  \n".join(notes)
 
     def tell(self, text: str) -> None:
-        """Show why there are no pictures of what is set; empty where there are."""
+        """Show why there are no pictures of the present choice; empty where there are."""
         self._trouble.content = f"**{text}**" if text else ""
 
     def close(self) -> None:
-        """End the page for all who look at it."""
+        """End the page for all viewers."""
         with _silence():
             self.server.stop()
 
-    # -- what stands beside the scene --------------------------------------------------------------
+    # -- controls ----------------------------------------------------------------------------------
 
     def _lay_out(self, offered: Offered, first: Choice, is_given: bool) -> None:
-        gui = self._gui
+        gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
-        self._sheet = gui.add_image(
-            np.full((8, 8, 3), 255, np.uint8), format="jpeg", jpeg_quality=90
-        )
+        blank = np.full((8, 8, 3), 255, np.uint8)
+        self._sheet = gui.add_image(blank, format="jpeg", jpeg_quality=90)
+        self._captions = gui.add_markdown("")
         self._trouble = gui.add_markdown("computing the first pictures")
-        self._choose("Method", offered.methods, first.method, lambda name: {"method": name})
-        if is_given:
-            images = [UNKNOWN, *offered.images]
-            self._choose(
-                "Hidden image", images, first.image or UNKNOWN,
-                lambda name: {"image": "" if name == UNKNOWN else name},
-            )  # fmt: skip
-        else:
-            self._choose("Hidden image", offered.images, first.image, lambda n: {"image": n})
-            places = self._choose(
-                "Ambient light", [NOTHING, *offered.places], first.place or NOTHING,
-                lambda name: {"place": "" if name == NOTHING else name},
-            )  # fmt: skip
-            ratios = [f"{sbr:g}" for sbr in sorted({*SBRS, first.sbr})]
-            sbr = self._choose("SBR", ratios, f"{first.sbr:g}", lambda text: {"sbr": float(text)})
-
-            def allow_sbr(_: object = None) -> None:
-                sbr.disabled = places.value == NOTHING
-
-            places.on_update(allow_sbr)
-            allow_sbr()
+        self._choose("Method", "method", _names(offered.methods, first.method))
+        if not is_given:
+            self._choose("Hidden image", "image", _names(offered.images, first.image))
+            places = {"none": ""} | _names(offered.places, first.place)
+            self._choose("Ambient light", "place", places)
+            self._choose("SBR", "sbr", {str(sbr): sbr for sbr in sorted({*SBRS, first.sbr})})
             low, high = min(SNRS[0], first.snr), max(SNRS[1], first.snr)
-            snr = gui.add_slider("SNR (dB)", low, high, 1.0, first.snr)
-            snr.on_update(lambda event: self._change(SLIDING, snr=float(event.target.value)))
-            hold = gui.add_checkbox(
-                "Keep the photograph", initial_value=False,
-                hint="The photograph stays as it was taken; only what the method believes moves.",
-            )  # fmt: skip
-            hold.on_update(lambda event: self._hold(bool(event.target.value)))
-        with_handles = {name for handle, _ in self._handles.values() for name in handle.names}
-        groups = grouped(self._movables, with_handles)
-        for title, names, is_open in groups:
-            with gui.add_folder(title, expand_by_default=is_open):
-                for name in names:
-                    label = name.removeprefix(f"{title}_")
-                    self._sliders[name] = self._add_slider(self._movables[name], label)
-        back = gui.add_button("Back to the file's values")
-        back.on_click(lambda _: self._set({n: m.value for n, m in self._movables.items()}, 0.0))
-        write = gui.add_button("Write scene and pictures", color="green")
-        write.on_click(lambda _: self.save())
-        self._note = gui.add_markdown("")
-        self._pace = gui.add_markdown("")
+            self._slide(
+                "SNR (dB)", low, high, 1.0, first.snr, lambda snr: self._change(SLIDING, snr=snr)
+            )
+        leading = {n.split("_")[0] for handle, _ in self._handles.values() for n in handle.names}
+        for title, is_leading in ("places", True), ("other parameters", False):
+            names = [n for n in self._movables if (n.split("_")[0] in leading) is is_leading]
+            if names:
+                with gui.add_folder(title, expand_by_default=is_leading or not leading):
+                    for name in names:
+                        m = self._movables[name]
+                        act = partial(self._slid, m)
+                        self._sliders[name] = self._slide(name, m.low, m.high, m.step, m.value, act)
+        back = {name: each.value for name, each in self._movables.items()}
+        self._press("Back to the file's values", lambda: self._set(back, 0.0))
+        self._press("Write scene and pictures", lambda: self.save())
+        self._notes = gui.add_markdown("")
 
-    def _choose(
-        self,
-        label: str,
-        options: Iterable[str],
-        first: str,
-        change: Callable[[str], Mapping[str, Any]],
+    def _choose(self, label: str, field: str, options: Mapping[str, Any]) -> None:
+        first = next(name for name, each in options.items() if each == getattr(self._choice, field))
+        box = self.server.gui.add_dropdown(label, list(options), initial_value=first)
+        self.gate.offer_names(box._impl.uuid, list(options))
+        box.on_update(lambda event: self._change(0.0, **{field: options[event.target.value]}))
+
+    def _slide(
+        self, label: str, low: float, high: float, step: float, value: float, act: Any
     ) -> Any:
-        names = list(dict.fromkeys([*options, first]))
-        box = self._gui.add_dropdown(label, names, initial_value=first)
-        box.on_update(lambda event: self._change(0.0, **change(event.target.value)))
-        return box
-
-    def _add_slider(self, movable: Movable, label: str) -> Any:
-        slider = self._gui.add_slider(
-            label, movable.low, movable.high, movable.step, movable.value, hint=movable.name
-        )
-
-        def slid(event: Any) -> None:
-            value = float(event.target.value)
-            with self._lock:
-                if abs(value - self._choice.values[movable.name]) > movable.step / 2:
-                    self._set({movable.name: value}, SLIDING)
-
-        slider.on_update(slid)
+        slider = self.server.gui.add_slider(label, low, high, step, value)
+        self.gate.offer_range(slider._impl.uuid, low, high)
+        slider.on_update(lambda event: act(float(event.target.value)))
         return slider
 
+    def _slid(self, movable: Movable, value: float) -> None:
+        with self._lock:  # a slider also follows a handle
+            if abs(value - self._choice.values[movable.name]) > movable.step / 2:
+                self._set({movable.name: value}, SLIDING)
+
+    def _press(self, label: str, act: Callable[[], None]) -> None:
+        button = self.server.gui.add_button(label)
+        self.gate.offer_switch(button._impl.uuid)
+        button.on_click(lambda _: act())
+
     def _add_handle(self, handle: Handle) -> Any:
-        x, y, z = handle.axes
+        path = f"/handles/{handle.name}"
         gizmo = self.server.scene.add_transform_controls(
-            f"/handles/{handle.name}", scale=GIZMO, active_axes=(x, y, z), disable_rotations=True,
-            depth_test=False, position=tuple(handle.center),
+            path, scale=GIZMO, active_axes=handle.axes, disable_rotations=True, depth_test=False,
+            position=tuple(handle.center),
         )  # fmt: skip
-
         self.server.scene.add_label(
-            f"/handles/{handle.name}/label", handle.name, position=(0.0, 0.0, 1.3 * GIZMO),
-            anchor="bottom-center",
-        )  # fmt: skip
+            f"{path}/label", handle.name, position=(0, 0, 1.3 * GIZMO), anchor="bottom-center"
+        )
 
-        async def dragged(event: Any) -> None:
+        async def drag(event: Any) -> None:
             self._drag(handle, np.asarray(event.target.position, np.float64), event.phase)
 
-        gizmo.on_update(dragged)
+        gizmo.on_update(drag)
         return gizmo
 
-    # -- what is set -------------------------------------------------------------------------------
+    # -- choices -----------------------------------------------------------------------------------
 
     def _drag(self, handle: Handle, position: Any, phase: str) -> None:
         with self._lock:
             self._dragged = None if phase == "end" else handle
             self._set(handle.values(position), 0.0 if phase == "end" else DRAGGING)
 
-    def _let_go(self) -> None:
-        """Let go of what may have been dragged on a page that was closed."""
-        with self._lock:
-            if self._dragged is not None:
-                self._dragged = None
-                self.want(self._choice, 0.0)
-
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
             within = {name: self._movables[name].within(value) for name, value in values.items()}
             self._change(rest, values={**self._choice.values, **within})
-
-    def _hold(self, is_held: bool) -> None:
-        with self._lock:
-            self._change(0.0, taken=dict(self._choice.values) if is_held else None)
 
     def _change(self, rest: float, **changes: Any) -> None:
         with self._lock:
@@ -261,39 +213,10 @@ class Page:
             self.want(self._choice, rest)
 
 
+def _names(offered: Sequence[str], first: str) -> dict[str, str]:
+    return {name: name for name in (*offered, first) if name}
+
+
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:
-    """Keep the server from printing what the command says in a line."""
+    """Keep the server from printing the line of the command."""
     return contextlib.redirect_stdout(io.StringIO())
-
-
-def grouped(
-    movables: Mapping[str, Movable], with_handles: Iterable[str]
-) -> list[tuple[str, list[str], bool]]:
-    """Return the titles of the groups of movables, their names, and whether each is open at first.
-
-    What begins alike belongs together; those without a handle come last, together.
-    """
-    leading = {name.split("_")[0] for name in with_handles}
-    groups: dict[str, list[str]] = {}
-    for name in movables:
-        first = name.split("_")[0]
-        groups.setdefault(first if first in leading else "", []).append(name)
-    others = groups.pop("", [])
-    shown = [(title, names, True) for title, names in groups.items()]
-    return [*shown, *([("other parameters", others, not shown)] if others else [])]
-
-
-def refuse_taken(host: str, port: int) -> None:
-    """Refuse a port that is taken, or an address that is none of this computer."""
-    try:
-        family, kind, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as trial:
-            if os.name == "posix":  # as servers do; elsewhere it lets two share a port
-                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind(address)
-    except (OSError, UnicodeError) as error:
-        taken = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
-        raise PeriscopyError(
-            f"cannot listen on {host}:{port}: {getattr(error, 'strerror', None) or error}; name "
-            f"another by {'--port' if taken else '--host'}"
-        ) from None

@@ -16,28 +16,13 @@ from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.scenario import Scenario
 
 
-class Session:
+class LiveSession:
     """A laboratory on a page; a context, at whose end neither thread nor process is left.
 
-    Parameters
-    ----------
-    scenario
-        The scene as it is at first, at its full sizes.
-    first
-        What is chosen at first, but for the values, which are the scene's.
-    offered
-        What can be chosen.
-    shot
-        A photograph that was given; None for synthetic ones.
-    save
-        Takes the full pictures of what is set, and returns what to tell, when asked by the button.
-    host, port
-        Where to listen; port 0 is a free one.
-
-    Raises
-    ------
-    PeriscopyError
-        If the extra is not installed, the port is taken, or nothing of the scene can be moved.
+    `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
+    `shot` a given photograph or None for synthetic ones. The page's button calls `save` with the
+    full pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says
+    that the extra is not installed, the port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
@@ -64,7 +49,7 @@ class Session:
             host, port, scenario, movables, handles, offered, first, is_given=shot is not None
         )
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
-        self.page.want = self._laboratory.want
+        self.page.want = self._want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
 
     def __enter__(self) -> Self:
@@ -85,12 +70,16 @@ class Session:
         # would wait for each other, and 0.1 s become seconds.
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
-            self._laboratory.want(self.page.choice)
+            self._want(self.page.choice, 0.0)
             self._laboratory.run()
 
     def stop(self) -> None:
         """End `run`."""
         self._laboratory.stop()
+
+    def _want(self, choice: Choice, rest: float) -> None:
+        self._light.want(choice.place)
+        self._laboratory.want(choice, rest)
 
     def _arrived(self, place: str) -> None:
         if self.page.choice.place == place:

@@ -1,19 +1,20 @@
 """Pixels that do not measure light: saturated, dead and hot ones, found in one photograph.
 
-Each channel is looked at alone, and a pixel is defective if one of its channels is. A test asks for
-all of its conditions, so that it stays silent where noise or the wall itself may be the reason.
+Each channel is examined alone, and a pixel is defective if one of its channels is. All conditions
+of a test must hold: noise or the wall itself may explain one of them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from periscopy_sim.photograph import Mask
+from periscopy_sim.scenario import Array
 
 PLATEAU = 5
 """Fewest values at the top of a channel that make a plateau."""
@@ -25,33 +26,29 @@ NEXT_LEVELS = 8
 """Levels next to the top, whose counts a plateau must exceed."""
 
 DETACHED = 1 / 8
-"""Part of a channel's range; a plateau that is farther above all else is one whatever they count.
-"""
+"""Gap below the top level, as a fraction of a channel's range, that alone makes a plateau."""
 
-STRIP = 2**21
-"""Values that medians are taken of at once; it bounds the memory."""
+BRIGHTER = 0.1
+"""Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
 
 BAND = 1 << 20
-"""Pixels that `single_defects` looks at together."""
+"""Pixels examined together for dead and hot ones; it bounds the memory."""
 
-EXCESS = 0.1
-"""Part of the local median by which a hot pixel exceeds it at least, where there is no noise."""
-
-_REACH = 4  # rows beyond a band that are looked at, too
+REACH = 4  # rows beyond a band that its own depend on
 
 
 @dataclass(frozen=True, eq=False)
 class DefectivePixels:
-    """Defective pixels of a photograph by kind.
+    """Defective pixels of a photograph by kind, (rows, columns) bool each.
 
     Attributes
     ----------
     saturated
-        (rows, columns) bool, at the top of a channel that ends in a plateau.
+        At the top of a channel that ends in a plateau.
     dead
-        (rows, columns) bool, not above zero amid light.
+        Not above zero amid light.
     hot
-        (rows, columns) bool, alone far above what surrounds them, and not saturated.
+        Alone far above the pixels around, and not saturated.
     """
 
     saturated: Mask
@@ -69,7 +66,7 @@ class DefectivePixels:
 
     @property
     def any_kind(self) -> Mask:
-        """Return (rows, columns) bool, the defective pixels of all kinds."""
+        """The defective pixels of all kinds."""
         return self.saturated | self.dead | self.hot
 
 
@@ -81,36 +78,32 @@ def defective_pixels(
     - Saturated: `PLATEAU` values or more that equal the largest of their channel, more than three
       times as many as any of the next `NEXT_LEVELS` levels has, or more than one and a half times
       as many as all of these together. The smooth maximum of a wall, however coarsely it is
-      quantized, has fewer: of a ridge 2.4 times as many as the next level. (Of one that is flatter
-      than a parabola, without noise and coarsely quantized, it may have as many as clipped light.)
+      quantized, has fewer: a ridge has 2.4 times as many as the next level. (Without noise and
+      coarsely quantized, a maximum flatter than a parabola may have as many as clipped light.)
     - Dead: not above zero, while at least three in four of the pixels beside it are well lit:
-      above `threshold` standard deviations of the noise and a tenth of the channel's median. So
-      dead lines are found, but dark areas and the edges of shadows are none.
+      above `threshold` standard deviations of the noise and a tenth of the channel's median. Dead
+      lines are found; dark areas and the edges of shadows are none.
     - Hot: above the median of the 24 pixels around it by `threshold` standard deviations of the
       noise, there and in the whole channel, and as many steps of quantization, and by a tenth of
       the median; with at most one pixel beside it that is half as far above, and none that is
-      above by a quarter and by `threshold` standard deviations unless it is hot itself. So hot
-      pixels are found alone and in pairs, but the edges of a poster, its stripes and letters are
-      none; a bright dot as small as a pixel looks like one.
+      above by a quarter and by `threshold` standard deviations unless it is hot itself. Hot pixels
+      are found alone and in pairs; the edges of a poster, its stripes and letters are none. A
+      bright dot as small as a pixel looks like one.
 
-    Noise is estimated by the median deviation of pixels from their surroundings. Where it is white
+    The median deviation of pixels from their surroundings estimates the noise. Where it is white
     and Gaussian, a value is called hot at a rate of at most Q(threshold), its upper tail: for 7
-    that is 1.3e-12, or one in 16 million photographs of 126 x 126 pixels. Defects that were
-    averaged with sound pixels, as when a photograph is reduced in size, leave no such traces.
+    that is 1.3e-12, or one in 16 million photographs of 126 x 126 pixels. Averages over defects and
+    sound pixels, as in a photograph reduced in size, leave no such traces.
 
     Parameters
     ----------
     photograph
         (rows, columns, channels) or (rows, columns), in any linear unit.
     mask
-        (rows, columns), True in the pixels to look at; None for all. Values that are not finite are
+        (rows, columns), True in the pixels to examine; None for all. Values that are not finite are
         left aside as well.
     threshold
         As above.
-
-    Returns
-    -------
-    DefectivePixels
 
     Raises
     ------
@@ -118,92 +111,82 @@ def defective_pixels(
         If the photograph has another number of dimensions, the mask another shape, or the threshold
         is not positive.
     """
-    values = np.asarray(photograph, np.float64)
-    if values.ndim == 2:
-        values = values[..., np.newaxis]
-    if values.ndim != 3:
-        raise ValueError(f"the photograph has shape {values.shape}: give (rows, columns, channels)")
-    if mask is not None and np.shape(mask) != values.shape[:2]:
-        raise ValueError(f"the mask has shape {np.shape(mask)}: give {values.shape[:2]}")
+    values = np.asarray(photograph)
+    values = values[..., np.newaxis] if values.ndim == 2 else values
+    used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
+    if values.ndim != 3 or used.shape != values.shape[:2]:
+        raise ValueError(
+            f"the photograph has shape {values.shape}, the mask {used.shape}: give (rows, columns, "
+            "channels) and (rows, columns)"
+        )
     if not threshold > 0:
         raise ValueError(f"the threshold is {threshold}: give a positive number")
-    found = np.zeros((3, *values.shape[:2]), bool)
-    for channel in np.moveaxis(values, -1, 0):
-        valid = np.isfinite(channel) & (True if mask is None else np.asarray(mask, bool))
-        if valid.any():
-            looked_at = np.where(valid, channel, np.nan)
-            saturated = _saturated(looked_at, valid)
-            dead, hot = _dead_and_hot(looked_at, valid, threshold)
-            found |= np.stack([saturated, dead, hot])
-    saturated, dead, hot = found
+    bands = 1 + -(-used.size // BAND)
+    edges = np.linspace(0, len(values), bands).astype(int).tolist()
+    saturated, dead, hot = found = np.zeros((3, *values.shape[:2]), bool)
+    for light in np.moveaxis(values, -1, 0):
+        channel = np.asarray(light, np.float64)
+        valid = np.isfinite(channel) & used
+        channel = np.where(valid, channel, np.nan)
+        saturated |= _saturated(channel, valid)
+        for start, stop in pairwise(edges):
+            first = max(start - REACH, 0)
+            band, own = slice(first, stop + REACH), slice(start - first, stop - first)
+            if valid[band].any():
+                kinds = _dead_and_hot(channel[band], valid[band], threshold)
+                found[1:, start:stop] |= kinds[:, own]
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
-def single_defects(photograph: NDArray[Any], mask: Mask | None = None) -> Mask:
-    """Return where single pixels are dead or hot, as `defective_pixels` does by default.
-
-    It looks at bands of rows, which bounds the memory that a large photograph needs.
-    """
-    rows, columns = size = photograph.shape[:2]
-    height = max(BAND // columns, 4 * _REACH)
-    found = np.zeros(size, bool)
-    for start in range(0, rows, height):
-        first = max(min(start, rows - height) - _REACH, 0)
-        band = slice(first, start + height + _REACH)
-        defects = defective_pixels(photograph[band], None if mask is None else mask[band])
-        single = defects.dead | defects.hot
-        found[start : start + height] = single[start - first : start - first + height]
-    return found
-
-
 def saturated_pixels(photograph: NDArray[Any]) -> Mask:
-    """Return where a finite (rows, columns, channels) photograph is saturated, as a mask.
+    """Return where a finite (rows, columns, channels) photograph is saturated.
 
-    That is told as by `defective_pixels`; a black level must not be taken off unevenly before.
+    The test is that of `defective_pixels`; a black level must not be subtracted unevenly before.
     """
     everywhere = np.ones(photograph.shape[:2], bool)
-    channels = [_saturated(photograph[..., k], everywhere) for k in range(photograph.shape[2])]
+    channels = [_saturated(each, everywhere) for each in np.moveaxis(photograph, -1, 0)]
     return np.asarray(np.logical_or.reduce(channels))
 
 
 def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
     levels, counts = np.unique(channel[valid], return_counts=True)
-    found = np.zeros(channel.shape, bool)
     if len(levels) <= LEVELS or counts[-1] < PLATEAU:
-        return found
+        return np.zeros(channel.shape, bool)
     below = counts[-1 - NEXT_LEVELS : -1]
     is_detached = levels[-1] - levels[-2] > DETACHED * (levels[-1] - levels[0])
-    if is_detached or counts[-1] > min(3 * below.max(), 1.5 * below.sum()):
-        found = channel == levels[-1]
-    return found
+    is_plateau = is_detached or counts[-1] > min(3 * below.max(), 1.5 * below.sum())
+    return np.asarray((channel == levels[-1]) & is_plateau)
 
 
-def _dead_and_hot(channel: Array, valid: Mask, threshold: float) -> tuple[Mask, Mask]:
+def _dead_and_hot(channel: Array, valid: Mask, threshold: float) -> Mask:
+    """Return the dead and the hot pixels of a channel, (2, rows, columns); NaN where not valid."""
     around, beside = _neighbours(channel, 2), _neighbours(channel, 1)
     median = _median(around)
     above = channel - median
     lit = valid & (channel > 0)
-    measured = lit if lit.any() else valid  # where black is cut off at zero, it tells no noise
+    measured = lit if lit.any() else valid  # black cut off at zero shows no noise
     level = float(np.median(channel[measured]))
-    noise = _spread(above[measured]) + _step(channel[valid], level)
+    steps = np.diff(np.unique(channel[valid]))
+    step = float(steps.min(initial=np.inf))
+    noise = _spread(above[measured]) + (step if len(steps) > 1 and step <= level else 0.0)
 
     floor = max(threshold * noise, 0.1 * level)
-    bright = sum(neighbour > floor for neighbour in beside)
-    dim = sum(neighbour <= floor for neighbour in beside)
+    bright = np.sum([neighbour > floor for neighbour in beside], axis=0)
+    dim = np.sum([neighbour <= floor for neighbour in beside], axis=0)
     dead = valid & (channel <= 0) & (bright > 0) & (3 * dim <= bright)
 
-    hot = above > np.maximum(threshold * noise, EXCESS * np.maximum(median, 0))
-    hot &= sum(neighbour > median + above / 2 for neighbour in beside) <= 1
+    hot = above > np.maximum(threshold * noise, BRIGHTER * np.maximum(median, 0))
+    hot &= np.sum([neighbour > median + above / 2 for neighbour in beside], axis=0) <= 1
     # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
     lit_too, candidates = median + np.maximum(above / 4, threshold * noise), 0
     while candidates != (candidates := int(hot.sum())):
         others = _neighbours(np.where(hot, np.nan, channel), 1)
-        hot &= sum(neighbour > lit_too for neighbour in others) == 0
+        hot &= ~np.any([neighbour > lit_too for neighbour in others], axis=0)
     for pixel in np.argwhere(hot):
         place = tuple(pixel)
         deviations = np.array([neighbour[place] for neighbour in around]) - median[place]
         hot[place] = above[place] > threshold * _spread(deviations)
-    return dead, hot
+    return np.stack([dead, hot])
 
 
 def _neighbours(channel: Array, reach: int) -> list[Array]:
@@ -219,27 +202,15 @@ def _neighbours(channel: Array, reach: int) -> list[Array]:
 
 
 def _median(images: list[Array]) -> Array:
-    """Return the median over images of what is not NaN, a strip of rows at a time; else NaN."""
-    rows, columns = images[0].shape
-    height = max(STRIP // (columns * len(images)), 1)
-    strips = []
-    for top in range(0, rows, height):
-        ordered = np.sort(np.stack([image[top : top + height] for image in images]), axis=0)
-        count = np.count_nonzero(~np.isnan(ordered), axis=0, keepdims=True)  # NaN comes last
-        middle = (np.maximum(count - 1, 0) // 2, count // 2)
-        low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in middle)
-        strips.append((low + high) / 2)
-    return np.concatenate(strips)
+    """Return the median over images of their finite values, NaN where there is none."""
+    ordered = np.sort(np.stack(images), axis=0)  # NaN comes last
+    count = np.count_nonzero(~np.isnan(ordered), axis=0, keepdims=True)
+    middle = (np.maximum(count - 1, 0) // 2, count // 2)
+    low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in middle)
+    return np.asarray((low + high) / 2)
 
 
 def _spread(deviations: Array) -> float:
     """Return the standard deviation of Gaussian noise with this median deviation."""
     magnitudes = np.abs(deviations[np.isfinite(deviations)])
     return 1.4826 * float(np.median(magnitudes)) if magnitudes.size else 0.0
-
-
-def _step(values: Array, level: float) -> float:
-    """Return the step of quantization, if it is one: of several, and no larger than the level."""
-    steps = np.diff(np.unique(values))
-    step = float(steps.min(initial=np.inf))
-    return step if len(steps) > 1 and step <= level else 0.0

@@ -5,27 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.defects import single_defects
-from periscopy_sim.photographs.developing.sensor_image import (
-    Mask,
-    SensorImage,
-    as_sensor_image,
-    mask_of_pixels,
-)
-from periscopy_sim.photographs.film.placing import place_film
-from periscopy_sim.photographs.film.resampling import (
-    Array,
-    Flaw,
-    average_blocks,
-    average_quadrilaterals,
-)
-from periscopy_sim.photographs.film.size import check_blocks, film_doubts
-from periscopy_sim.photographs.view.fitting import FittedView
-from periscopy_sim.photographs.view.wall_marks import WallPoints, WallTags
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.photograph import Mask
+from periscopy_sim.photographs.defects import defective_pixels
+from periscopy_sim.photographs.film_size import PLACED, films_of_blocks
+from periscopy_sim.photographs.marks import WallPoints, WallTags
+from periscopy_sim.photographs.placing import place_film
+from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
+from periscopy_sim.photographs.sensor_image import SensorImage, mask_of_pixels, sensor_image
+from periscopy_sim.photographs.view_fit import FittedView
+from periscopy_sim.scenario import Array, Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,31 +26,27 @@ class Prepared:
     Attributes
     ----------
     values
-        (rows, columns, 3) float64, linear light; NaN where the mask leaves it out.
+        (rows, columns, 3) float64, linear light; NaN outside the mask.
     mask
-        (rows, columns) bool, True where the wall is measured.
-    outside, saturated, masked, markers
-        (rows, columns) bool, why it is not: beyond the photograph, saturated in every exposure,
-        left out by the photograph's own mask, or beneath a tag.
+        (rows, columns) bool, True where the photograph measures the wall.
+    flaws
+        (rows, columns) uint8, the `Flaw`s of each pixel: why the mask excludes it.
     defects
-        Single dead or hot pixels of the photograph that were left out of the averages.
+        Single dead or hot pixels of the photograph that the averages leave out.
     coverage
         Pixels of the photograph that an average new pixel covers.
     view
-        How the photograph shows the wall, where marks told that.
+        How the photograph shows the wall, by marks; None without marks.
     placement
-        The largest standard error with which marks place the new pixels, in new pixels; 0 where
-        the scene's camera is the photograph's.
+        The largest standard error with which marks place the new pixels, in new pixels; 0 without
+        marks.
     warnings
         What had to be assumed, one line each.
     """
 
     values: Array = field(repr=False)
     mask: Mask = field(repr=False)
-    outside: Mask = field(repr=False)
-    saturated: Mask = field(repr=False)
-    masked: Mask = field(repr=False)
-    markers: Mask = field(repr=False)
+    flaws: NDArray[np.uint8] = field(repr=False)
     defects: int
     coverage: float
     view: FittedView | None
@@ -78,10 +65,10 @@ def prepare(
     """Bring a photograph to the pixels of a scene's camera.
 
     Without points and tags the scene's camera is the photograph's, and whole blocks of pixels are
-    averaged to its film. With them the photograph may be any camera's: its view of the wall, which
-    must be plane, is found from the marks, and each new pixel averages all that it covers. Radiance
-    is what a camera measures, and a diffuse wall's is the same in every direction: no factor for
-    the slant is due. Single dead and hot pixels are left out of the averages.
+    averaged to its film. With them the photograph may be any camera's: the marks show its view of
+    the wall, which must be plane, and each new pixel averages all that it covers. A camera measures
+    radiance, and a diffuse wall's is the same in every direction: the slant needs no factor. Single
+    dead and hot pixels are left out of the averages.
 
     Parameters
     ----------
@@ -95,66 +82,63 @@ def prepare(
         (rows, columns) bool, where the wall is used, of the photograph's size or of the film's, or
         of its sensor's where its pixels are the cells of a mosaic.
 
-    Returns
-    -------
-    Prepared
-
     Raises
     ------
     PhotographError
         If the photograph does not average to the film's size by whole square blocks, or the marks
-        do not tell its view: see `place_film`.
+        do not show its view: see `place_film`.
     SceneError
         If there are marks and the wall is not plane.
     """
-    light = as_sensor_image(photograph, "the photograph")
+    light = sensor_image(photograph, "the photograph")
     shape = scenario.photograph_shape
-    on_film = np.ones(shape, bool)
-    has_mask = mask is not None
-    if mask is not None and mask.shape == on_film.shape != light.size:
+    film, warnings = None, []
+    if points is not None and tags is not None:
+        raise PhotographError("points and tags both show the view; give one of them")
+    if (marks := points or tags) is not None:
+        film = place_film(light, scenario, marks)
+        warnings = [f"the photograph does not show tag {number}" for number in film.missing]
+        if film.placement > PLACED:
+            warnings.append(
+                f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
+                "only, where it is worst; measure more of them, further apart"
+            )
+    elif shape not in (films := list(films_of_blocks(light.size).values())):
+        sizes = ", ".join(f"{rows}x{columns}" for rows, columns in films[:12])
+        raise PhotographError(
+            f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
+            f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; its film may "
+            f"have {sizes}: change it in the scene, or crop the photograph; for another camera "
+            "than the scene's, give marks on the wall by --points or --tags"
+        )
+    on_photograph, on_film = None, np.ones(shape, bool)
+    if mask is not None and mask.shape == shape != light.size:
         on_film = mask
-        mask = None
-    if mask is not None:
-        mask = mask_of_pixels(mask, light)
-    film = None
-    if points is None and tags is None:
-        check_blocks(light.size, shape)
-    else:
-        film = place_film(light, scenario, points=points, tags=tags)
-    single = single_defects(light.values, mask) & ~light.saturated
+    elif mask is not None:
+        on_photograph = mask_of_pixels(mask, light)
+    defects = defective_pixels(light.values, on_photograph)
+    single = (defects.dead | defects.hot) & ~light.saturated
     flaws = np.uint8(Flaw.SATURATED) * light.saturated | np.uint8(Flaw.DEFECTIVE) * single
-    if mask is not None:
-        flaws |= np.uint8(Flaw.MASKED) * ~mask
-    if film is None:
-        resampled = average_blocks(light.values, flaws, shape)
-        coverage, placement = float(np.prod(light.size) / np.prod(shape)), 0.0
-        markers, warnings = np.zeros(shape, bool), []
-    else:
-        resampled = average_quadrilaterals(light.values, flaws, film.corners)
-        coverage, placement, markers = film.coverage, film.placement, film.beneath_tags()
-        outside = float(resampled.outside.mean())
-        warnings = [*film.warnings, *film_doubts(placement, coverage, outside)]
-    used = resampled.used & ~markers & on_film
+    if on_photograph is not None:
+        flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
+    corners = film.corners if film else block_corners(light.size, shape)
+    values, found = average_areas(light.values, flaws, corners)
+    found |= np.uint8(Flaw.MASKED) * ~on_film
+    if film:
+        found |= np.uint8(Flaw.TAG) * film.beneath_tags()
+    used = (found & ~np.uint8(Flaw.DEFECTIVE)) == 0
     if not used.any():
         raise PhotographError(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
             "saturated or masked; check the marks and the exposure"
         )
-    masked = ~on_film | ((resampled.flaws & Flaw.MASKED) != 0)
-    if has_mask and not masked.any():
-        warnings.append(
-            "the mask leaves out no pixel of the scene's film; paint black what is not wall"
-        )
     return Prepared(
-        values=np.where(used[..., np.newaxis], resampled.values, np.nan),
+        values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
-        outside=resampled.outside,
-        saturated=(resampled.flaws & Flaw.SATURATED) != 0,
-        masked=masked,
-        markers=markers,
+        flaws=found,
         defects=int(np.count_nonzero(single)),
-        coverage=coverage,
+        coverage=film.coverage if film else float(np.prod(light.size) / np.prod(shape)),
         view=film.view if film else None,
-        placement=placement,
+        placement=film.placement if film else 0.0,
         warnings=tuple(warnings),
     )

@@ -238,21 +238,13 @@ _ENTRIES = (
         options=(_IN_ERRORS, _REPAIR),
         backgrounds=False,
     ),
-    *(
-        MethodEntry(
-            name,
-            f"{what}; 29x36 alone, needs PyTorch",
-            "learned.still:Learned",
-            fixed={"weights": name},
-            bytes_per_entry=BYTES_PER_ENTRY,
-            needs="torch",
-            hidden=(29, 36),
-        )
-        for name, what in (
-            ("unrolled", "the noise-aware image refined by a network"),
-            ("unet", "a network after the paper's P"),
-            ("plug-and-play", "a network that removes noise, in turns with the photograph"),
-        )
+    MethodEntry(
+        "unrolled",
+        "the noise-aware image refined by a network; 29x36 alone, needs PyTorch",
+        "learned.still:Learned",
+        bytes_per_entry=BYTES_PER_ENTRY,
+        needs="torch",
+        hidden=(29, 36),
     ),
 )
 

@@ -71,8 +71,9 @@ def render_photograph(
 class Monitor:
     """A scene, loaded once, whose monitor shows one image after another.
 
-    Images are of `hidden_shape`, (R, C); `scene` is Mitsuba's. The other parameters are those of
-    `render_photograph`. A monitor that cannot show images is a `SceneError`.
+    Images are of `hidden_shape`, (R, C); `scene` and `camera` are Mitsuba's. `plain_emitter` drops
+    the angular profile; the other parameters are those of `render_photograph`. A monitor that
+    cannot show images is a `SceneError`.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class Monitor:
         samples: int = 4096,
         bounces: int | None = None,
         only_monitor: bool = False,
+        plain_emitter: bool = False,
     ) -> None:
         import mitsuba as mi
 
@@ -94,7 +96,10 @@ class Monitor:
         self._depth = depth_of(bounces)
         self._mirrored = scenario.mirrored
         white = np.ones((*hidden_shape, 3))
-        self.scene = build_scene(scenario, white, only_monitor=only_monitor)
+        self.scene = build_scene(
+            scenario, white, only_monitor=only_monitor, plain_emitter=plain_emitter
+        )
+        self.camera = camera_of(self.scene)
         self._parameters = mi.traverse(self.scene)
         emitter = shape_of(self.scene, "monitor").emitter()
         names = [f"monitor.{name}.radiance.data" for name in ("emitter", emitter.id())]

@@ -160,6 +160,13 @@ def is_vectorized() -> bool:
     return not mi.variant().startswith("scalar")
 
 
+def require_vectorized(purpose: str) -> None:
+    """Choose a variant, and raise a VariantError unless it is vectorized; `purpose` is a noun."""
+    use_variant()
+    if not is_vectorized():
+        raise VariantError(f"{purpose} needs llvm_ad_rgb or cuda_ad_rgb: {install_llvm()}")
+
+
 def _check(name: str) -> None:
     import mitsuba as mi
 

@@ -12,15 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import (
-    Photograph,
-    check_photograph,
-    check_size,
-    doubts_of,
-    with_channels,
-)
+from periscopy_sim.photograph import Photograph, check_size, with_channels
 from periscopy_sim.photographs.defects import saturated_pixels
-from periscopy_sim.photographs.developing.sensor_image import SensorImage, sensor_image
+from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.rasters import SRGB, encoding_of
@@ -52,12 +46,11 @@ def read_photograph(
     Raises
     ------
     PhotographError
-        If the file is missing, damaged, of another format, or fails `check_photograph`.
+        If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
     name, row, picture, encoded = _decoded(path)
     values, warnings = _linear_light(picture, encoded, shape, row.name, name)
-    checked = check_photograph(values, shape, name, mask)
-    return Photograph(checked, (*warnings, *doubts_of(checked, name, mask)))
+    return Photograph.of(values, shape, name, mask=mask, warnings=tuple(warnings))
 
 
 def read_sensor_image(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import with_channels
+from periscopy_sim.photograph import with_channels
 from periscopy_sim.shipped import shipped_image
 from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 from periscopy_sim.storage.formats.table import decode_picture

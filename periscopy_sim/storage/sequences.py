@@ -14,13 +14,7 @@ import numpy.lib.format as npy
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import (
-    Photograph,
-    blackened,
-    check_photograph,
-    check_real,
-    doubts_of,
-)
+from periscopy_sim.photograph import Photograph, blackened, check_real
 from periscopy_sim.storage.formats.arrays import mapped_stack, zarr_stack
 from periscopy_sim.storage.formats.decoding import Frames, listed, place_of
 from periscopy_sim.storage.formats.table import format_of, suffixes
@@ -78,9 +72,7 @@ def open_frames(
 
     def decode() -> Iterator[Photograph]:
         for k, values in enumerate(stack):
-            place = str(place_of(path, k))
-            checked = check_photograph(values, shape, place, mask)
-            yield Photograph(checked, tuple(doubts_of(checked, place, mask)))
+            yield Photograph.of(values, shape, str(place_of(path, k)), mask=mask)
 
     return Frames(stack.names, stack.warnings, decode)
 

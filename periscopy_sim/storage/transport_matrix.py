@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real
+from periscopy_sim.photograph import check_real
 from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
 from periscopy_sim.rendering.transport.bounces import DIRECT, bounces_in_words

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.view.wall_marks import WallPoints, WallTags
+from periscopy_sim.photographs.marks import WallPoints, WallTags
 
 _POINT = ("column", "row", "x", "y", "z")
 _TAG = ("id", "x", "y", "z", "size")

@@ -13,10 +13,8 @@ from benchmarks.cases import Case
 from benchmarks.entry import Entry, outcome
 from benchmarks.objective import Objective
 from benchmarks.page import gain, write_leaderboard
-from benchmarks.running import checked, known_methods
 from benchmarks.solvers.least_squares import Solver as LeastSquares
 from benchmarks.suites import SUITES
-from periscopy_sim.errors import PeriscopyError
 
 SHAPE = (8, 9)
 
@@ -45,13 +43,6 @@ class Scripted(Entry):
             return image
 
         return SimpleNamespace(reconstruct=reconstruct)
-
-
-class Unfit(Entry):
-    name = "unfit"
-
-    def fit(self, *_):
-        raise ImportError("no module named 'torch'")
 
 
 def rows_of(entry, case):
@@ -95,13 +86,6 @@ def test_a_bad_cell_fails_with_its_message_and_the_rest_goes_on(case, bad, messa
     assert np.isfinite([before["psnr"], after["psnr"]]).all()
 
 
-def test_a_method_that_cannot_be_fitted_fails_every_cell(case):
-    rows = rows_of(Unfit(), case)
-    assert {row["failure"] for row in rows} == {
-        "cannot be fitted: ImportError: no module named 'torch'"
-    }
-
-
 def test_a_method_cannot_change_what_the_next_one_gets(case):
     A = case.A.copy()
 
@@ -138,8 +122,3 @@ def test_gains_are_of_the_same_cells_and_leave_failures_out():
     table = pandas.DataFrame(rows[::-1])
     assert gain(table, "mine") == "+1.00 [+1.00, +1.00]"  # the levels themselves vary by 10 dB
     assert gain(table, "noise-aware") == gain(table, "absent") == "-"
-
-
-def test_unknown_names_are_told_with_a_guess():
-    with pytest.raises(PeriscopyError, match="did you mean 'least-squares'"):
-        checked("method", ["least-square"], known_methods())

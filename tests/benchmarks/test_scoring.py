@@ -49,8 +49,3 @@ def test_an_interval_covers_the_mean_that_it_estimates():
         _, low, high = interval(values, groups)
         hits += low <= 0 <= high
     assert hits >= 34
-
-
-def test_nothing_has_no_interval():
-    with pytest.raises(ValueError, match="one each"):
-        interval([], [])

@@ -1,7 +1,9 @@
+"""The command line as a whole: help, errors in one line, interrupts, broken pipes."""
+
 import os
+import re
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import pytest
@@ -9,62 +11,18 @@ import typer
 
 from periscopy_sim import cli
 from periscopy_sim.cli import inputs
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
+from periscopy_sim.cli.light import TransportRequest
+from periscopy_sim.cli.options import GroupedCommand
 from periscopy_sim.errors import PeriscopyError
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 TRANSPORT = ("transport", "chair", *TINY, "--out", "A.npy")
-OPTIONS = {
-    "demo": {"--out", "--hidden", "--resolution", "--image", "--seed"},
-    "doctor": set(),
-    "tutorial": {"--out"},
-    "draw": {"SCENE", "--out", "-D"},
-    "lab": {"[MEASUREMENTS.yaml]", "--out", "--example"},
-    "view": {
-        *("SCENE", "[PHOTO]", "--hidden", "--out", "--image", "--ambient", "--sbr", "--snr"),
-        *("--method", "--mask", "--host", "--port", "-D"),
-    },
-    "transport": {"SCENE", "--hidden", "--out", "--samples", "--model", "--seed", "-D"},
-    "photograph": {
-        *("SCENE", "IMAGE", "--out", "--hidden", "--samples"),
-        *("--ambient", "--sbr", "--snr", "--seed", "-D"),
-        *("--electrons", "--read-noise", "--full-well", "--bits", "--frames"),
-    },
-    "prepare": {
-        *("PHOTO...", "--scene", "--out", "--black", "--dark", "--flat", "--white", "--exposures"),
-        *("--points", "--tags", "--mask", "--bin", "--hidden", "-D"),
-    },
-    "ambient": {"--scene", "--out", "[NAME]...", "--target", "--seed", "-D"},
-    "reconstruct": {
-        *("PHOTO", "--scene", "--hidden", "--out", "--method", "--samples", "--model"),
-        *("--transport", "--tv-weight", "--repair-threshold", "--rank-tolerance", "--truth"),
-        *("--seed", "-D"),
-    },
-    "analyze": {
-        *("SCENE", "--hidden", "--out", "--samples", "--model"),
-        *("--rank-tolerance", "--seed", "-D"),
-    },
-    "design": {
-        *("SCENE", "--vary", "--hidden", "--out", "--grid", "--draws", "--by", "--equal", "--sbr"),
-        *("--snr", "--images", "--samples", "--model", "--backgrounds", "--seed", "-D"),
-    },
-    "calibrate": {
-        *("PHOTO", "--scene", "--hidden", "--free", "--out", "--samples", "--mask"),
-        *("--seed", "-D"),
-    },
-    "dataset": {"make", "info", "verify", "export"},
-    "sweep": {
-        *("SCENE", "--hidden", "--out", "--photograph", "--truth", "--hidden-image", "--sbr"),
-        *("--ambient", "--flips", "--methods", "--snr", "--seeds", "--scheduler", "--samples"),
-        *("--seed", "-D"),
-    },
-    "video": {
-        *("FRAMES", "--scene", "--hidden", "--out", "--coupling", "--temporal-weight"),
-        *("--l1-weight", "--samples", "--model", "--transport", "--tv-weight"),
-        *("--repair-threshold", "--rank-tolerance", "--truth", "--rate", "--batch"),
-        *("--seed", "-D"),
-    },
+COMMANDS = {
+    *("demo", "doctor", "tutorial", "draw", "lab", "view", "transport", "photograph", "prepare"),
+    *("ambient", "reconstruct", "analyze", "design", "calibrate", "dataset", "sweep", "video"),
 }
+GROUPS = {"Scene", "Photograph", "Light", "Solver", "Output", "Expert", "Options", "Sensor"}
+PARSER = typer.main.get_command(cli.app)
 
 
 def failing(error):
@@ -84,42 +42,40 @@ def run(*command, **environment):
     )
 
 
-def test_help_lists_every_command(succeeds):
-    shown = {line.split()[0] for line in succeeds("--help").splitlines() if line.startswith("  ")}
-    assert set(OPTIONS) <= shown
-    assert set(typer.main.get_command(cli.app).commands) == set(OPTIONS)
+# -- help ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("group", [(), ("dataset",)])
-def test_no_line_of_the_list_of_commands_is_cut_off(group, monkeypatch, succeeds):
+def test_help_lists_every_command_in_whole_lines(succeeds, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    assert "..." not in succeeds(*group, "--help").partition("Commands:")[2]
-
-
-def test_no_argument_at_all_shows_the_help(succeeds):
+    listed = succeeds("--help").partition("Commands:")[2]
+    assert {line.split()[0] for line in listed.splitlines() if line.startswith("  ")} >= COMMANDS
+    assert set(PARSER.commands) == COMMANDS and "..." not in listed
     assert succeeds() == succeeds("--help")
+    assert succeeds("--version").startswith("periscopy_sim ")
 
 
-@pytest.mark.parametrize("command", OPTIONS)
-def test_help_of_a_command_names_its_options(command, succeeds):
+@pytest.mark.parametrize("command", sorted(COMMANDS - {"dataset"}))
+def test_help_shows_every_option_with_its_form_in_a_group(command, succeeds):
     shown = succeeds(command, "--help")
-    assert {name for name in OPTIONS[command] if name not in shown.split()} == set()
+    assert set(re.findall(r"^(\w+):$", shown, re.MULTILINE)) <= GROUPS
+    parser = PARSER.commands[command]
+    assert isinstance(parser, GroupedCommand)
+    for parameter in parser.params:
+        assert parameter.help, parameter.name
+        if not getattr(parameter, "hidden", False):
+            name = parameter.opts[0] if parameter.param_type_name == "option" else parameter.metavar
+            assert name in shown
+    assert not re.search(r"^  --[a-z-]+ <[a-z]+>", shown, re.MULTILINE)  # a bare type is no form
 
 
-@pytest.mark.parametrize("command", OPTIONS)
-def test_every_option_is_explained(command):
-    parameters = typer.main.get_command(cli.app).commands[command].params
-    assert [parameter.name for parameter in parameters if not parameter.help] == []
-
-
-@pytest.mark.parametrize("command", OPTIONS)
-def test_every_option_names_what_it_takes_or_its_choices(command, succeeds):
-    commands = [command, *(OPTIONS[command] if command == "dataset" else ())]
-    for name in commands:
-        shown = succeeds(*dict.fromkeys([command, name]), "--help").partition("Options:")[2]
-        forms = [line.split("  ")[1] for line in shown.splitlines() if line.startswith("  --")]
-        taken = {form.partition(" ")[2] for form in forms}
-        assert not {form for form in taken if "<" in form and "|" not in form}, name
+def test_reconstruct_groups_its_options(succeeds):
+    shown = succeeds("reconstruct", "--help")
+    for group, name in {
+        "Scene": "--hidden", "Photograph": "--monitor-off", "Light": "--light-model",
+        "Solver": "--method", "Output": "--out", "Expert": "--seed",
+    }.items():  # fmt: skip
+        assert f"  {name} " in re.split(r"\n\n(?=\w+:\n)", shown.partition(f"\n{group}:\n")[2])[0]
+    assert "--background" not in shown
 
 
 @pytest.mark.parametrize(
@@ -137,15 +93,83 @@ def test_shell_completes_commands_and_methods(words, completions):
     assert set(ended.stdout.split()) == completions and ended.stderr == ""
 
 
-def test_completion_is_installed(tmp_path):
-    ended = run(
-        *("-m", "periscopy_sim", "--install-completion", "bash"),
-        HOME=str(tmp_path),
-        _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",  # tests may run below no shell
+def test_help_needs_no_renderer_and_no_solver():
+    """They take four times as long to import as the rest."""
+    heavy = {"mitsuba", "numba", "scipy", "matplotlib"}
+    code = (
+        "import sys; from typer.main import get_command; from periscopy_sim import cli; "
+        "list(get_command(cli.app).commands.values()); "
+        f"sys.exit(bool({heavy} & set(sys.modules)))"
     )
-    assert ended.returncode == 0 and "completion installed" in ended.stdout
-    assert "_periscopy_completion" in (tmp_path / ".bash_completions/periscopy.sh").read_text()
+    assert run("-c", code).returncode == 0
 
+
+# -- errors --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("paint",), "'paint'"),
+        ((*TRANSPORT, "--loud"), "--loud"),
+        (("transport", *TINY, "--out", "A.npy"), "Missing argument 'SCENE'."),
+        (("transport", "chair", "--out", "A.npy"), "'--hidden'. Its form: ROWSxCOLUMNS."),
+        (("transport", "chair", *TINY), "'--out'. Its form: FILE."),
+        ((*TRANSPORT, "--model", "guessed"), "'rendered', 'analytic'"),
+        ((*TRANSPORT, "--samples", "2000000000"), "'--samples'"),
+        ((*TRANSPORT, "--seed", "-1"), "'--seed'"),
+        (("photograph", "chair", "bars", "--out", "y.exr", "--snr", "nan"), "'--snr'"),
+        (("reconstruct", "y.npy", *TINY, "--tv-weight", "nan"), "'--tv-weight'"),
+    ],
+)
+def test_what_the_parser_refuses_is_one_line_with_a_way_on(arguments, message, refused):
+    line = refused(*arguments)
+    assert message in line
+    command = f"{arguments[0]} " if arguments[0] in COMMANDS else ""
+    assert line.endswith(f" Try 'periscopy {command}--help'.")
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (PeriscopyError("no\n  such\nthing"), "no such thing"),
+        (MemoryError("26.8 GiB"), "not enough memory: 26.8 GiB; take fewer pixels or patches"),
+    ],
+)
+def test_error_of_a_user_is_one_line(error, line, monkeypatch, refused):
+    monkeypatch.setattr(inputs, "load", failing(error))
+    assert refused(*TRANSPORT) == line
+
+
+def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
+    monkeypatch.setattr(inputs, "load", failing(RuntimeError("a defect")))
+    with pytest.raises(RuntimeError, match="a defect"):
+        periscopy(*TRANSPORT)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    monkeypatch.setattr(TransportRequest, "matrix", lambda *_: pytest.fail("rendered"))
+    sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
+    assert "pip install -e '.[sweep]'" in refused(*sweep, "--out", str(tmp_path / "sweep"))
+
+
+def test_place_that_cannot_be_written_is_refused_before_anything_is_read(monkeypatch, refused):
+    monkeypatch.setattr(inputs, "load", None)
+    Path("file").write_text("kept")
+    for command in (
+        ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "file/new"),
+        ("photograph", "chair", "bars", "--out", "file/y.exr"),
+        ("transport", "chair", *TINY, "--out", "file/A.npy"),
+        ("demo", "--out", "file"),
+    ):
+        assert "cannot write file" in refused(*command)
+    assert "written as .exr" in refused("photograph", "chair", "bars", "--out", "y.png")
+
+
+# -- interrupts, pipes, terminals ----------------------------------------------------------------
 
 INTERRUPT = "exec('signal.raise_signal(signal.SIGINT)')"
 BEFORE = f"""
@@ -160,6 +184,7 @@ WITHIN = f"""
 from periscopy_sim import cli
 cli.app = lambda *_, **__: {INTERRUPT}
 """
+INTERRUPTED = "periscopy: error: interrupted; nothing was written\n"
 
 
 @pytest.mark.parametrize("moment", [BEFORE, WITHIN], ids=["before", "within"])
@@ -171,87 +196,7 @@ def test_interrupt_is_one_line_and_130_even_in_a_string_of_code(moment, monkeypa
     )
     monkeypatch.chdir(tmp_path)
     ended = run("-m", "interrupted")
-    assert (ended.returncode, ended.stdout) == (130, "")
-    assert ended.stderr == "periscopy: error: interrupted; nothing was written\n"
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
-@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("dataset", "--example")])
-def test_output_that_is_full_is_one_line(arguments):
-    with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(
-            [sys.executable, "-m", "periscopy_sim", *arguments],
-            stdout=full, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-    assert ended.returncode == 2
-    assert ended.stderr == (
-        "periscopy: error: cannot print: No space left on device; free some space\n"
-    )
-
-
-def test_help_needs_no_renderer_and_no_solver():
-    """They take four times as long to import as the rest."""
-    heavy = {"mitsuba", "numba", "scipy", "matplotlib"}
-    code = f"import sys; from periscopy_sim import cli; sys.exit(bool({heavy} & set(sys.modules)))"
-    assert run("-c", code).returncode == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("paint",), "No such command 'paint'."),
-        (("--loud",), "No such option: --loud"),
-        ((*TRANSPORT, "--loud"), "No such option: --loud"),
-        ((*TRANSPORT, "plate"), "plate"),
-        (("transport", *TINY, "--out", "A.npy"), "Missing argument 'SCENE'."),
-        (("transport", "chair", *TINY), "Missing option '--out'."),
-        (("transport", "chair", "--out", "A.npy"), "Missing option '--hidden'."),
-        (("reconstruct", "y.npy", *TINY, "--out", "r"), "Missing option '--scene'."),
-        (("photograph", "chair", "--out", "y.exr"), "Missing argument 'IMAGE'."),
-        ((*TRANSPORT, "--model", "guessed"), "'rendered', 'analytic'"),
-        ((*TRANSPORT, "--samples", "0"), "'--samples'"),
-        ((*TRANSPORT, "--samples", "many"), "'--samples'"),
-        ((*TRANSPORT, "--samples", "2000000000"), "'--samples'"),
-        ((*TRANSPORT, "--seed", "-1"), "'--seed'"),
-        ((*TRANSPORT, "--seed", str(2**32)), "'--seed'"),
-    ],
-)
-def test_what_the_parser_refuses_is_one_line_with_a_way_on(arguments, message, refused):
-    line = refused(*arguments)
-    assert message in line
-    command = f"{arguments[0]} " if arguments[0] in OPTIONS else ""
-    assert line.endswith(f" Try 'periscopy {command}--help'.")
-
-
-def test_option_without_its_value_is_refused(refused):
-    assert "--out" in refused("transport", "chair", *TINY, "--out")
-
-
-def test_message_of_many_lines_is_printed_as_one(monkeypatch, refused):
-    monkeypatch.setattr(inputs, "load", failing(PeriscopyError("no\n  such\nthing")))
-    assert refused(*TRANSPORT) == "no such thing"
-
-
-def test_lack_of_memory_is_one_line(monkeypatch, refused):
-    monkeypatch.setattr(inputs, "load", failing(MemoryError("Unable to allocate 26.8 GiB")))
-    assert "not enough memory: Unable to allocate 26.8 GiB" in refused(*TRANSPORT)
-
-
-def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    monkeypatch.setattr(AskedTransport, "matrix", lambda *_: pytest.fail("rendered"))
-    sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
-    message = refused(*sweep, "--out", str(tmp_path / "sweep"))
-    assert "pip install -e '.[sweep]'" in message
-    assert not (tmp_path / "sweep").exists()
-
-
-def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr(inputs, "load", failing(RuntimeError("a defect")))
-    with pytest.raises(RuntimeError, match="a defect"):
-        periscopy(*TRANSPORT)
-    assert list(tmp_path.iterdir()) == []
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", INTERRUPTED)
 
 
 @pytest.mark.parametrize(
@@ -263,23 +208,19 @@ def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy,
         ("calibrate", "y.npy", "--scene", "chair", *TINY, "--out", "new/found.xml"),
         ("analyze", "chair", *TINY, "--out", "r"),
         ("ambient", "overcast", "--scene", "chair", "--out", "new/b"),
-        ("demo", "--out", "new/r"),
         ("sweep", "chair", *TINY, "--hidden-image", "bars", "--out", "new/r"),
     ],
+    ids=lambda arguments: arguments[0],
 )
-@pytest.mark.usefixtures("jit")
 def test_interrupt_ends_with_130_and_writes_nothing(arguments, monkeypatch, periscopy, tmp_path):
     monkeypatch.setattr(inputs, "load", failing(KeyboardInterrupt))
     outcome = periscopy(*arguments)
-    assert outcome.code == 130
-    assert outcome.err == "periscopy: error: interrupted; nothing was written\n"
+    assert (outcome.code, outcome.err) == (130, INTERRUPTED)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("error", [NameError, PeriscopyError])
-def test_interrupt_of_which_another_error_is_made_still_interrupts(
-    error, monkeypatch, periscopy, tmp_path
-):
+def test_interrupt_of_which_another_error_is_made_still_interrupts(error, monkeypatch, periscopy):
     def load(*_):
         try:
             try:
@@ -291,44 +232,39 @@ def test_interrupt_of_which_another_error_is_made_still_interrupts(
 
     monkeypatch.setattr(inputs, "load", load)
     outcome = periscopy(*TRANSPORT)
-    assert outcome.code == 130
-    assert outcome.err == "periscopy: error: interrupted; nothing was written\n"
-    assert list(tmp_path.iterdir()) == []
+    assert (outcome.code, outcome.err) == (130, INTERRUPTED)
 
 
-@pytest.mark.usefixtures("jit")
-def test_interrupt_while_the_files_are_written_leaves_none(monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr("periscopy_sim.cli.transport.as_json", failing(KeyboardInterrupt))
-    assert periscopy(*TRANSPORT).code == 130
-    assert list(tmp_path.iterdir()) == []
+def test_termination_leaves_nothing_half_written(tmp_path):
+    code = (
+        "import os, signal, sys\n"
+        "from periscopy_sim import cli\n"
+        "from periscopy_sim.cli import inputs\n"
+        "inputs.load = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "sys.argv = ['periscopy', 'analyze', 'chair', '--hidden', '4x5', '--out', 'out']\n"
+        "cli.main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True)
+    assert ended.returncode == 130 and list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("jit")
-def test_warning_is_one_line_and_the_command_goes_on(monkeypatch, periscopy):
-    transport = AskedTransport.matrix
-
-    def warns(*arguments):
-        warnings.warn("first line\n   second line", RuntimeWarning, 2)
-        return transport(*arguments)
-
-    monkeypatch.setattr(AskedTransport, "matrix", warns)
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        outcome = periscopy(*TRANSPORT)
-    assert outcome.code == 0
-    assert outcome.err == "periscopy: warning: first line second line\n"
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
+@pytest.mark.parametrize("arguments", [("--help",), ("dataset", "--example")])
+def test_output_that_is_full_is_one_line(arguments):
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "periscopy_sim", *arguments],
+            stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("periscopy: error: cannot print: No space left on device")
+    assert ended.stderr.count("\n") == 1
 
 
 def test_module_runs_as_the_command_does():
-    ended = run("-m", "periscopy_sim", "--help")
-    assert ended.returncode == 0
-    assert set(OPTIONS) <= set(ended.stdout.split()) and ended.stderr == ""
     ended = run("-m", "periscopy_sim", "transport", "chair")
     assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr == (
-        "periscopy: error: Missing option '--hidden'. Its form: ROWSxCOLUMNS. "
-        "Try 'periscopy transport --help'.\n"
-    )
+    assert ended.stderr.startswith("periscopy: error: Missing option '--hidden'.")
 
 
 @pytest.mark.usefixtures("jit")
@@ -341,7 +277,7 @@ def test_closed_pipe_ends_the_command_without_complaint(tmp_path):
     ) as process:
         process.stdout.close()
         complaint = process.stderr.read()
-    assert (process.returncode, complaint) == (1, b"periscopy: rendering the transport matrix\n")
+    assert process.returncode == 1 and b"Error" not in complaint
 
 
 @pytest.mark.usefixtures("jit")
@@ -352,53 +288,5 @@ def test_name_that_the_terminal_cannot_encode_is_printed_all_the_same(tmp_path):
         env={**os.environ, "PYTHONIOENCODING": "ascii"},
         capture_output=True,
     )
-    assert ended.returncode == 0
-    assert ended.stderr == b"periscopy: rendering the transport matrix\n"
-    assert ended.stdout == b"wrote \\xe9.npy 576x20 and \\xe9.json\n"
+    assert (ended.returncode, ended.stdout) == (0, b"wrote \\xe9.npy 576x20 and \\xe9.json\n")
     assert {path.name for path in tmp_path.iterdir()} == {"é.npy", "é.json"}
-
-
-def test_version_is_shown(succeeds):
-    assert succeeds("--version").startswith("periscopy_sim ")
-
-
-def test_termination_leaves_nothing_half_written(tmp_path):
-    run = (
-        "import os, signal, sys\n"
-        "from periscopy_sim import cli\n"
-        "from periscopy_sim.cli import inputs\n"
-        "inputs.load = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
-        "sys.argv = ['periscopy', 'analyze', 'chair', '--hidden', '4x5', '--out', 'out']\n"
-        "cli.main()\n"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-c", run], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert ended.returncode == 130
-    assert list(tmp_path.iterdir()) == []
-
-
-LOST_INTERRUPT = """
-import ctypes, os, signal, time
-import periscopy_sim.cli as cli
-
-@ctypes.CFUNCTYPE(None)
-def callback():
-    os.kill(os.getpid(), signal.SIGINT)
-    for _ in range(1000):
-        pass
-
-def app(*_, **__):
-    callback()  # ctypes cannot raise through compiled code
-    time.sleep(20)
-    print("finished")
-
-cli.app = app
-cli.main()
-"""
-
-
-def test_interrupt_that_a_callback_swallows_still_interrupts():
-    run = subprocess.run([sys.executable, "-c", LOST_INTERRUPT], capture_output=True, text=True)
-    assert (run.returncode, run.stdout) == (130, "")
-    assert run.stderr == "periscopy: error: interrupted; nothing was written\n"

@@ -1,14 +1,13 @@
 """Lines, progress, times and JSON."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from periscopy_sim.cli import output
-from periscopy_sim.cli.output import Stopwatch, counted_progress, fixable, progress, write_json
+from periscopy_sim.cli.output import counted_progress, fixable, progress, write_json
 from periscopy_sim.errors import PeriscopyError, SceneError
 
 
@@ -30,17 +29,6 @@ def test_fixable_lets_other_errors_pass():
     assert raised.value is given
     with pytest.raises(TypeError), fixable("scene"):
         raise TypeError("a defect")
-
-
-def test_stopwatch_keeps_the_seconds_of_each_stage(monkeypatch):
-    clock = iter([10.0, 12.5, 100.0, 100.25])
-    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
-    timed = Stopwatch()
-    with timed("render"):
-        pass
-    with timed("solve"):
-        pass
-    assert timed.seconds == {"render": 2.5, "solve": 0.25}
 
 
 def test_json_holds_arrays_as_lists_and_paths_as_text(tmp_path):
@@ -74,55 +62,28 @@ def test_json_refuses_what_is_no_number(value, tmp_path):
     assert not (tmp_path / "record.json").exists()
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def plain_environment(monkeypatch):
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
         monkeypatch.delenv(name, raising=False)
 
 
-@pytest.mark.usefixtures("plain_environment")
-def test_progress_is_a_plain_line_where_there_is_no_terminal(capfd):
-    with progress("rendering") as report, progress("within", lines=False):
+def test_progress_is_a_line_now_and_then_without_a_terminal(monkeypatch, capfd):
+    with progress("rendering") as report, progress("within", lines=False) as silent:
         report(0.5)
-        report(1.0)
-    assert capfd.readouterr() == ("", "periscopy: rendering\n")
+        monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
+        report(0.42)
+        silent(1.0)
+    with counted_progress("making", "samples") as count:
+        count(3, 12)
+    lines = ["rendering", "rendering: 42 %", "making", "making: 3 of 12 samples"]
+    assert capfd.readouterr() == ("", "".join(f"periscopy: {line}\n" for line in lines))
 
 
-@pytest.mark.usefixtures("plain_environment")
-def test_long_work_tells_now_and_then_how_far_it_is(monkeypatch, capfd):
-    clock = iter([0.0, 1.0, 25.0, 25.0, 30.0, 50.0, 50.0])
-    monkeypatch.setattr(output.time, "monotonic", lambda: next(clock))
-    with progress("rendering") as report:
-        for fraction in (0.1, 0.42, 0.5, 0.9):
-            report(fraction)
-    lines = ["rendering", "rendering: 42 %, about 35 s left", "rendering: 90 %, about 6 s left"]
-    assert capfd.readouterr().err == "".join(f"periscopy: {line}\n" for line in lines)
-
-
-@pytest.mark.usefixtures("plain_environment")
-def test_what_has_hardly_begun_foretells_nothing(monkeypatch, capfd):
-    monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
-    with progress("rendering") as report:
-        report(0.01)
-    assert capfd.readouterr().err == "periscopy: rendering\nperiscopy: rendering: 1 %\n"
-
-
-@pytest.mark.usefixtures("plain_environment")
-def test_counted_progress_tells_of_how_many(monkeypatch, capfd):
-    monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
-    with counted_progress("making", "samples") as report:
-        report(3, 12)
-    assert (
-        capfd.readouterr().err
-        == "periscopy: making\nperiscopy: making: 3 of 12 samples, about 0 s left\n"
-    )
-
-
-@pytest.mark.usefixtures("plain_environment")
 def test_progress_shows_label_and_fraction_on_a_terminal(monkeypatch, capfd):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
     with progress("rendering") as report:
         report(0.42)
     out, err = capfd.readouterr()
-    assert out == "" and "rendering" in err and "42%" in err
+    assert out == "" and "rendering" in err and "42 %" in err

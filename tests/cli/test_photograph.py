@@ -1,9 +1,7 @@
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from periscopy_sim.cli import inputs
 from periscopy_sim.measurement import Sensor
@@ -63,19 +61,6 @@ def test_photograph_is_the_matrix_times_the_image(shoot, succeeds, tmp_path):
     assert np.linalg.norm(y - expected) < 0.03 * np.linalg.norm(expected)
 
 
-def test_photograph_is_linear_in_the_image(shoot, tmp_path):
-    np.save(tmp_path / "bright.npy", 2 * HIDDEN)
-    assert np.allclose(shoot(image="bright.npy"), 2 * shoot(), rtol=1e-5)
-
-
-def test_same_seed_gives_the_same_bytes_and_another_does_not(shoot, tmp_path):
-    contents = []
-    for seed in (3, 3, 4):
-        shoot("--snr", "40", "--seed", seed)
-        contents.append((tmp_path / "y.exr").read_bytes())
-    assert contents[0] == contents[1] != contents[2]
-
-
 @pytest.mark.parametrize("sbr", [0.2, 4])
 def test_ambient_light_is_added_at_the_ratio_asked_for(sbr, shoot):
     signal, y = shoot(), shoot("--ambient", "ambient.npy", "--sbr", sbr)
@@ -127,25 +112,13 @@ def test_path_tracing_noisier_than_what_is_added_is_told(ambient, noise, shoot, 
     (line,) = outcome.err.splitlines()
     told, samples = re.fullmatch(
         f"periscopy: warning: y.exr: {GRAINY} is ([0-9.]+) % of the photograph, more than the "
-        r"1\.?[0-9]* % that was asked for; more samples lessen it: --samples ([0-9]+)",
+        r"1\.?[0-9]* % of the noise added; take more samples: --samples ([0-9]+)",
         line,
     ).groups()
     # From 1452 differences, of tails heavier than a normal variable's, which it leaves out.
     assert float(told) / 100 == pytest.approx(grain, rel=0.15)
     assert 0.7 < int(samples) / (16 * (grain / 0.01) ** 2) < 4
     assert not periscopy(*command, "--samples", 4 * int(samples)).err
-
-
-def test_nothing_is_told_of_path_tracing_that_is_less_noisy_or_of_a_textured_wall(
-    shoot, periscopy, edited_scene
-):
-    shoot()
-    command = "photograph", "chair", "hidden.npy", *TINY, "--out", "y.exr"
-    assert not periscopy(*command).err
-    assert not periscopy(*command, "--snr", "5").err
-    paint = '<texture type="checkerboard" name="reflectance"/>'
-    scene = edited_scene(('<rgb name="reflectance" value="0.8"/>', paint))
-    assert not periscopy("photograph", scene, *command[2:], "--snr", "40").err
 
 
 EXPOSE = ("--electrons", "2000", "--frames", "4")
@@ -169,60 +142,14 @@ def test_sensor_exposes_the_photograph_and_is_recorded(succeeds, shoot, tmp_path
     assert "snr" not in metadata
 
 
-def test_noise_of_the_sensor_is_that_of_the_light(shoot):
-    clean, noisy = shoot(), shoot("--electrons", "500", "--read-noise", "20", "--bits", "16")
-    variance = clean.mean() ** 2 * (500 * clean / clean.mean() + 20**2) / 500**2
-    z = (noisy - clean) / np.sqrt(variance)
-    # Five standard errors of 1728 values.
-    assert abs(z.std() - 1) < 5 / np.sqrt(2 * z.size)
-    assert abs(z.mean()) < 5 / np.sqrt(z.size)
-
-
-def test_saturated_values_are_clipped_counted_and_recorded(succeeds, shoot, tmp_path):
-    signal = shoot()
-    shot = ("--electrons", "900", "--full-well", "1000", "--read-noise", "0")
-    said = succeeds("photograph", "chair", "hidden.npy", *TINY, *shot, "--out", "y.exr")
-    pixels, metadata = read_exr(tmp_path / "y.exr")
-    clipped = np.count_nonzero(np.isclose(pixels, signal.mean() * 1000 / 900, rtol=1e-4))
-    assert clipped == np.count_nonzero(pixels >= pixels.max() * (1 - 1e-6)) > 20
-    assert f"\nsaturated {clipped} of 1728 values;" in said
-    assert metadata["saturated"] == str(clipped)
-
-
-def test_sensor_sees_the_composite_with_ambient_light(shoot):
-    ambient = ("--ambient", "ambient.npy", "--sbr", "0.5")
-    y = shoot(*ambient, "--electrons", "3000", "--frames", "50")
-    assert y.mean() == pytest.approx(1, rel=1e-3)
-    assert np.abs(y / shoot(*ambient) - 1).max() < 0.03
-
-
-def test_help_tells_the_sensor_s_own_defaults(succeeds):
-    shown = " ".join(succeeds("photograph", "--help").split())
-    for name, field in [
-        ("read noise, electrons.", "read_noise"),
-        ("full well, electrons.", "full_well"),
-        ("bit depth.", "bit_depth"),
-        ("to average.", "frames"),
-    ]:
-        assert f"{name} [default: {getattr(Sensor(1), field):g}]" in shown
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--electrons", "100", "--snr", "60"), "--snr and --electrons both set the noise"),
-        (("--read-noise", "1"), "expose it by --electrons MEAN"),
-        (("--full-well", "1e4"), "expose it by --electrons MEAN"),
-        (("--bits", "8"), "expose it by --electrons MEAN"),
         (("--frames", "2", "--snr", "60"), "expose it by --electrons MEAN"),
-        (("--electrons", "0"), "'--electrons'"),
-        (("--electrons", "inf"), "'--electrons'"),
         (("--electrons", "nan"), "--electrons"),
         (("--electrons", "20000"), "sensor: a mean of 20000 electrons a frame"),
         (("--electrons", "100", "--bits", "3"), "'--bits'"),
-        (("--electrons", "100", "--frames", "0"), "'--frames'"),
-        (("--electrons", "100", "--full-well", "0"), "'--full-well'"),
-        (("--electrons", "100", "--read-noise", "-1"), "'--read-noise'"),
         (("--electrons", "100", "--read-noise", "2000"), "twelfth of the full well"),
     ],
 )
@@ -231,35 +158,15 @@ def test_impossible_sensor_is_refused_before_rendering(options, message, refused
     assert message in refused("photograph", "chair", "bars", *TINY, *options, "--out", "y.exr")
 
 
-def test_8_bit_ambient_light_gives_a_warning(shoot, periscopy, tmp_path):
-    shoot()
-    Image.fromarray(np.full((24, 24, 3), 99, np.uint8)).save(tmp_path / "ambient.png")
-    outcome = periscopy(
-        *("photograph", "chair", "hidden.npy", *TINY, "--out", "y.exr"),
-        *("--ambient", "ambient.png", "--sbr", "1"),
-    )
-    assert outcome.code == 0
-    assert outcome.err.startswith("periscopy: warning: ambient.png: 8-bit PNG")
-    assert outcome.err.count("\n") == 1
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--ambient", "ambient.npy"), "--ambient and --sbr go together"),
-        (("--sbr", "1"), "--ambient and --sbr go together"),
-        (("--ambient", "ambient.npy", "--sbr", "0"), "'--sbr'"),
-        (("--ambient", "ambient.npy", "--sbr", "-1"), "'--sbr'"),
-        (("--ambient", "ambient.npy", "--sbr", "inf"), "'--sbr'"),
+        (("--ambient", "ambient.npy", "--sbr", "nan"), "--sbr"),
         (("--ambient", "ambient.npy", "--sbr", "1e-320"), "'--sbr'"),
-        (("--ambient", "ambient.npy", "--sbr", "much"), "'--sbr'"),
         (("--ambient", "dark.npy", "--sbr", "1"), "dark.npy: no value is positive"),
         (("--ambient", "small.npy", "--sbr", "1"), "12 x 12 pixels (rows x columns), but the"),
-        (("--ambient", "none.exr", "--sbr", "1"), "none.exr: no such file"),
-        (("--snr", "inf"), "'--snr'"),
-        (("--snr", "-1e5"), "is not a finite number of dB from -100 to 300"),
-        (("--snr", "nan"), "'--snr': nan is not a finite number"),
-        (("--snr", "loud"), "'--snr'"),
+        (("--snr", "-1e5"), "'--snr'"),
         (("--samples", "0"), "'--samples'"),
     ],
 )
@@ -268,47 +175,3 @@ def test_impossible_light_is_refused(options, message, refused, tmp_path):
     np.save(tmp_path / "dark.npy", -AMBIENT)
     np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
     assert message in refused("photograph", "chair", "bars", *TINY, *options, "--out", "y.exr")
-
-
-@pytest.mark.parametrize("option", ["--sbr", "--snr"])
-def test_ratio_that_is_no_number_is_refused(option, refused, tmp_path):
-    np.save(tmp_path / "ambient.npy", AMBIENT)
-    ambient = ("--ambient", "ambient.npy") if option == "--sbr" else ()
-    line = refused("photograph", "chair", "bars", *TINY, *ambient, option, "nan", "--out", "y.exr")
-    assert option in line or "ratio" in line
-
-
-@pytest.mark.parametrize(
-    ("image", "message"),
-    [
-        (
-            "mushrom",
-            "'mushrom' does not exist; did you mean 'mushroom'? name a file or a shipped image: "
-            "bars, checker",
-        ),
-        ("text.png", "text.png: is no EXR, NPY"),
-        ("negative.npy", "negative.npy: has negative, NaN or infinite values"),
-        ("nan.npy", "nan.npy: has negative, NaN or infinite values"),
-        ("line.npy", "line.npy: has shape (5,)"),
-        (".", "'.' is a folder"),
-    ],
-)
-def test_image_that_cannot_be_shown_is_refused(image, message, refused, tmp_path):
-    (tmp_path / "text.png").write_text("not a picture, but long enough to be one" * 9)
-    np.save(tmp_path / "negative.npy", HIDDEN - 0.5)
-    np.save(tmp_path / "nan.npy", np.where(HIDDEN > 0.5, np.nan, HIDDEN))
-    np.save(tmp_path / "line.npy", np.ones(5))
-    assert message in refused("photograph", "chair", image, *TINY, "--out", "y.exr")
-
-
-@pytest.mark.parametrize("out", ["y.png", "y", "y.EXR", ".exr"])
-def test_wrong_suffix_is_refused(out, refused):
-    line = refused("photograph", "chair", "bars", *TINY, "--out", out)
-    assert f"--out {out}: the photograph is written as .exr" in line
-
-
-def test_place_that_cannot_be_written_is_refused_before_rendering(refused, monkeypatch):
-    monkeypatch.setattr(inputs, "load", None)
-    Path("file").write_text("kept")
-    line = refused("photograph", "chair", "bars", *TINY, "--out", "file/y.exr")
-    assert "cannot write file/y.exr" in line

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from periscopy_sim.cli.fitting.transport_matrix import AskedTransport
+from periscopy_sim.cli.light import TransportRequest
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -73,33 +73,20 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 ):
     succeeds(*sweep_command())
     np.save(sweep_input / "other.npy", np.load(sweep_input / "y.npy") + 1)
-    monkeypatch.setattr(AskedTransport, "matrix", None)
-    for change, difference in [
-        (("--sbr", "0.5,4"), "sbr [0.5, 5.0], here [0.5, 4.0]"),
-        (("--methods", "preconditioned"), "methods [["),
-        (("--methods", "truncated-svd,preconditioned"), "methods [["),
-        (("--ambient", "lamp.exr,left.exr"), "ambient [["),
-        (("--snr", "50"), "snr 60.0, here 50.0"),
-        (("--seed", "1"), "base_seed 0, here 1"),
-        (("--seeds", "2"), "seeds 1, here 2"),
-        (("--no-flips",), "flips true, here false"),
-        (("--photograph", "other.npy"), "photograph "),
-        (("--samples", "5"), "samples 4, here 5"),
-        (("--bounces", "all"), 'bounces "direct", here "all"'),
-        (("--backgrounds", "B.npy"), 'ambient_prototypes ["grid"], here ["B.npy"]'),
-        (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
-        (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
+    monkeypatch.setattr(TransportRequest, "matrix", None)
+    for change, key in [
+        (("--methods", "preconditioned"), "methods"),
+        (("--ambient", "lamp.exr,left.exr"), "ambient"),
+        (("--seed", "1"), "base_seed"),
+        (("--no-flips",), "flips"),
+        (("--photograph", "other.npy"), "photograph"),
+        (("--samples", "5"), "samples"),
+        (("--bounces", "all"), "bounces"),
+        (("--light-model", "B.npy"), "ambient_prototypes"),
+        (("-D", "occluder_dx=0.001"), "parameters.occluder_dx"),
     ]:
         line = refused(*sweep_command(), *change)
-        assert line.startswith(f"out holds another sweep ({difference}"), change
-
-
-@pytest.mark.usefixtures("jit")
-def test_last_bits_of_the_truth_make_no_other_sweep(succeeds, sweep_input, sweep_command):
-    succeeds(*sweep_command())
-    truth = np.load(sweep_input / "truth.npy").astype(np.float64)
-    np.save(sweep_input / "truth.npy", truth * (1 + 2**-50))
-    succeeds(*sweep_command())
+        assert line.startswith(f"out holds another sweep ({key} "), change
 
 
 @pytest.mark.usefixtures("jit")
@@ -113,7 +100,7 @@ def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("error", ["KeyError", "ValueError", "PermissionError"])
+@pytest.mark.parametrize("error", ["KeyError", "PermissionError"])
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
     error, periscopy, succeeds, sweep_input, sweep_command, sweep_results
 ):
@@ -145,34 +132,19 @@ def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
 
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize(
-    ("change", "difference"),
-    [
-        (("--samples", "5"), "samples 4, here 5"),
-        (("--bounces", "all"), 'bounces "direct", here "all"'),
-        (("--seed", "1"), "base_seed 0, here 1"),
-        (("-D", "occluder_dx=0.001"), 'parameters.occluder_dx unset, here "0.001"'),
-        (("--hidden", "3x5"), "hidden_shape [4, 5], here [3, 5]"),
-        (("--truth", "bars"), "truth "),
-    ],
+    ("change", "key"), [(("--samples", "5"), "samples"), (("--truth", "bars"), "truth")]
 )
 def test_what_was_rendered_for_another_sweep_is_refused_before_there_are_results(
-    change, difference, periscopy, refused, sweep_input, sweep_command
+    change, key, periscopy, refused, sweep_input, sweep_command
 ):
     if "--truth" in change:
         np.save(sweep_input / "y.npy", np.ones((21, 21, 3)))
     assert periscopy(*sweep_command(methods="mine.py:Unfit")).code == 2
-    assert refused(*sweep_command(), *change).startswith(f"out holds another sweep ({difference}")
+    assert refused(*sweep_command(), *change).startswith(f"out holds another sweep ({key} ")
 
 
-@pytest.mark.parametrize("name", ["A.npy", "ambient", "photograph.exr", "sweep.zarr", "sweep.csv"])
+@pytest.mark.parametrize("name", ["A.npy", "sweep.csv"])
 def test_files_of_unknown_origin_are_not_taken_up(name, refused, sweep_input, sweep_command):
     (sweep_input / "out").mkdir()
     (sweep_input / "out" / name).write_text("old")
     assert f"out holds {name}, and nothing tells what it was made with" in refused(*sweep_command())
-
-
-@pytest.mark.parametrize("content", ["{", "[1, 2]", "3"])
-def test_damaged_settings_are_refused(content, refused, sweep_input, sweep_command):
-    (sweep_input / "out").mkdir()
-    (sweep_input / "out" / "settings.json").write_text(content)
-    assert refused(*sweep_command()) == "out/settings.json: is damaged; name another folder"

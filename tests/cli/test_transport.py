@@ -4,7 +4,6 @@ import json
 import numpy as np
 import pytest
 
-from periscopy_sim.cli import inputs
 from periscopy_sim.shipped import find_scene
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -30,15 +29,6 @@ def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):
     assert record["command"] == command  # wherever it lies
 
 
-def test_same_seed_gives_the_same_bytes_and_another_does_not(succeeds, tmp_path):
-    contents = []
-    for seed in (3, 3, 4):
-        succeeds("transport", "chair", *TINY, "--seed", seed, "--out", "A.npy")
-        contents.append(((tmp_path / "A.npy").read_bytes(), (tmp_path / "A.json").read_bytes()))
-    assert contents[0] == contents[1]
-    assert contents[0][0] != contents[2][0]
-
-
 def test_rendered_and_analytic_models_agree(succeeds, tmp_path):
     few = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "64")
     succeeds("transport", "chair", *few, "--out", "rendered.npy")
@@ -50,24 +40,6 @@ def test_rendered_and_analytic_models_agree(succeeds, tmp_path):
     assert json.loads((tmp_path / "analytic.json").read_text())["model"] == "analytic"
 
 
-def test_parameters_reach_the_scene(succeeds, tmp_path):
-    few = ("--hidden", "4x5", "--samples", "4")
-    settings = {
-        "here": ("resolution=24",),
-        "away": ("resolution=24", "occluder_dx=9"),
-        "coarse": ("resolution=12",),
-    }
-    matrices = []
-    for name, definitions in settings.items():
-        options = (word for definition in definitions for word in ("-D", definition))
-        succeeds("transport", "chair", *options, *few, "--out", f"{name}.npy")
-        matrices.append(np.load(tmp_path / f"{name}.npy"))
-    here, away, coarse = matrices
-    assert coarse.shape == (144, 20)
-    # Without the chair no point has less light, and many have more.
-    assert (away >= here).all() and np.mean(away > here) > 0.1
-
-
 def test_scene_of_ones_own_is_read_from_its_path(succeeds, edited_scene, tmp_path):
     scene = edited_scene(
         ('name="vertical_exponent" value="18"', 'name="vertical_exponent" value="0"')
@@ -76,32 +48,3 @@ def test_scene_of_ones_own_is_read_from_its_path(succeeds, edited_scene, tmp_pat
     succeeds("transport", "chair", *TINY, "--out", "A.npy")
     own, A = np.load(tmp_path / "own.npy"), np.load(tmp_path / "A.npy")
     assert (own >= A).all() and own.sum() > 1.1 * A.sum()  # no falloff: brighter
-
-
-def test_file_that_stood_there_is_replaced_and_others_are_kept(succeeds, tmp_path):
-    for name in ("A.npy", "A.json", "B.npy", "notes.txt"):
-        (tmp_path / name).write_text("old")
-    succeeds("transport", "chair", *TINY, "--out", "A.npy")
-    assert np.load(tmp_path / "A.npy").shape == (576, 20)
-    assert json.loads((tmp_path / "A.json").read_text())["samples"] == 4
-    assert (tmp_path / "B.npy").read_text() == (tmp_path / "notes.txt").read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 4
-
-
-@pytest.mark.parametrize("out", ["A.txt", "A", ".npy", "A.NPY", "A.npz"])
-def test_wrong_suffix_is_refused(out, refused):
-    assert f"--out {out}: the matrix is written as .npy" in refused(
-        "transport", "chair", *TINY, "--out", out
-    )
-
-
-def test_place_that_cannot_be_written_is_refused_before_rendering(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr(inputs, "load", None)
-    (tmp_path / "file").write_text("kept")
-    (tmp_path / "folder.npy").mkdir()
-    line = refused("transport", "chair", *TINY, "--out", "file/A.npy")
-    assert "cannot write file/A.npy" in line and "is not a folder" in line
-    line = refused("transport", "chair", *TINY, "--out", "file/new/A.npy")
-    assert "cannot write file/new/A.npy" in line
-    line = refused("transport", "chair", *TINY, "--out", "folder.npy")
-    assert "cannot write folder.npy: it is a folder" in line

@@ -8,12 +8,10 @@ import time
 
 import numpy as np
 import pytest
-import typer
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli import arguments
-from periscopy_sim.numerics import memory
+from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -46,13 +44,6 @@ def column(table, name):
 # -- what is recovered and written ---------------------------------------------------------------
 
 
-def test_hidden_video_is_recovered(photographs, video, clip, tmp_path):
-    np.save(tmp_path / "y.npy", photographs)
-    frames, _, _ = video("y.npy", *PLAIN)
-    assert frames.shape == (9, 4, 5, 3) and frames.dtype == np.float32
-    assert np.corrcoef(frames.ravel(), clip.ravel())[0, 1] > 0.95
-
-
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
@@ -79,69 +70,35 @@ def test_frames_are_those_of_the_coupling_asked_for(
     assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
-        (("--tv-weight", "0"), {"tv_weight": 0.0}),
-        (("--tv-weight", "5"), {"tv_weight": 5.0}),
-        (("--repair-threshold", "1e9"), {"repair_threshold": 1e9}),
-        (("--rank-tolerance", "1e-3"), {"rank_tolerance": 1e-3}),
+        ((), {"coupling": "l1"}),
+        (("--l1-weight", "3"), {"coupling": "l1", "l1_weight": 3.0}),
+        (("--coupling", "none"), {"coupling": "none"}),
     ],
 )
-def test_preconditioner_and_weights_follow_their_options(
-    options, settings, few_photographs, transport, scenario, video, tmp_path
+@pytest.mark.parametrize("batch", [2, 64])
+def test_frames_are_those_of_the_noise_aware_video(
+    options, settings, batch, photographs, transport, scenario, video, tmp_path
 ):
-    np.save(tmp_path / "y.npy", few_photographs)
-    frames, summary, _ = video("y.npy", *options)
-    periscope = fitted(transport, scenario, **settings)
-    assert summary["background_rank"] == periscope.preconditioner.Q.shape[1]
-    expected = next_frames(few_photographs, periscope)
-    assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
-    if "rank_tolerance" not in settings:
-        default = next_frames(few_photographs, fitted(transport, scenario))
-        assert np.abs(default - expected).max() > 0.02 * expected.max()
-
-
-def test_couplings_and_weights_differ(few_photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", few_photographs)
-    found = [
-        video("y.npy", *options)[0]
-        for options in (
-            ("--coupling", "none"),
-            (),
-            ("--l1-weight", "9"),
-            ("--coupling", "total-variation"),
-            ("--coupling", "total-variation", "--temporal-weight", "0.1"),
-        )
-    ]
-    scale = np.abs(found[0]).max()
-    for k, frames in enumerate(found):
-        assert np.allclose(frames[0], found[0][0], atol=1e-6 * scale)  # the first is a still
-        for others in found[:k]:
-            assert np.abs(frames[1:] - others[1:]).max() > 1e-3 * scale
-
-
-@pytest.mark.parametrize("batch", [1, 3, 64])
-def test_size_of_the_batch_does_not_matter(
-    batch, few_photographs, transport, scenario, video, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    frames, summary, _ = video("y.npy", "--batch", batch)
-    expected = next_frames(few_photographs, fitted(transport, scenario))
-    assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
-    assert summary["batch"] == batch
-
-
-def test_memory_too_small_for_the_preconditioner_keeps_it_in_factors(
-    few_photographs, video, monkeypatch, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    expected, summary, _ = video("y.npy")
-    assert summary["explicit"] is True
-    monkeypatch.setattr(memory.os, "sysconf", lambda _: 100)
-    frames, summary, _ = video("y.npy")
-    assert summary["explicit"] is False and not np.array_equal(frames, expected)
-    assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
+    np.save(tmp_path / "y.npy", photographs)
+    frames, summary, table = video("y.npy", "--method", "noise-aware", *options, "--batch", batch)
+    B = ps.point_light_backgrounds(scenario)
+    still = ps.NoiseAware.for_scene(scenario, transport, B)
+    method = NoiseAwareVideo(still, **settings)
+    expected = [method.solve_next(y) for y in photographs]
+    images = np.array([found.image for found in expected])
+    assert np.allclose(frames, images, rtol=1e-4, atol=1e-5 * images.max())
+    assert [int(row["iterations"]) for row in table] == [found.iterations for found in expected]
+    noise = [np.sqrt(np.mean(found.noise**2)) for found in expected]
+    assert np.allclose([float(row["noise"]) for row in table], noise, rtol=1e-4)
+    assert np.allclose([float(row["lambda"]) for row in table], [f.weight for f in expected])
+    told = {"method": "noise-aware", "l1_weight": method.l1_weight, **settings}
+    if settings["coupling"] == "none":
+        del told["l1_weight"]
+    assert {name: summary.get(name) for name in told} == told
 
 
 @pytest.mark.usefixtures("drawings")
@@ -216,18 +173,6 @@ def test_table_tells_the_noise_and_the_weights_of_each_frame(
     assert column(table, "kappa")[0] == pytest.approx(stills[0].threshold, rel=1e-3)
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("drawings")
-def test_same_command_gives_the_same_frames_and_pictures(few_photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", few_photographs)
-    contents = []
-    for _ in range(2):
-        video("y.npy", "--truth", "bars")
-        names = ("frames.npy", "video.png", "frames_sheet.png", "frames/0002.png")
-        contents.append([(tmp_path / "out" / name).read_bytes() for name in names])
-    assert contents[0] == contents[1]
-
-
 @pytest.mark.usefixtures("drawings")
 def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     np.save(tmp_path / "y.npy", photographs[:1])
@@ -235,43 +180,36 @@ def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     assert len(frames) == summary["frames"] == len(table) == 1
 
 
-def test_transport_file_and_model_serve_like_in_reconstruct(
-    few_photographs, video, succeeds, tmp_path
+# -- warnings ------------------------------------------------------------------------------------
+
+
+def test_what_holds_for_many_photographs_is_said_once(periscopy, tiny, results, tmp_path):
+    (tmp_path / "y").mkdir()
+    for k in range(5):
+        codes = np.random.default_rng(k).integers(99, 256, (24, 24, 3)).astype(np.uint8)
+        Image.fromarray(codes).save(tmp_path / "y" / f"{k}.png")
+    (tmp_path / "y" / "notes.txt").write_text("x")
+    outcome = periscopy("video", "y", *tiny, "--out", "out")
+    left_out, gamma, doubt = outcome.err.splitlines()
+    assert outcome.code == 0 and left_out == "periscopy: warning: y: left out notes.txt"
+    assert gamma.startswith("periscopy: warning: y/0.png: 8-bit PNG, which is normally gamma")
+    assert gamma.endswith(" (likewise 4 more)")
+    _, summary, _ = results(tmp_path / "out")
+    said = [f"periscopy: warning: {warning}" for warning in summary["warnings"]]
+    assert said == [left_out, gamma, doubt] and "frame 0.png: " in doubt
+
+
+def test_frames_that_show_nothing_are_told_by_one_line(
+    periscopy, photographs, tiny, results, tmp_path
 ):
-    np.save(tmp_path / "y.npy", few_photographs)
-    rendered, _, _ = video("y.npy")
-    size = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
-    succeeds("transport", "chair", *size, "--out", "A.npy")
-    frames, summary, _ = video("y.npy", "--transport", "A.npy")
-    assert np.array_equal(frames, rendered)
-    assert (summary["model"], summary["transport"], summary["samples"]) == ("file", "A.npy", None)
-    analytic, summary, _ = video("y.npy", "--model", "analytic", "--rank-tolerance", "1e-4")
-    assert summary["model"] == "analytic" and not np.allclose(analytic, rendered, rtol=1e-3)
-    assert summary["rank_tolerance"] == 1e-4
-
-
-def test_matrix_without_its_record_is_warned_of(few_photographs, periscopy, transport, tmp_path):
-    np.save(tmp_path / "y.npy", few_photographs)
-    np.save(tmp_path / "A.npy", transport)
-    scene = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5")
-    outcome = periscopy("video", "y.npy", *scene, "--transport", "A.npy", "--out", "out")
-    assert outcome.code == 0 and outcome.err.startswith("periscopy: warning: A.npy has no JSON")
-
-
-# -- what is told --------------------------------------------------------------------------------
-
-
-def test_terminal_shows_how_many_frames_a_second(
-    few_photographs, periscopy, monkeypatch, tiny, tmp_path
-):
-    np.save(tmp_path / "y.npy", few_photographs)
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TTY_COMPATIBLE", "1")
-    monkeypatch.setenv("COLUMNS", "100")
-    outcome = periscopy("video", "y.npy", *tiny, "--out", "out")
-    assert outcome.code == 0
-    assert "reconstructing" in outcome.err and "frames/s" in outcome.err
-    assert "3/3" in outcome.err
+    clip = np.ones((4, 24, 24, 3)) * np.arange(1, 5)[:, None, None, None]
+    clip[1] = photographs[0]
+    np.save(tmp_path / "y.npy", clip)
+    outcome = periscopy("video", "y.npy", *tiny, "--method", "noise-aware", "--out", "out")
+    (line,) = outcome.err.splitlines()
+    assert outcome.code == 0 and line.startswith("periscopy: warning: y.npy, frame 0: ")
+    assert "hidden image: " in line and line.endswith(" (likewise 2 more)")
+    assert results(tmp_path / "out")[1]["warnings"] == [line.partition("warning: ")[2]]
 
 
 # -- what is refused -----------------------------------------------------------------------------
@@ -280,34 +218,16 @@ def test_terminal_shows_how_many_frames_a_second(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--coupling", "magic"), "no coupling 'magic'; use l1, total-variation or none"),
-        (
-            ("--coupling", "l1", "--temporal-weight", "1"),
-            "--temporal-weight belongs to --coupling t",
-        ),
-        (
-            ("--coupling", "total-variation", "--l1-weight", "1"),
-            "--l1-weight belongs to --coupling l1, not to total-variation",
-        ),
+        (("--coupling", "magic"), "--coupling magic"),
         (("--coupling", "none", "--l1-weight", "1"), "--l1-weight belongs to --coupling l1"),
-        (("--temporal-weight", "-1"), "'--temporal-weight'"),
         (("--temporal-weight", "nan"), "'--temporal-weight'"),
-        (("--coupling", "l1", "--l1-weight", "inf"), "'--l1-weight'"),
-        (("--tv-weight", "-1"), "'--tv-weight'"),
-        (("--tv-weight", "nan"), "'--tv-weight'"),
-        (("--repair-threshold", "nan"), "'--repair-threshold'"),
-        (("--rank-tolerance", "0"), "'--rank-tolerance'"),
         (("--rate", "0"), "'--rate'"),
-        (("--rate", "nan"), "'--rate'"),
-        (("--batch", "0"), "'--batch'"),
+        (("--also", "avi"), "avi"),
         (("--hidden", "24x24"), "full column rank"),
-        (("--hidden", "24x25"), "24x25 hidden patches are more than the 24x24 pixels"),
-        (("--scene", "sofa"), "'sofa' does not exist; name a file or a shipped scene: bright_room"),
-        (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
+        (("--truth", "sofa"), "'sofa' does not exist"),
         (("--truth", "three.npy"), "three.npy: holds 3 hidden images for 9 photographs"),
         (("--truth", "dark.npy"), "dark.npy, frame 4: has negative, NaN or infinite values"),
         (("--truth", "empty"), "empty: holds no file named"),
-        (("--transport", "none.npy"), "none.npy: no such file"),
     ],
 )
 def test_impossible_option_is_refused(options, message, refused, clip, tiny, tmp_path):
@@ -318,10 +238,16 @@ def test_impossible_option_is_refused(options, message, refused, clip, tiny, tmp
     assert message in refused("video", "y.npy", *tiny, *options, "--out", "out")
 
 
-def test_nan_is_refused_whatever_the_parser_thinks_of_it():
-    assert arguments.not_nan(0.5) == 0.5 and arguments.not_nan(None) is None
-    with pytest.raises(typer.BadParameter, match="nan is not a number"):
-        arguments.not_nan(float("nan"))
+def test_pictures_of_a_longer_video_are_not_mixed_with_this_one(
+    photographs, video, refused, tiny, tmp_path
+):
+    np.save(tmp_path / "y.npy", photographs)
+    np.save(tmp_path / "short.npy", photographs[:4])
+    video("y.npy")
+    line = refused("video", "short.npy", *tiny, "--out", "out")
+    assert line.startswith("out/frames/0004.png is of a longer video; remove out/frames")
+    frames, _, _ = video("y.npy", "--coupling", "none")  # the same length may replace it
+    assert len(frames) == 9
 
 
 @pytest.mark.thorough

@@ -26,19 +26,6 @@ def linear(codes):
     return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
 
 
-def test_pictures_share_one_white(photographs, video, tmp_path):
-    dimmed = photographs * np.linspace(1, 0.2, 9)[:, None, None, None]
-    np.save(tmp_path / "y.npy", dimmed)
-    frames, summary, _ = video("y.npy")
-    assert summary["white"] == pytest.approx(np.percentile(frames, 99.5), rel=1e-6)
-    for k, image in enumerate(frames):
-        with Image.open(tmp_path / "out" / "frames" / f"{k:04d}.png") as picture:
-            pixels = np.asarray(picture)
-        assert pixels.shape == (4 * 144, 5 * 144, 3)
-        shown = linear(pixels[72::144, 72::144])
-        assert np.allclose(shown, np.clip(image / summary["white"], 0, 1), atol=0.006)
-
-
 def test_animation_shows_every_photograph_beside_its_frame(photographs, video, tmp_path):
     np.save(tmp_path / "y.npy", photographs)
     frames, summary, _ = video("y.npy")
@@ -71,11 +58,6 @@ def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
             assert np.median(abs(frame[:rows, :columns].astype(int) - picture)) < 4
 
 
-def test_video_of_another_format_is_refused_before_anything_is_read(refused, tiny):
-    line = refused("video", "y.npy", *tiny, "--also", "gif", "--out", "out")
-    assert "no video format 'gif'; use mp4 or webm" in line
-
-
 def test_video_without_its_extra_is_refused_with_what_to_install(refused, tiny, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
     line = refused("video", "y.npy", *tiny, "--also", "mp4", "--out", "out")
@@ -98,13 +80,12 @@ def own_metrics(frames, truth):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("given", ["clip.npy", "one.npy", "folder", "bars"])
+@pytest.mark.parametrize("given", ["clip.npy", "folder", "bars"])
 def test_truth_adds_metrics_and_a_contact_sheet(
     given, photographs, succeeds, clip, tiny, results, tmp_path
 ):
     np.save(tmp_path / "y.npy", photographs)
     np.save(tmp_path / "clip.npy", clip)
-    np.save(tmp_path / "one.npy", clip[0])
     (tmp_path / "folder").mkdir()
     codes = np.random.default_rng(0).integers(0, 256, (9, 4, 5, 3)).astype(np.uint8)
     for k, code in enumerate(codes):
@@ -112,7 +93,6 @@ def test_truth_adds_metrics_and_a_contact_sheet(
     bars = ps.read_hidden_image(ps.find_image("bars"), (4, 5))
     truth = {
         "clip.npy": clip,
-        "one.npy": np.stack([clip[0]] * 9),
         "folder": linear(codes),
         "bars": np.stack([bars] * 9),
     }[given]
@@ -131,28 +111,3 @@ def test_truth_adds_metrics_and_a_contact_sheet(
     shown, _ = animation(tmp_path / "out" / "video.png")
     for picture, wanted in zip(shown, truth, strict=True):
         assert np.allclose(linear(picture[34:274, 576:876][30::60, 30::60]), wanted, atol=0.006)
-
-
-def test_contact_sheet_has_at_most_eight_columns(photographs, video, monkeypatch, clip, tmp_path):
-    from periscopy_sim.figures import contact_sheet
-
-    np.save(tmp_path / "y.npy", photographs)
-    np.save(tmp_path / "clip.npy", clip)
-    drawn = {}
-
-    def draw(path, rows, **rest):
-        path.write_bytes(b"")
-        drawn.update(rest, rows=dict(rows))
-
-    monkeypatch.setattr(contact_sheet, "draw_contact_sheet", draw)
-    frames, _, table = video("y.npy", "--truth", "clip.npy")
-    chosen = [int(title.removeprefix("frame ")) for title in drawn["titles"]]
-    assert len(chosen) == 8 and chosen[0] == 0 and chosen[-1] == 8
-    errors = column(table, "mean_squared_error")
-    assert drawn["notes"] == [f"MSE {errors[k]:.2g}" for k in chosen]
-    assert list(drawn["rows"]) == ["photograph", "hidden image", "reconstruction"]
-    assert np.allclose(drawn["rows"]["hidden image"], clip[chosen])
-    for k, image in zip(chosen, drawn["rows"]["reconstruction"], strict=True):
-        # What is shown has the error that is written beneath.
-        assert np.mean((image - clip[k]) ** 2) == pytest.approx(errors[k], rel=1e-4)
-    assert frames.shape[0] == 9

@@ -143,9 +143,9 @@ def test_one_frame_is_a_picture(moments, tmp_path):
     assert len(shown) == 1 and picture.size == shown[0].shape[1::-1]
 
 
-@pytest.mark.parametrize("count", [0, 2, 4])
+@pytest.mark.parametrize("count", [2, 4])
 def test_wrong_number_of_frames_leaves_nothing(count, moments, tmp_path):
-    with pytest.raises(ValueError, match=r"count is 0|got 3 frames"):
+    with pytest.raises(ValueError, match="got 3 frames"):
         draw_animation(tmp_path / "a.png", "ab", moments, count=count, rate=16)
     assert list(tmp_path.iterdir()) == []
 

@@ -79,9 +79,9 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        (BOX.replace("NAME", "wall"), "'wall' is a name of the scene's own"),
-        (BOX.replace("NAME", "a b"), "'a b' is no name; use small letters"),
-        (BOX.replace("NAME", "x_error"), "'x_error' is a name of the scene's own"),
+        (BOX.replace("NAME", "wall"), "'wall' is no name"),
+        (BOX.replace("NAME", "a b"), "'a b' is no name"),
+        (BOX.replace("NAME", "x_error"), "'x_error' is no name"),
         (BOX.replace("NAME", "b").replace("width: 1", "width: 0"), r"\[0\].width: '0 cm' is not"),
         (BOX.replace("box", "bx"), r"occluders\[0\]: .*'bx'.*'box', 'plate'"),
         ("{kind: mesh, name: m, file: a.stl, position: [0 m, 0 m, 0 m]}", "have no unit; give it"),
@@ -93,21 +93,15 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
             r"line 13, occluders\[0\]: give either diameter or radius",
         ),
         (
-            "{kind: cylinder, name: c, position: [0 m, 0 m, 0 m], height: 1 cm}",
-            r"occluders\[0\]: give either diameter or radius",
-        ),
-        (
             BOX.replace("}", ", with: a}").replace("NAME", "b") + f", {BOX.replace('NAME', 'a')}",
-            "occluder 'b' stands with 'a', but no occluder above it is called so; there are none",
+            "occluder 'b' stands with 'a', but no occluder above it",
         ),
-        (BOX.replace("}", ", with: b}").replace("NAME", "b"), "no occluder above it"),
-        (BOX.replace("}", ", with: }").replace("NAME", "b"), r"\[0\].with: Input should be a"),
         (
             "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm}, "
             + BOX.replace("}", ", with: r}").replace("NAME", "b"),
-            "'r', a rod, which has no axes",
+            "occluder 'b' stands with 'r'",
         ),
-        (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "two occluders are called"),
+        (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "called 'b'"),
         (BOX.replace("NAME", "b").replace("}", ", anchor: top}"), "anchor: Input should be 'base'"),
     ],
 )
@@ -135,5 +129,5 @@ def test_camera_looks_at_a_target_or_in_a_direction(tmp_path):
     for changed in (both, both.replace("  field", "  vertical_field").replace("  v", "  # v")):
         with pytest.raises(ConfigurationError, match="give either field_of_view, of the picture's"):
             load_laboratory(written(tmp_path, text.replace(camera, changed)))
-    with pytest.raises(ConfigurationError, match="between 0 and 180 deg"):
+    with pytest.raises(ConfigurationError, match=r"camera: .* between 0 and 180 deg"):
         load_laboratory(written(tmp_path, text.replace(camera, aimed.replace("30 deg", "-3 deg"))))

@@ -35,25 +35,19 @@ def test_angles_and_bare_numbers():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (1.03, "1.03 has no unit; write it as in '12.5 cm"),
-        (0, "0 has no unit"),
-        ("1.03", "'1.03' lacks a unit"),
-        ("1.03 m +- 3", "'1.03 m [+]- 3' lacks a unit"),
-        ("1.03 km", "has the unit 'km'; there are m, cm, mm, in, ft"),
-        ("1.03 CM", "did you mean 'cm'"),
+        (1.03, "1.03 has no unit"),
+        ("1.03", "1.03 has no unit"),
+        ("1.03 m +- 3", "1.03 m [+]- 3 has no unit"),
+        ("1.03 CM", "'CM'; there are m, cm, mm, in, ft"),
         ("12,5 cm", "is not a number with its unit"),
         ("nan cm", "is not a number"),
         ("1 m 3 cm", "is not a number"),
         ("1 m +- -3 mm", "the error in .* is negative"),
-        ("1 m -- 3 mm", "is not a number"),
-        ("1e9 m", "beyond 1000; check"),
-        ("1 m +- 1e7 m", "beyond 1000; check"),
-        ("30 deg", "has the unit 'deg'"),
+        ("1e9 m", "beyond 1000"),
+        ("1 m +- 1e7 m", "beyond 1000"),
         ("", "is not a number"),
-        (True, "give a number"),
-        (None, "give a number"),
-        ([1], "give a number"),
-        ({"value": 1}, "give a number"),
+        (True, "is not a number"),
+        ([1], "is not a number"),
     ],
 )
 def test_what_is_no_length_is_refused(given, said):
@@ -62,14 +56,11 @@ def test_what_is_no_length_is_refused(given, said):
 
 
 def test_bounds():
-    assert length("0 m", least=0).value == 0
-    with pytest.raises(ValueError, match="'-1 mm' is negative"):
-        length("-1 mm", least=0)
     for text in ("0 m", "-1 mm"):
         with pytest.raises(ValueError, match="is not positive"):
             length(text, above=0)
 
 
 def test_bare_number_with_a_unit_is_refused():
-    with pytest.raises(ValueError, match="'18 deg' has a unit"):
+    with pytest.raises(ValueError, match="18 deg has a unit"):
         parse_quantity("18 deg", {}, "18 +- 2", 100)

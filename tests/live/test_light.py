@@ -26,6 +26,7 @@ def wait_for(holds):
 
 @pytest.mark.thorough
 def test_light_comes_from_a_process_of_its_own(light):
+    light.want("overcast")
     assert light.photograph("overcast") is None
     wait_for(lambda: light.arrived)
     photograph = light.photograph("overcast")
@@ -37,7 +38,7 @@ def test_light_comes_from_a_process_of_its_own(light):
 def test_scene_that_lights_nothing_is_told(light, tmp_path):
     broken = tmp_path / "broken.xml"
     broken.write_text("<scene version='3.0.0'></scene>")
-    assert light.photograph(str(broken)) is None
+    light.want(str(broken))
     wait_for(lambda: light.arrived)
     with pytest.raises(PeriscopyError, match="broken"):
         light.photograph(str(broken))
@@ -45,14 +46,19 @@ def test_scene_that_lights_nothing_is_told(light, tmp_path):
 
 def test_unknown_place_is_told(light):
     with pytest.raises(PeriscopyError, match="no ambient condition 'mars'"):
-        light.photograph("mars")
+        light.want("mars")
 
 
-def test_process_ends_with_the_laboratory(light):
-    light.photograph("overcast")
-    (process,) = light._rendering.values()
+def test_only_the_latest_place_is_rendered(light):
+    places = ["overcast", "low_sun", "overcast", "corridor"]
+    processes = []
+    for place in places:
+        light.want(place)
+        processes.append(light._rendering[1])
+        assert sum(each.is_alive() for each in processes) == 1
+    assert light._rendering[0] == places[-1]
     light.close()
-    assert not process.is_alive()
+    assert not processes[-1].is_alive() and not light.arrived
 
 
 def test_light_is_interpolated_smoothly():

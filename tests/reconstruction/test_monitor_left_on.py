@@ -22,7 +22,7 @@ SIZE, HIDDEN = (30, 30), (8, 10)
 def chair():
     """A, an orthonormal basis of B, and overcast light of A's mean, of a small chair scene."""
     scene = ps.load_scenario("chair", HIDDEN, photograph=SIZE)
-    A = ps.analytic_transport(scene, samples=4).astype(np.float64)
+    A = ps.analytic_transport(scene).astype(np.float64)
     B = ps.point_light_backgrounds(scene)
     return A, np.linalg.svd(B, full_matrices=False)[0][:, :30], B[:, ::60].sum(axis=1)
 

@@ -45,13 +45,6 @@ def test_an_occluder_without_a_shadow_is_named_with_its_place(room, place, half,
     assert "\n" not in doubt
 
 
-def test_few_occluders_are_named(room):
-    names = [f"box{k}" for k in range(5)]
-    doubt = shadow_doubt(room.load(*(block(2.5, 0.5, k, name=n) for k, n in enumerate(names))))
-    assert [name in doubt for name in names] == [True] * 3 + [False] * 2
-    assert doubt.endswith("; 2 more")
-
-
 def test_no_occluder_and_one_that_hides_all_are_told(room):
     assert shadow_doubt(room.load()).startswith("nothing stands between")
     hiding = shadow_doubt(room.load(block(0.4, 0.2, 0.3, (2, 0.01, 2))))

@@ -8,9 +8,7 @@ import pytest
 from periscopy_sim.errors import VariantError
 from periscopy_sim.rendering.variant import (
     OVERRIDE,
-    PREFERENCE,
     examine_variants,
-    install_llvm,
     is_vectorized,
     use_variant,
 )
@@ -85,15 +83,6 @@ def test_scalar_is_the_last_resort_and_says_what_would_be_faster(backends, llvm)
     assert fake.current == "scalar_rgb"
 
 
-def test_scalar_by_choice_does_not_warn(backends, monkeypatch):
-    backends()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        use_variant("scalar_rgb")
-        monkeypatch.setenv(OVERRIDE, "scalar_rgb")
-        use_variant()
-
-
 def test_argument_then_environment_then_the_users_own_then_the_fastest(backends, monkeypatch):
     backends(cuda=True, llvm=19, current="scalar_rgb")
     assert use_variant() == "scalar_rgb"
@@ -110,12 +99,6 @@ def test_plugins_are_registered_after_the_variant_is_set(backends):
     assert fake.events == ["llvm_ad_rgb", "plugins"]
     use_variant("scalar_rgb")
     assert fake.events[2:] == ["scalar_rgb", "plugins"]
-
-
-def test_a_variant_already_set_is_not_set_again(backends):
-    fake = backends(llvm=19, current="llvm_ad_rgb")
-    use_variant()
-    assert fake.events == ["plugins"]
 
 
 @pytest.mark.parametrize("way", ["argument", "environment"])
@@ -170,41 +153,6 @@ def test_why_there_is_no_llvm_is_told(backends, monkeypatch, named, installed, w
     monkeypatch.setattr("pathlib.Path.glob", lambda *_: iter(()))
     monkeypatch.setattr("periscopy_sim.rendering.variant.find_library", lambda _: installed)
     assert why in examine_variants()[1].reason
-
-
-def test_an_llvm_that_loads_but_does_not_serve_is_told_apart(backends, monkeypatch):
-    backends()
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "old.so")
-    library = SimpleNamespace(LLVMGetHostCPUName=None)
-    monkeypatch.setattr("periscopy_sim.rendering.variant.ctypes.CDLL", lambda _: library)
-    assert (
-        "names 'old.so', which loads, but not for Dr.Jit: it is older"
-        in examine_variants()[1].reason
-    )
-
-
-@pytest.mark.parametrize(
-    ("system", "conda", "way"),
-    [
-        ("Linux", "", "apt-get install libllvm19"),
-        ("Darwin", "", "brew install llvm"),
-        ("Windows", "C:\\conda", "LLVM-C.dll"),
-        ("Linux", "/conda", "the libLLVM in /conda/lib"),
-        ("Darwin", "/conda", "conda install -c conda-forge libllvm19"),
-    ],
-)
-def test_every_system_has_its_own_way_to_llvm(monkeypatch, system, conda, way):
-    monkeypatch.setattr("platform.system", lambda: system)
-    monkeypatch.setenv("CONDA_PREFIX", conda)
-    assert way in install_llvm() and "\n" not in install_llvm()
-
-
-def test_report_names_every_preferred_variant_best_first(backends):
-    backends(llvm=19)
-    reports = examine_variants()
-    assert tuple(report.name for report in reports) == PREFERENCE
-    assert [report.works for report in reports] == [False, True, True]
-    assert reports[1].reason == "libLLVM 19 was found"
 
 
 def test_the_real_variant_is_one_that_was_reported_to_work(variant):

@@ -143,7 +143,7 @@ def place_of(form, k):
         ),
         (-np.inf, (2,), "15 values are NaN or infinite, the first at row 2, column 0, channel 0"),
         (0, ..., "every value is zero"),
-        (-1, ..., "no value is positive, as light is; check its sign"),
+        (-1, ..., "no value is positive"),
     ],
 )
 def test_bad_frame_is_named_when_its_turn_comes(form, value, at, said, save, line_of, tmp_path):

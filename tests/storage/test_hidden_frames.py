@@ -72,7 +72,7 @@ def test_wrong_number_of_hidden_frames_is_refused(line_of, tmp_path):
         ),
         (SENT.astype(np.int32), "frame 0: holds int32"),
         (SENT[..., :2] / 1.0, "has frames of shape (4, 6, 2)"),
-        (SENT * 1j, "complex numbers"),
+        (SENT * 1j, "complex"),
         (SENT[:0], "holds 0 hidden images"),
     ],
 )

@@ -98,7 +98,7 @@ UNFIT = {
     "9 x 7 pixels": MASK.T,
     r"shape \(63,\)": MASK.ravel(),
     r"shape \(7, 9, 2\)": np.ones((*SHAPE, 2)),
-    "text": np.full(SHAPE, "a"),
+    "U1": np.full(SHAPE, "a"),
     "complex": np.ones(SHAPE, complex),
 }
 

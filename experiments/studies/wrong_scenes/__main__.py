@@ -31,8 +31,8 @@ import typer
 import periscopy_sim as ps
 from experiments.page import described, one_line_errors
 from experiments.setting import package_sha256
-from experiments.studies.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes import outcome, subjects
+from experiments.studies.wrong_scenes.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes.outcome import SCENES, Outcome, Trial
 from experiments.studies.wrong_scenes.report import numbers_of, write_report
 from experiments.studies.wrong_scenes.subjects import Photographed
@@ -106,7 +106,7 @@ def run(trials: Sequence[Trial], ratios: Sequence[float], draws: int, out: Path)
             print(f"{name}: failed", flush=True)
             failures += 1
             continue
-        print(f"{name}: {told(found[key])}", flush=True)
+        print(f"{name}: {line_of(found[key])}", flush=True)
         done = [found[key] for key in order if key in found]
         write_report(out, done, described(__doc__), record)
     return failures
@@ -136,7 +136,7 @@ def identity(photographed: Photographed) -> str:
     return digest.hexdigest()
 
 
-def told(one: Outcome) -> str:
+def line_of(one: Outcome) -> str:
     """Return a draw in a line."""
     of = numbers_of(one)
     stands, registered = (
@@ -144,7 +144,7 @@ def told(one: Outcome) -> str:
         for values in (one.psnr, one.registered)
     )
     return (
-        f"{stands} dB (registered {registered}); numbers within 1 and 3 told errors "
+        f"{stands} dB (registered {registered}); numbers within 1 and 3 standard errors "
         f"{of['within_1']} and {of['within_3']} of {of['numbers']}, of {of['determined']} "
         f"determined {of['determined_within_1']} and {of['determined_within_3']}; patches "
         f"{of['patches_within_1']:.0%}; {'trusted' if one.trusted else 'not trusted'}; "

@@ -1,4 +1,4 @@
-"""How often the truth is within the errors that are told, against how often it should be."""
+"""How often the truth is within the reported errors, against how often it should be."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RUNS = 2000
 
 
 def covered(z: Array, levels: Array = LEVELS) -> Array:
-    """Return the shares of distances z, (..., K), in told errors, within intervals, (..., L).
+    """Return the shares of distances z, (..., K), in standard errors, within intervals, (..., L).
 
     An interval's level is the share of a normal distribution about its middle that it holds.
     """
@@ -47,10 +47,10 @@ def of_draws(
 
 
 def expected_band(outcomes: Sequence[Outcome], levels: Array = LEVELS) -> tuple[Array, Array]:
-    """Return where 95 % of coverages by draws lie, (L,) each, if told errors are right.
+    """Return where 95 % of coverages by draws lie, (L,) each, if standard errors are right.
 
-    Were the numbers independent, it would be a binomial distribution's; they go together as is
-    told. So z is drawn from the normal distributions of the told correlations.
+    Were the numbers independent, it would be a binomial distribution's; they correlate as
+    reported. So z is drawn from the normal distributions of the reported correlations.
     """
     rng = np.random.default_rng(0)
     runs = np.zeros((RUNS, len(levels)))

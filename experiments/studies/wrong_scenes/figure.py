@@ -45,7 +45,7 @@ def draw_coverage(out: Path, outcomes: Sequence[Outcome]) -> Path:
             _draw_decibels(row[2], own)
             row[0].set_ylabel(f"SBR {sbr:g}\ntruth within, %")
         for ax in grid[-1, :2]:
-            ax.set_xlabel("told level of intervals, %")
+            ax.set_xlabel("nominal level of intervals, %")
         grid[-1, 2].set_xlabel("draws of all of a ruler's errors at once")
         for ax, title in zip(grid[0], (*WANTED, "hidden image"), strict=True):
             ax.set_title(title)
@@ -67,10 +67,10 @@ def _draw_covered(
     *,
     band: bool,
 ) -> None:
-    """Draw the coverage of all draws and each scene's against the told one.
+    """Draw the coverage of all draws and each scene's against the nominal one.
 
-    The wanted range is a bar at 68 %. Grey is where all draws' would lie if told errors were right,
-    or, without this band, all draws' standard error.
+    The wanted range is a bar at 68 %. Grey is where all draws' would lie if standard errors were
+    right, or, without this band, all draws' standard error.
     """
     ax.plot([0, 1], [0, 1], color="black", linewidth=0.6, linestyle=":")
     mean, error = of_draws(outcomes, z_of)

@@ -36,12 +36,12 @@ class Outcome:
     names
         (P) of the numbers that a ruler may have wrong.
     true_values, start, ruler_errors, values, standard_errors
-        (P,) where they are; as the ruler has them, and its errors; as calibrated, and the errors
-        told.
+        (P,) where they are; as the ruler has them, and its errors; as calibrated, and their
+        standard errors.
     determined
-        (P,) which of them the photograph is told to determine.
+        (P,) whether the photograph determines each.
     correlation
-        (P, P) of the errors told.
+        (P, P) of the standard errors.
     truth, images
         (R, C, 3) in [0, 1], and (3, R, C, 3) as recovered with each of `SCENES`, in the
         photograph's unit, in which the truth is `light` times as much.
@@ -90,12 +90,12 @@ class Outcome:
 
     @property
     def z(self) -> Array:
-        """(P,) how far the values are from the true ones, in told errors."""
+        """(P,) how far the values are from the true ones, in standard errors."""
         return np.asarray((self.values - self.true_values) / self.standard_errors)
 
     @property
     def patch_z(self) -> Array:
-        """(R C 3,) how far the patches are from the truth's, as they stand, in told errors."""
+        """(R C 3,) how far the patches are from the truth's, as they stand, in standard errors."""
         off = self.images[SCENES.index("calibrated")] - self.light * self.truth
         return np.asarray(off / self.image_errors).ravel()
 

@@ -37,9 +37,9 @@ def write_report(
         pictures=[
             Picture(
                 draw_coverage(out, outcomes),
-                "Shares of numbers and patches whose truth lies within the intervals that are "
-                "told, against the level that is told; bars at 68 %: what is wanted. Grey, of "
-                "numbers: where 95 % of such sets of draws would lie were all told errors and "
+                "Shares of numbers and patches whose truth lies within the reported "
+                "intervals, against their level; bars at 68 %: what is wanted. Grey, of "
+                "numbers: where 95 % of such sets of draws would lie were all standard errors and "
                 "their correlations right; of patches: the standard error, by how draws differ. "
                 "Right: each draw. Registration uses the truth.",
             ),
@@ -149,7 +149,7 @@ def median(values: Any) -> float:
 def _one(
     outcomes: Sequence[Outcome], z_of: Callable[[Outcome], Array]
 ) -> tuple[float, float | None]:
-    """Return the share within one told error and its standard error, None of a single draw."""
+    """Return the share within one standard error and its standard error, None of a single draw."""
     mean, error = of_draws(outcomes, z_of, AT_ONE)
     return round(float(mean[0]), 4), None if np.isnan(error[0]) else round(float(error[0]), 4)
 
@@ -166,7 +166,7 @@ def _cells(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
 
 def _parameters(outcome: Outcome) -> dict[str, Any]:
     columns = "true_values", "start", "ruler_errors", "values", "standard_errors", "determined"
-    told = {
+    parameters = {
         name: dict(zip(columns, row, strict=True))
         for name, row in zip(
             outcome.names,
@@ -174,7 +174,7 @@ def _parameters(outcome: Outcome) -> dict[str, Any]:
             strict=True,
         )
     }
-    return {"scene": outcome.subject, "sbr": outcome.sbr, "draw": outcome.draw, "told": told}
+    return {"scene": outcome.subject, "sbr": outcome.sbr, "draw": outcome.draw, "told": parameters}
 
 
 def _claims(outcomes: Sequence[Outcome]) -> Iterator[Claim]:
@@ -241,7 +241,7 @@ def _summary(outcomes: Sequence[Outcome]) -> Table:
         )
     return Table(
         "Medians over draws. PSNR, dB: as it stands / registered, which uses the truth. Shares "
-        "within one told error, ± standard error by how draws differ; of matched patches after "
+        "within one standard error, ± standard error by how draws differ; of matched patches after "
         "one factor for each channel that fits the truth best.",
         (
             "scene", "SBR", "draws", "ruler", "calibrated", "true scene", "loss, registered",
@@ -271,8 +271,8 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
             )
         )
     return Table(
-        "Each draw. Numbers within 1 / 3 told errors of the true ones, of all and of those that "
-        "the photograph is told to determine; the worst, in told errors.",
+        "Each draw. Numbers within 1 / 3 standard errors of the true ones, of all and of those "
+        "that the photograph determines; the worst, in standard errors.",
         (
             "scene", "SBR", "draw", "ruler", "calibrated", "true scene", "numbers", "determined",
             "worst", "patches", "trusted", "processor seconds",

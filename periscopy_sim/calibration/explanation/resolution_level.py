@@ -21,7 +21,7 @@ from periscopy_sim.calibration.explanation.last_matrices import LastMatrices
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
-from periscopy_sim.photographs.checking import blackened
+from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
 from periscopy_sim.reconstruction.observation import Observation
 from periscopy_sim.reconstruction.unevenness import Unevenness

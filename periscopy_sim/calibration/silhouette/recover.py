@@ -66,7 +66,7 @@ from periscopy_sim.calibration.silhouette.search.opacity_descent import (
     smooth_mask,
 )
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
-from periscopy_sim.photographs.checking import check_photograph
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.background_photographs import Backgrounds, named
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
@@ -185,11 +185,10 @@ def recover_silhouette(
     require_coarse(first, plane, cells)
     if not is_vectorized():
         raise VariantError("calibration renders transport matrices; " + install_llvm())
-    y = check_photograph(photograph, first.photograph_shape, "photograph", mask)
-    off = [
-        check_photograph(image, first.photograph_shape, name, mask)
-        for name, image in named(backgrounds or []).items()
-    ]
+    light = Photograph.of(
+        photograph, first.photograph_shape, mask=mask, monitor_off=named(backgrounds or [])
+    )
+    y, off = light.values, list(light.monitor_off.values())
     report = progress or (lambda _: None)
     with threadpool_limits(1), TemporaryDirectory() as folder:
         empty = Path(folder) / path.name

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions, parse_size
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.calibration.report import say_found, told
 from periscopy_sim.cli.calibration.silhouette import find_silhouette, refuse_others
+from periscopy_sim.cli.options import option, parse_definitions, parse_size
 from periscopy_sim.cli.output import (
     Stopwatch,
     progress,
@@ -33,7 +34,7 @@ DISTRUSTED = (
 """What to do with a calibration that is not to be trusted, with one of `UNTOLD`."""
 
 UNTOLD = {
-    False: "A photograph with the monitor off (--background) and a mask tell paint, lamps and "
+    False: "A photograph with the monitor off (--monitor-off) and a mask tell paint, lamps and "
     "posters from shadows.",
     True: "A mask tells posters and sockets from shadows.",
 }
@@ -87,7 +88,7 @@ def calibrate(
         ),
     ] = None,
     samples: arguments.Samples = 144,
-    background: arguments.BackgroundOption = None,
+    background: arguments.MonitorOffOption = None,
     mask: arguments.MaskOption = None,
     seed: arguments.Seed = 0,
     define: arguments.Define = None,
@@ -100,7 +101,7 @@ def calibrate(
     """
     from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
-    from periscopy_sim.photographs.checking import blackened
+    from periscopy_sim.photograph import blackened
 
     if silhouette is not None:
         refuse_others({"--free": free, "--uncertain": uncertain})

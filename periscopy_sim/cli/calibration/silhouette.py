@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.output import Stopwatch, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.percentages import percentages
@@ -50,7 +51,7 @@ def find_silhouette(
 ) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.figures.silhouette import draw_silhouette
-    from periscopy_sim.photographs.checking import blackened
+    from periscopy_sim.photograph import blackened
 
     arguments.require_suffix(out, ".xml", "the scene")
     path, given = find_scene(scene), arguments.parse_definitions(define)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from periscopy_sim.cli import arguments, inputs
+from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli.output import progress, say_written
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -14,15 +14,15 @@ PIXELS = (32, 32)
 
 
 def draw(
-    scene: arguments.SceneArgument,
-    out: arguments.OutFile,
-    define: arguments.Define = None,
+    scene: options.SceneArgument,
+    out: options.OutFile,
+    define: options.Define = None,
 ) -> None:
     """Draw a scene to scale: plan, side view, shadows, an overview.
 
     Look for wrong signs and units in it before an hour is lost.
     """
-    arguments.require_suffix(out, ".png", "the drawing")
+    options.require_suffix(out, ".png", "the drawing")
     from periscopy_sim.figures.laboratory.drawing import draw_laboratory
     from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
@@ -34,8 +34,8 @@ def draw(
         inputs.refuse_measurements(scene)
         scenario = load_scenario(
             find_scene(scene),
-            arguments.parse_size(PATCHES[is_vectorized()]),
-            arguments.parse_definitions(define),
+            options.parse_size(PATCHES[is_vectorized()]),
+            options.parse_definitions(define),
             photograph=PIXELS,
         )
         with progress("drawing"):

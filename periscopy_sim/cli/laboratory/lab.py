@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from periscopy_sim.cli import inputs
-from periscopy_sim.cli.arguments import require_suffix
+from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import say, say_written
 from periscopy_sim.errors import PeriscopyError
 
@@ -22,10 +22,10 @@ def lab(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help="The scene's XML file; its meshes are written beside it. All or nothing.",
+        option(
+            "FILE",
+            "The scene's XML file; its meshes are written beside it. All or nothing.",
+            group=OUTPUT,
         ),
     ] = None,
     example: Annotated[

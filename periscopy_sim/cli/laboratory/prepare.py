@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option
-from periscopy_sim.cli.laboratory.prepared import tell_prepared, view_record
-from periscopy_sim.cli.output import progress, say, say_written, warn
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.options import option
+from periscopy_sim.cli.output import fixable, progress, say, say_written, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.developing.sensor_image import SensorImage
-    from periscopy_sim.photographs.film.size import FilmAdvice
+    from periscopy_sim.photographs.film_size import FilmAdvice
+    from periscopy_sim.photographs.marks import WallPoints, WallTags
+    from periscopy_sim.photographs.prepare import Prepared
+    from periscopy_sim.photographs.sensor_image import SensorImage
+    from periscopy_sim.photographs.view_fit import FittedView
     from periscopy_sim.scenario import Scenario
 
 FILM_SIZES = (
@@ -49,13 +53,13 @@ def prepare(
         float,
         option(
             "VALUE",
-            "The camera's black level, taken off. Raw files tell theirs.",
+            "The camera's black level, subtracted. Raw files know theirs.",
             callback=arguments.not_nan,
         ),
     ] = 0.0,
     dark: Annotated[
         list[Path] | None,
-        option("FILE", "A photograph with the lens covered, taken off; repeatable, averaged."),
+        option("FILE", "A photograph with the lens covered, subtracted; repeatable, averaged."),
     ] = None,
     flat: Annotated[
         list[Path] | None,
@@ -120,61 +124,61 @@ def prepare(
     """
     from periscopy_sim.figures.display import save_png
     from periscopy_sim.figures.panels import enlarged
-    from periscopy_sim.photographs.film.size import advise
+    from periscopy_sim.photographs.film_size import advise
     from periscopy_sim.photographs.prepare import prepare as prepared_from
     from periscopy_sim.storage.formats.exr import write_exr
     from periscopy_sim.storage.pictures import write_png
+    from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
 
     arguments.require_suffix(out, ".exr", "the photograph")
     if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags both tell the view; give one of them")
-    patches = arguments.parse_size(hidden)
-    if min(patches) < 1:
+        raise PeriscopyError("--points and --tags both show the view; give one of them")
+    if min(patches := arguments.parse_size(hidden)) < 1:
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
-    times = None if exposures is None else _times(exposures, photos)
-    factor = None if bin_by is None else _factor(bin_by)
-    mask_file, preview = (out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
+    with fixable("--exposures"):
+        times = None if exposures is None else [float(each) for each in exposures.split(",")]
+    written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, find_scene(scene)
-    spare_inputs((out, mask_file, preview), given_files)
-    with (
-        staged_file(out) as staged,
-        staged_file(mask_file) as staged_mask,
-        staged_file(preview) as staged_preview,
-    ):
-        with progress("reading the scene and the photograph") as report:
+    spare_inputs(written, given_files)
+    with ExitStack() as stack:
+        staged = [stack.enter_context(staged_file(path)) for path in written]
+        with progress("reading the scene and the photograph"):
             scenario = inputs.load(scene, "1x1", define)
-            light, used = _developed(photos, black, dark, flat, white, times, mask, report)
-        marks = _marks(points, tags)
+            light, used = _developed(photos, black, dark, flat, white, times, mask)
+        on_wall = read_wall_points(points) if points else None
+        tags_on_wall = read_wall_tags(tags) if tags else None
         advice = advise(scenario, patches)
-        given: dict[str, str] = {}
-        if factor is not None:
-            given = _film_definitions(
-                scenario, _film(light, scenario, advice, factor, marks), define
-            )
-            more = [f"{name}={value}" for name, value in given.items()]
+        film: dict[str, str] = {}
+        if bin_by is not None:
+            shape = _film(light, scenario, advice, bin_by, on_wall or tags_on_wall)
+            film = _film_definitions(scenario, shape, define)
+            more = [f"{name}={value}" for name, value in film.items()]
             scenario = inputs.load(scene, "1x1", [*(define or []), *more])
         with progress("averaging its pixels"):
-            found = prepared_from(light, scenario, mask=used, **marks)
+            prepared = prepared_from(light, scenario, points=on_wall, tags=tags_on_wall, mask=used)
         shadowless = inputs.warn_without_shadows(scenario, scene)
-        for warning in found.warnings:
+        for warning in prepared.warnings:
             warn(f"{photos[0]}: {warning}")
-        record = {
-            "photographs": ", ".join(map(str, photos)),
+        text = as_text({
+            "photographs": _listed(photos),
             "photographs_sha256": ", ".join(map(_sha256, photos)),
             "black": black, "dark": _listed(dark), "flat": _listed(flat), "white": white,
             "exposures": exposures, "points": points, "tags": tags, "mask": mask, "bin": bin_by,
-            **view_record(found),
+            **_record(prepared),
             **inputs.provenance_of(scenario, None),
-        }  # fmt: skip
-        text = as_text(record)
-        write_exr(staged, found.values, text)
-        write_png(staged_mask, np.repeat(found.mask[..., np.newaxis], 3, axis=2), text)
-        save_png(staged_preview, enlarged(found.values), text=text)
-    tell_prepared(found, advice, light.size, casts=not shadowless)
-    say_written(out, mask_file, preview)
-    if given:
-        definitions = " ".join(f"-D {name}={value}" for name, value in given.items())
+        })  # fmt: skip
+        write_exr(staged[0], prepared.values, text)
+        write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
+        save_png(staged[2], enlarged(prepared.values), text=text)
+    for line in _lines(prepared, advice, light.size, casts=not shadowless):
+        say(line)
+    say_written(*written)
+    if film:
+        definitions = " ".join(f"-D {name}={value}" for name, value in film.items())
         say(f"the scene's film has this size with {definitions}: give it with every command")
+
+
+# -- reading -------------------------------------------------------------------------------------
 
 
 def _developed(
@@ -185,159 +189,33 @@ def _developed(
     white: float | None,
     times: Sequence[float] | None,
     mask: Path | None,
-    report: Any,
 ) -> tuple[SensorImage, inputs.Mask | None]:
     """Read the photographs, and make one picture of linear light of them."""
-    from periscopy_sim.photographs.developing.calibration_frames import (
-        black_level_doubt,
-        dark_frame_doubt,
-    )
-    from periscopy_sim.photographs.developing.develop import develop
-    from periscopy_sim.photographs.developing.exposures import average
-    from periscopy_sim.photographs.developing.sensor_image import mask_of_pixels
+    from periscopy_sim.photographs.develop import average, black_level_warning, develop
+    from periscopy_sim.photographs.sensor_image import mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 
-    for flag, frames in (("--dark", dark), ("--flat", flat)):
-        for frame, photo in product(frames or (), photos):
-            if _same_file(frame, photo):
-                raise PeriscopyError(f"{flag} {frame}: is the photograph itself; give another")
-    count = len(photos) + len(dark or ()) + len(flat or ())
-    done = 0
-
-    def taken(paths: Sequence[Path]) -> Iterator[SensorImage]:
-        nonlocal done
+    def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
         for path in paths:
             exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
             for warning in warnings:
                 warn(warning)
-            done += 1
-            report(done / count)
             yield exposure
 
-    offset = average(taken(dark), f"the dark frame {dark[-1]}") if dark else None
-    even = average(taken(flat), f"the flat field {flat[-1]}") if flat else None
-    first = next(iter(photographs := taken(photos)))
+    offset = average(pictures(dark), f"the dark frame {dark[-1]}") if dark else None
+    even = average(pictures(flat), f"the flat field {flat[-1]}") if flat else None
+    taken = pictures(photos)
+    first = next(taken)
     used = None if mask is None else read_mask(mask)
     on_photograph = None
     if used is not None and max(used.shape) >= max(first.size):  # smaller ones are the film's
         on_photograph = mask_of_pixels(used, first)
-
-    def all_of_them() -> Iterator[SensorImage]:
-        yield first
-        yield from photographs
-
-    light = develop(
-        all_of_them(), times=times, black=black, dark=offset, flat=even, mask=on_photograph
-    )
-    by = f"--black {black:g}" if black else f"--dark {_listed(dark)}" if dark else "the file"
-    if doubt := black_level_doubt(light, on_photograph, by):
-        warn(f"{photos[0]}: {doubt}")
-    if dark and offset is not None and (doubt := dark_frame_doubt(offset, first)):
-        warn(f"{_listed(dark)}: {doubt}")
+    every = chain([first], taken)
+    light = develop(every, times=times, black=black, dark=offset, flat=even, mask=on_photograph)
+    source = f"--black {black:g}" if black else f"--dark {_listed(dark)}" if dark else "the file"
+    if warning := black_level_warning(light, on_photograph, source):
+        warn(f"{photos[0]}: {warning}")
     return light, used
-
-
-def _marks(points: Path | None, tags: Path | None) -> dict[str, Any]:
-    from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
-
-    if points is not None:
-        return {"points": read_wall_points(points)}
-    return {} if tags is None else {"tags": read_wall_tags(tags)}
-
-
-def _times(text: str, photos: Sequence[Path]) -> list[float]:
-    """Read exposure times, as many as there are photographs."""
-    try:
-        times = [float(each) for each in text.split(",")]
-    except ValueError:
-        times = []
-    if len(times) != len(photos) or not all(0 < time < np.inf for time in times):
-        raise PeriscopyError(
-            f"--exposures '{text}': give {len(photos)} positive times separated by commas, one for "
-            "each photograph"
-        )
-    return times
-
-
-def _factor(text: str) -> int:
-    """Read the side of a block; 0 stands for auto."""
-    if text == "auto":
-        return 0
-    if not (text.isascii() and text.isdigit() and 0 < int(text) < 10**4):
-        raise PeriscopyError(f"--bin '{text}' is neither auto nor a whole number; write --bin 8")
-    return int(text)
-
-
-# -- the film's size -----------------------------------------------------------------------------
-
-
-def _film(
-    light: SensorImage,
-    scenario: Scenario,
-    advice: FilmAdvice,
-    factor: int,
-    marks: Mapping[str, Any],
-) -> tuple[int, int]:
-    """Return the (rows, columns) of the film that was asked for."""
-    from periscopy_sim.photographs.film.placing import place_film
-    from periscopy_sim.photographs.film.size import films_of_blocks, films_of_marks, films_of_shape
-
-    if marks:
-        own = scenario.photograph_shape
-        placed = place_film(light, scenario, **marks)
-        if not factor:
-            return advice.choose(films_of_marks(own, placed.coverage, placed.placement))
-        side = np.sqrt(placed.coverage)
-        return min(
-            films_of_shape(own, side), key=lambda each: abs(each[0] - own[0] * side / factor)
-        )
-    films = films_of_blocks(light.size)
-    if factor and factor not in films:
-        raise PeriscopyError(
-            f"--bin {factor}: blocks of that side do not fill {light.size[0]} x {light.size[1]} "
-            f"pixels; give one of {', '.join(map(str, films))}, or crop the photograph"
-        )
-    height, width = scenario.photograph_shape
-    if height * light.size[1] != width * light.size[0]:
-        raise PeriscopyError(
-            f"--bin: {light.size[0]} x {light.size[1]} pixels (rows x columns) have other "
-            f"proportions than the {height} x {width} of the scene's camera; let its film have "
-            "the photograph's"
-        )
-    return films[factor] if factor else advice.choose(list(films.values()))
-
-
-def _film_definitions(
-    scenario: Scenario, shape: tuple[int, int], define: list[str] | None
-) -> dict[str, str]:
-    """Return the values of the scene's <default>s that give its film a size of (rows, columns)."""
-    from periscopy_sim.rendering.scene.document import read_document
-
-    declared = read_document(scenario.path).defaults
-    chosen = arguments.parse_definitions(define)
-    for names in FILM_SIZES:
-        if set(names) <= declared.keys() and (len(names) == 2 or shape[0] == shape[1]):
-            if set(names) & chosen.keys():
-                raise PeriscopyError(
-                    f"--bin sets {' and '.join(names)}, which -D sets, too; leave one of them out"
-                )
-            return dict(zip(names, map(str, shape), strict=False))
-    raise PeriscopyError(
-        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; write <default "
-        'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
-        "its film"
-    )
-
-
-def _same_file(first: Path, second: Path) -> bool:
-    """Return whether two files are one, or hold the same bytes."""
-    try:
-        return first.samefile(second) or (
-            first.stat().st_size == second.stat().st_size
-            and first.read_bytes() == second.read_bytes()
-        )
-    except OSError:  # what cannot be read is told where it is read
-        return False
 
 
 def _listed(paths: Sequence[Path] | None) -> str | None:
@@ -347,3 +225,136 @@ def _listed(paths: Sequence[Path] | None) -> str | None:
 def _sha256(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+# -- the film's size -----------------------------------------------------------------------------
+
+
+def _film(
+    light: SensorImage,
+    scenario: Scenario,
+    advice: FilmAdvice,
+    by: str,
+    marks: WallPoints | WallTags | None,
+) -> tuple[int, int]:
+    """Return the (rows, columns) of the film for --bin: auto, or the side of a block."""
+    from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
+    from periscopy_sim.photographs.placing import place_film
+
+    factor = int(by) if by.isascii() and by.isdigit() else 0
+    if by != "auto" and not 0 < factor < 10**4:
+        raise PeriscopyError(f"--bin '{by}' is neither auto nor a whole number; write --bin 8")
+    rows, columns = scenario.photograph_shape
+    if marks is not None:
+        placed = place_film(light, scenario, marks)
+        side = np.sqrt(placed.coverage)
+        if by == "auto":
+            return advice.choose(films_of_marks((rows, columns), placed.coverage, placed.placement))
+        films = films_of_shape((rows, columns), side)
+        return min(films, key=lambda film: abs(film[0] - rows * side / factor))
+    sizes = films_of_blocks(light.size)
+    if (factor and factor not in sizes) or rows * light.size[1] != columns * light.size[0]:
+        raise PeriscopyError(
+            f"--bin: {light.size[0]} x {light.size[1]} pixels (rows x columns) are no film of the "
+            f"proportions of {rows} x {columns}, the scene's, by blocks with a side of one of "
+            f"{', '.join(map(str, sizes))}; crop the photograph, or change the scene's film"
+        )
+    return sizes[factor] if factor else advice.choose(list(sizes.values()))
+
+
+def _film_definitions(
+    scenario: Scenario, shape: tuple[int, int], define: list[str] | None
+) -> dict[str, str]:
+    """Return the values of the scene's <default>s that give its film a size of (rows, columns)."""
+    from periscopy_sim.rendering.scene.document import read_document
+
+    declared = read_document(scenario.path).defaults.keys()
+    for names in FILM_SIZES:
+        if set(names) <= declared and (len(names) == 2 or shape[0] == shape[1]):
+            if set(names) & arguments.parse_definitions(define).keys():
+                raise PeriscopyError(f"--bin and -D both set {' and '.join(names)}; give one")
+            return dict(zip(names, map(str, shape), strict=False))
+    raise PeriscopyError(
+        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; write <default "
+        'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
+        "its film"
+    )
+
+
+# -- the report ----------------------------------------------------------------------------------
+
+
+def _lines(
+    prepared: Prepared, advice: FilmAdvice, size: tuple[int, int], *, casts: bool
+) -> Iterator[str]:
+    """Yield how well the view is known, what was left out, and which film the shadows need."""
+    from periscopy_sim.photographs.film_size import PIXELS_IN_STEP, films_of_marks
+    from periscopy_sim.photographs.resampling import Flaw
+
+    shape = prepared.mask.shape[0], prepared.mask.shape[1]
+    if (fit := prepared.view) is not None:
+        pixel = 1e3 * advice.pixel * advice.shape[0] / shape[0]
+        yield (
+            f"{len(fit.marks)} marks {_fit(fit)}; they place the scene's pixels to "
+            f"{prepared.placement:.2f} of one ({pixel * prepared.placement:.2g} mm on the wall) "
+            "where it is worst"
+        )
+    notes = [f"{prepared.coverage:.3g} in each"]
+    if prepared.defects:
+        notes.append(f"without {prepared.defects} dead or hot ones")
+    rest = ~prepared.mask  # each pixel counts once
+    for flaw, reason in (
+        (Flaw.OUTSIDE, "outside of the photograph"), (Flaw.MASKED, "by the mask"),
+        (Flaw.TAG, "beneath tags"), (Flaw.SATURATED, "saturated"),
+        (Flaw.SPARSE, "mostly dead or hot"),
+    ):  # fmt: skip
+        pixels = rest & ((prepared.flaws & flaw) != 0)
+        if pixels.any():
+            notes.append(f"left out {np.count_nonzero(pixels)} {reason}")
+        rest &= ~pixels
+    yield f"{size[0]}x{size[1]} pixels averaged to {shape[0]}x{shape[1]}: {', '.join(notes)}"
+
+    film = f"A takes {4 * shape[0] * shape[1] * advice.patches / 1e6:.3g} MB"
+    film += "" if advice.fits(shape) else ", too much here"
+    if advice.step is None:
+        yield f"film: {'no mesh casts the shadows; ' if casts else ''}{film}"
+        return
+    pixels_in_step = advice.pixels_in_step(shape)
+    finer = films_of_marks(shape, prepared.coverage, prepared.placement)
+    if not advice.fits(shape) or pixels_in_step >= 2 * PIXELS_IN_STEP:
+        film += "; coarser would do: --bin auto"
+    elif pixels_in_step < PIXELS_IN_STEP and advice.choose(finer) > shape:
+        film += "; finer may show more: --bin auto"
+    yield (
+        f"film: {pixels_in_step:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm "
+        f"from patch to patch); {film}"
+    )
+
+
+def _fit(view: FittedView) -> str:
+    """Return how well a view fits its marks, in words."""
+    if not view.freedom:
+        return "are as many as the view needs: nothing checks them"
+    lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
+    return (
+        f"fit to {view.rms:.2f} pixels of the photograph ({1e3 * view.rms_on_wall:.2g} mm on the "
+        f"wall) rms{lens}"
+    )
+
+
+def _record(prepared: Prepared) -> dict[str, Any]:
+    """Return the metadata about the view and the pixels left out."""
+    record: dict[str, Any] = {
+        "pixels_left_out": int(np.count_nonzero(~prepared.mask)),
+        "defects_left_out": prepared.defects,
+        "coverage": prepared.coverage,
+    }
+    if (fit := prepared.view) is not None:
+        record |= {
+            "view_placement": prepared.placement,
+            "view_residual_pixels": fit.rms,
+            "view_residual_metres": fit.rms_on_wall,
+            "view_distortion": " ".join(map(repr, fit.view.distortion)) or "none",
+            "view_homography": " ".join(map(repr, fit.view.homography.ravel().tolist())),
+        }
+    return record

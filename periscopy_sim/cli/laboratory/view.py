@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from periscopy_sim.cli import arguments, inputs
-from periscopy_sim.cli.arguments import option, parse_definitions
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.laboratory.viewed import write_view
+from periscopy_sim.cli.options import option, parse_definitions
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
@@ -35,8 +36,8 @@ def view(
         Path | None,
         typer.Argument(
             metavar="PHOTO",
-            help="A photograph, as reconstruct takes it: the page then shows what the scene leaves "
-            "of it. Without one, photographs are synthetic.",
+            help="A photograph, as reconstruct takes it: the page then shows its residual. Without "
+            "one, photographs are synthetic.",
         ),
     ] = None,
     out: Annotated[
@@ -67,7 +68,8 @@ def view(
     ] = DEFAULT,
     mask: arguments.MaskOption = None,
     host: Annotated[
-        str, option("ADDRESS", "Where to listen; 0.0.0.0 lets other computers look and set.")
+        str,
+        option("ADDRESS", "Where to listen; 0.0.0.0 lets all who know the address look and set."),
     ] = HERE,
     port: Annotated[
         int, option("NUMBER", "The port; 0 takes a free one.", min=0, max=65535)
@@ -76,16 +78,17 @@ def view(
 ) -> None:
     """Move a laboratory by hand, in the browser.
 
-    Its scene stands there in 3-D, with handles and sliders for what its <default>s declare.
-    Photograph, reconstruction and standard error follow. Ctrl-C ends it.
+    The page shows the scene in 3-D, with handles and sliders for the numbers among its <default>s.
+    Photograph, reconstruction and standard error follow. Ctrl-C ends the command.
     """
     require("viser")
     _check_place(out)
     given = parse_definitions(define)
-    first = Choice({}, _first_image(image, photo), ambient or "", sbr, snr, method)
+    image = image or (IMAGE if photo is None else "")
+    first = Choice({}, image, ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
         # Takes seconds, in which a user would see nothing.
-        from periscopy_sim.live.session import Session
+        from periscopy_sim.live.session import LiveSession
 
         _check(first, photo)
         scenario = inputs.load(scene, hidden, define)
@@ -97,9 +100,9 @@ def view(
             write_view(out, pictures, given, photo)
             return f"wrote {out}"
 
-        session = Session(scenario, first, _offered(), save, shot=shot, host=host, port=port)
+        session = LiveSession(scenario, first, _offered(), save, shot=shot, host=host, port=port)
     with session:
-        say(f"http://{host}:{session.page.port} shows {scenario.path.name}; Ctrl-C ends it")
+        say(f"{session.page.gate.url} shows {scenario.path.name}; Ctrl-C ends it")
         try:
             session.run()
         except KeyboardInterrupt:
@@ -111,18 +114,13 @@ class _Tried(Exception):  # noqa: N818  nothing is wrong
 
 
 def _check_place(out: Path) -> None:
-    """Refuse a folder that the page's button could not write; nothing is left of the trial."""
+    """Reject a folder that the page's button could not write; the trial leaves nothing."""
     with suppress(_Tried), staged_folder(out):
         raise _Tried
 
 
-def _first_image(image: str | None, photo: Path | None) -> str:
-    """Return what the monitor shows at first; nothing is known of a photograph."""
-    return image or (IMAGE if photo is None else "")
-
-
 def _check(first: Choice, photo: Path | None) -> None:
-    """Refuse what can be refused before anything is loaded."""
+    """Reject a wrong method or place before anything is loaded."""
     from periscopy_sim.evaluation.methods import find_method
     from periscopy_sim.storage.ambient_library import find_condition
 
@@ -134,7 +132,7 @@ def _check(first: Choice, photo: Path | None) -> None:
 
 
 def _shot(photo: Path | None, scenario: Scenario, used: inputs.Mask | None) -> Shot | None:
-    """Read the photograph, and leave out what measures no light of the wall."""
+    """Read the photograph, and mask its defects."""
     from periscopy_sim.live.level import Shot
 
     if photo is None:

@@ -1,10 +1,10 @@
-"""What a drawing of a laboratory shows, and how its things are named and measured."""
+"""The things that a drawing of a laboratory shows, their names and their measures."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 
@@ -15,18 +15,17 @@ from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.scenario import Array, Scenario
 
 FARTHEST = 1.0
-"""Times the size of camera, monitor and view: what reaches farther from their middle (a floor, a
-room) is drawn where it is in sight."""
+"""Times the size of camera, monitor and view: things that reach farther from their middle (a floor,
+a room) are drawn as far as they are in sight."""
 
 COVERING = 0.15
-"""Part of a panel: what covers more is drawn as its ground."""
+"""Fraction of a panel; a thing that covers more is drawn as its ground."""
 
 PANELS = (0, 1), (1, 2)
 """Axes of the plan and the side view, by their places in `WorldAxes`."""
 
-MOST_TOLD, CHARACTERS = 5, 138
-"""Occluders whose distances are told, and characters of a line."""
-
+MOST_LISTED, CHARACTERS = 5, 138
+"""Occluders whose distances are listed, and characters of a line."""
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
@@ -47,7 +46,7 @@ class WorldAxes:
 
 
 def world_axes(scenario: Scenario, survey: Survey) -> WorldAxes:
-    """Take the world's axes; depth is the horizontal one along which the wall is faced.
+    """Return the world's axes; depth is the horizontal axis along which one faces the wall.
 
     A wall that lies more than it stands is a `SceneError`.
     """
@@ -58,22 +57,17 @@ def world_axes(scenario: Scenario, survey: Survey) -> WorldAxes:
             f"scene '{scenario.path}': its wall lies; only one that stands (z up) can be drawn"
         )
     rightwards = (survey.view_points[1] - survey.view_points[0])[1 - depth]
-    return WorldAxes(
-        (1 - depth, depth, 2), (1 if rightwards >= 0 else -1, 1 if ahead[depth] >= 0 else -1, 1)
-    )
+    signs = (1 if rightwards >= 0 else -1, 1 if ahead[depth] >= 0 else -1, 1)
+    return WorldAxes((1 - depth, depth, 2), signs)
 
 
 def drawn_box(survey: Survey) -> tuple[Array, Array]:
-    """Return the box of what is to be drawn, with a margin."""
+    """Return the low and the high corner of the drawing, with a margin."""
     core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
-    size = float(np.max(np.ptp(core, axis=0)))
+    reach = FARTHEST * float(np.max(np.ptp(core, axis=0)))
     middle = (core.min(axis=0) + core.max(axis=0)) / 2
-    kept = [
-        solid.points
-        for solid in survey.solids
-        if np.abs(solid.points - middle).max() < FARTHEST * size
-    ]
-    points = np.concatenate([core, *kept])
+    near = [s.points for s in survey.solids if np.abs(s.points - middle).max() < reach]
+    points = np.concatenate([core, *near])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.09 * float(np.max(high - low))
     return low - margin, high + margin
@@ -85,101 +79,91 @@ def standing(survey: Survey, axes: WorldAxes, shown: Sequence[tuple[int, int]]) 
     A panel shows two of the axes, by their places in `WorldAxes`.
     """
     low, high = drawn_box(survey)
-    found = []
-    for solid in survey.solids:
-        inside = np.minimum(solid.points.max(axis=0), high)
-        inside = np.maximum(inside - np.maximum(solid.points.min(axis=0), low), 0) / (high - low)
-        if all(inside[axes.axes[h]] * inside[axes.axes[v]] < COVERING for h, v in shown):
-            found.append(solid)
-    return found
+
+    def is_small(solid: Solid) -> bool:
+        ends = np.clip([solid.points.min(axis=0), solid.points.max(axis=0)], low, high)
+        inside = (ends[1] - ends[0]) / (high - low)
+        return all(inside[axes.axes[h]] * inside[axes.axes[v]] < COVERING for h, v in shown)
+
+    return list(filter(is_small, survey.solids))
 
 
-def groups_of(solids: Sequence[Solid]) -> dict[str, Array]:
-    """Return points of the solids by name; those whose names share their first words are one."""
-    names = [solid.name for solid in solids]
-    stems = [[name[: end.start()] for end in re.finditer("_", name)] for name in names]
-    count = Counter(stem for each in stems for stem in each)
+def groups_of(solids: Iterable[Solid]) -> dict[str, Array]:
+    """Return points of the solids by name; solids whose names share their first words are one."""
+    points = {solid.name: solid.points for solid in solids}
+    stems = {n: [n[: end.start()] for end in re.finditer("_", n)] for n in points}
+    count = Counter(stem for each in stems.values() for stem in each)
     groups: dict[str, list[Array]] = {}
-    for solid, each in zip(solids, stems, strict=True):
-        shared = (stem for stem in each if count[stem] > 1 and stem not in names)
-        groups.setdefault(next(shared, solid.name), []).append(solid.points)
-    return {name: np.concatenate(points) for name, points in groups.items()}
+    for name, each in stems.items():
+        shared = (stem for stem in each if count[stem] > 1 and stem not in points)
+        groups.setdefault(next(shared, name), []).append(points[name])
+    return {name: np.concatenate(parts) for name, parts in groups.items()}
 
 
 def facts(scenario: Scenario, survey: Survey) -> list[str]:
     """Return lines of distances and sizes."""
     normal = scenario.wall_normals.mean(axis=0)
     normal /= np.linalg.norm(normal)
-    middle = survey.view_points[4]
-    corners = survey.view_points[:4]
-    wide = (np.linalg.norm(corners[1] - corners[0]) + np.linalg.norm(corners[2] - corners[3])) / 2
-    high = (np.linalg.norm(corners[3] - corners[0]) + np.linalg.norm(corners[2] - corners[1])) / 2
+    corners, middle = survey.view_points[:4], survey.view_points[4]
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sight = survey.view_origins[4] - middle
     away = float(np.linalg.norm(sight))
     slant = np.degrees(np.arccos(np.clip(sight @ normal / away, -1, 1)))
     aim = "" if survey.parallel else f" ({turn_and_tilt(-sight, -normal)})"
-    across, up = _monitor_size(scenario)
+    where = f"{in_words(away)} from the wall along its line of sight"
+    if survey.parallel:
+        where = "parallel rays, as of a picture that was brought to the wall's own rectangle"
+    rows, columns = scenario.hidden_shape
+    across = columns * np.linalg.norm(scenario.patch_across, axis=1).mean()
+    up = rows * np.linalg.norm(scenario.patch_up, axis=1).mean()
     before = float((scenario.patch_centers.mean(axis=0) - middle) @ normal)
     facing = turn_and_tilt(scenario.patch_normals.mean(axis=0), -normal)
-    where = (
-        "parallel rays, as of a picture that was brought to the wall's own rectangle"
-        if survey.parallel
-        else f"{in_words(away)} from the wall along its line of sight"
-    )
-    seen = f"{in_words(float(wide))} x {in_words(float(high))}"
     lines = [
-        f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees {seen} of it.",
+        f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees "
+        f"{in_words((sides[0] + sides[2]) / 2)} x {in_words((sides[1] + sides[3]) / 2)} of it.",
         f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} before the wall, "
         f"{facing} from facing it squarely.",
         "Turns are counterclockwise as seen from above, tilts upwards; negative the other way.",
     ]
-    told = []
     frame = world_axes(scenario, survey)
     solids = standing(survey, frame, PANELS)
+    distances = []
     for name, points in groups_of(solids).items():
         heights = (points - middle) @ normal
         distance = float(heights.min() + heights.max()) / 2
         if 0 < distance < before:
             stretch = distance / (before - distance)
             penumbra = f"{in_words(across * stretch, 2)} x {in_words(up * stretch, 2)}"
-            told.append(f"{name} {in_words(distance)} ({penumbra})".replace(" ", NO_BREAK))
-    if told:
-        shown = ", ".join(told[:MOST_TOLD]) + (", ..." if told[MOST_TOLD:] else "")
-        lines.append(
-            "Middles before the wall (and how wide an edge's penumbra is from there, across x up): "
-            f"{shown}."
-        )
+            distances.append(f"{name} {in_words(distance)} ({penumbra})")
+    solids += [solid for solid in survey.solids if solid not in solids]
     sizes = [
-        f"{name} {' x '.join(map(in_words, np.ptp(points, axis=0)[list(frame.axes)]))}".replace(
-            " ", NO_BREAK
-        )
-        for name, points in groups_of(
-            [*solids, *(s for s in survey.solids if s not in solids)]
-        ).items()
+        f"{name} {' x '.join(map(in_words, np.ptp(points, axis=0)[list(frame.axes)]))}"
+        for name, points in groups_of(solids).items()
     ]
-    if sizes:
-        shown = ", ".join(sizes[:MOST_TOLD]) + (", ..." if sizes[MOST_TOLD:] else "")
-        axes = ", ".join("xyz"[axis] for axis in frame.axes)
-        lines.append(f"Extents along {axes}: {shown}.")
+    axes = ", ".join("xyz"[axis] for axis in frame.axes)
+    for title, items in (
+        (
+            "Middles before the wall (and how wide an edge's penumbra is from there, across x up)",
+            distances,
+        ),
+        (f"Extents along {axes}", sizes),
+    ):
+        if items:
+            listed = ", ".join(item.replace(" ", NO_BREAK) for item in items[:MOST_LISTED])
+            lines.append(f"{title}: {listed}{', ...' if items[MOST_LISTED:] else ''}.")
     return [line for long in lines for line in wrap(long, CHARACTERS)]
 
 
-def _monitor_size(scenario: Scenario) -> tuple[float, float]:
-    rows, columns = scenario.hidden_shape
-    across = np.linalg.norm(scenario.patch_across, axis=1).mean() * columns
-    return float(across), float(np.linalg.norm(scenario.patch_up, axis=1).mean() * rows)
-
-
 def turn_and_tilt(direction: Array, ahead: Array) -> str:
-    """Return by which angles a direction is turned and tilted from another, in words.
+    """Return the angles by which a direction is turned and tilted from another, in words.
 
     The turn is about the vertical, counterclockwise from above, the tilt upwards from there.
     """
     turn = np.arctan2(direction[1], direction[0]) - np.arctan2(ahead[1], ahead[0])
     tilts = [np.arctan2(each[2], np.hypot(each[0], each[1])) for each in (direction, ahead)]
-    turned = (np.degrees(turn) + 180) % 360 - 180
-    told = [round(float(each), 1) + 0.0 for each in (turned, np.degrees(tilts[0] - tilts[1]))]
-    return f"turned {told[0]:g}°, tilted {told[1]:g}°"
+    angles = (np.degrees(turn) + 180) % 360 - 180, np.degrees(tilts[0] - tilts[1])
+    turned, tilted = (round(float(angle), 1) + 0.0 for angle in angles)
+    return f"turned {turned:g}°, tilted {tilted:g}°"
 
 
 def in_words(length: float, digits: int = 3) -> str:
@@ -196,15 +180,11 @@ def hull(points: Array) -> Array:
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
-        return points[list(extremes(points))]
+        return extremes(points)
 
 
-def extremes(points: Array) -> tuple[int, int]:
-    """Return which two of points in a plane lie farthest out, where they reach farthest."""
-    along = (points - points.mean(axis=0)) @ _direction(points)
-    return int(np.argmin(along)), int(np.argmax(along))
-
-
-def _direction(points: Array) -> Array:
+def extremes(points: Array) -> Array:
+    """Return the two of points in a plane, (n, 2), that lie farthest out along their length."""
     values, axes = np.linalg.eigh(np.cov(points.T))
-    return np.asarray(axes[:, np.argmax(values)])
+    along = (points - points.mean(axis=0)) @ axes[:, np.argmax(values)]
+    return np.asarray(points[[np.argmin(along), np.argmax(along)]])

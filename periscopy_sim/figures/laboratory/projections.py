@@ -33,18 +33,19 @@ LINES = (
     "Dotted: where shadows begin on the wall; solid: where all of the monitor is hidden; dashed: "
     "rays from its ends past occluders."
 )
-"""What the lines mean that have no label."""
+"""Meaning of the lines without a label."""
 
 DARKEST = -0.5
 """Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
 
 
 def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
-    """Show how much of the monitor each point of the wall sees, and what the camera sees of it."""
+    """Show how much of the monitor each point of the wall sees, and the camera's view."""
     from matplotlib.patches import Polygon
 
     h, v = frame.axes[0], frame.axes[2]
-    (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
+    limits = ax.get_xlim(), ax.get_ylim()
+    (left, right), (bottom, top) = map(sorted, limits)
     columns = GRID[is_vectorized()]
     x = np.linspace(left, right, columns)
     z = np.linspace(bottom, top, max(2, round(columns * (top - bottom) / (right - left))))
@@ -57,24 +58,21 @@ def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> 
         ax.contour(x, z, share, levels=[0.02], colors="black", linewidths=0.8)
         ax.contour(x, z, share, levels=[0.98], colors="black", linewidths=0.6, linestyles=":")
     labels = Labels(ax)
-    for points, colour, text in (
-        (survey.view_points[:4], VIEWED, "seen by the camera"),
-        (hull(survey.monitor_points[:, [h, v]]), MONITOR, "monitor"),
+    for outline, colour, style, text in (
+        (survey.view_points[:4][:, [h, v]], VIEWED, "-", "seen by the camera"),
+        (hull(survey.monitor_points[:, [h, v]]), MONITOR, "--", "monitor"),
     ):
-        outline = points[:, [h, v]] if points.shape[1] == 3 else points
-        style = "-" if colour == VIEWED else "--"
         ax.add_patch(Polygon(outline, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style))
         labels.avoid_line(np.concatenate([outline, outline[:1]]))
         labels.add(text, outline, colour, hollow=True)
-    ax.set_xlim(*((left, right) if frame.signs[0] > 0 else (right, left)))
-    ax.set_ylim(bottom, top)
+    ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
 def draw_projection(
     ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes, shown: tuple[int, int]
 ) -> None:
-    """Draw everything onto two axes: the camera and what it sees, monitor, occluders, shadows."""
+    """Draw everything onto two axes: camera and view, monitor, occluders, shadows."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Polygon
 
@@ -84,22 +82,17 @@ def draw_projection(
     middle, eye = survey.view_points[4], survey.view_origins[4]
     cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
     ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
-    seen = survey.view_points[:4][:, [h, v]]
     _draw_wall_line(ax, labels, scenario, survey, frame, shown)
-    ax.plot(
-        *seen[list(extremes(seen))].T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4
-    )
+    seen = extremes(survey.view_points[:4][:, [h, v]])
+    ax.plot(*seen.T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4)
     upright = standing(survey, frame, [shown])
     _draw_shadow_rays(ax, standing(survey, frame, PANELS), survey, scenario, (h, v))
     for solid in survey.solids:
-        stands = solid in upright
-        if solid.faces is None:
-            outlines = [hull(solid.points[:, [h, v]])]
-        else:
-            outlines = list(solid.points[:, [h, v]][solid.faces])
-        colour = OCCLUDER if stands else GROUND
+        corners = solid.points[:, [h, v]]
+        outlines = [hull(corners)] if solid.faces is None else list(corners[solid.faces])
+        colour, depth = (OCCLUDER, 5.0) if solid in upright else (GROUND, 0.5)
         look: dict[str, Any] = {"facecolor": colour, "edgecolor": colour, "linewidth": 0.4}
-        ax.add_collection(PolyCollection(outlines, zorder=5 if stands else 0.5, **look))
+        ax.add_collection(PolyCollection(outlines, zorder=depth, **look))
     for name, points in groups_of(upright).items():
         labels.add(name, points[:, [h, v]], "black")
     monitor = hull(survey.monitor_points[:, [h, v]])
@@ -107,22 +100,24 @@ def draw_projection(
     labels.add("monitor", monitor, MONITOR)
     size = 0.05 * float(np.ptp(limits[0]) + np.ptp(limits[1]))
     screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
-    labels.avoid_line(_arrow(ax, screen, facing, size, (h, v), MONITOR))
-    normal = scenario.wall_normals.mean(axis=0)
-    labels.avoid_line(_arrow(ax, middle, normal, size, (h, v), "0.45"))
+    normal, sight = scenario.wall_normals.mean(axis=0), middle - eye
+    shortened = min(1.0, size / float(np.linalg.norm(sight))) * sight
+    for start, direction, colour in (
+        (screen, size * facing, MONITOR), (middle, size * normal, "0.45"), (eye, shortened, VIEWED)
+    ):  # fmt: skip
+        ends = np.stack([start, start + direction])[:, [h, v]]
+        arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", ends[1], ends[0], arrowprops=arrow, zorder=7, annotation_clip=False)
+        labels.avoid_line(ends)
     labels.add("normal", (middle + size * normal)[None, [h, v]], "0.45")
-    sight = middle - eye
-    short = min(1.0, size / float(np.linalg.norm(sight)))
-    labels.avoid_line(_arrow(ax, eye, sight, short, (h, v), VIEWED))
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
-    labels.avoid_line(seen[list(extremes(seen))])
+    labels.avoid_line(seen)
     if shown == (0, 1):
         _draw_scale_bar(ax)
     else:
         _draw_distances(ax, scenario, survey, frame)
-    ax.set_xlim(limits[0])
-    ax.set_ylim(limits[1])
+    ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
@@ -134,30 +129,28 @@ def _draw_wall_line(
     frame: WorldAxes,
     shown: tuple[int, int],
 ) -> None:
-    """Draw the wall as a strip, as dark as it is at the height (or place) of the view's middle."""
-    k = 0 if shown == (0, 1) else 2  # the axis along the wall
-    axis, depth = frame.axes[k], frame.axes[1]
-    middle = survey.view_points[4]
-    ends = ax.get_xlim() if k == 0 else ax.get_ylim()
-    along = np.linspace(min(ends), max(ends), 3 * GRID[is_vectorized()])
-    fixed = np.array([middle[frame.axes[2 - k]]])
-    x, z = (along, fixed) if k == 0 else (fixed, along)
-    share = _share(scenario, survey, frame, x, z).ravel()
-    normal = scenario.wall_normals.mean(axis=0)
-    plane = middle[depth] - (along - middle[axis]) * normal[axis] / normal[depth]
-    thick = 0.05 * float(np.ptp(ax.get_ylim() if k == 0 else ax.get_xlim())) * frame.signs[1]
-    near = np.stack([along, plane], axis=1)
-    far = np.stack([along, plane + thick], axis=1)
-    order = [0, 1] if k == 0 else [1, 0]
+    """Draw the wall as a strip, shaded as at the height (or place) of the view's middle."""
     from matplotlib.collections import PolyCollection
 
+    k = 0 if shown == (0, 1) else 2  # the axis along the wall
+    axis, depth = frame.axes[k], frame.axes[1]
+    order = [0, 1] if k == 0 else [1, 0]
+    middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
+    ends, others = (ax.get_xlim(), ax.get_ylim())[:: 1 if k == 0 else -1]
+    along = np.linspace(min(ends), max(ends), 3 * GRID[is_vectorized()])
+    fixed = np.array([middle[frame.axes[2 - k]]])
+    share = _share(scenario, survey, frame, *((along, fixed)[:: 1 if k == 0 else -1])).ravel()
+    plane = middle[depth] - (along - middle[axis]) * normal[axis] / normal[depth]
+    near = np.stack([along, plane], axis=1)
+    far = near + np.array([0, 0.05 * float(np.ptp(others)) * frame.signs[1]])
     pieces = np.stack([near[:-1], near[1:], far[1:], far[:-1]], axis=1)[..., order]
     grey = ((share[:-1] - DARKEST) / (1 - DARKEST)).astype(str)
     look: dict[str, Any] = {"facecolors": grey, "edgecolors": grey, "linewidths": 0.5}
     ax.add_collection(PolyCollection(list(pieces), zorder=2, **look))
     line = near[:, order]
     ax.plot(*line.T, color="black", linewidth=0.8, zorder=3)
-    tenths = np.array_split(line, 10)  # the label stands by one where the camera does not look
+    # The label stands by the end where the camera does not look.
+    tenths = np.array_split(line, 10)
     left = k == 0 and middle[axis] > along.mean()
     labels.add("wall", tenths[0 if left else -1], "black")
     labels.avoid_line(line[[0, -1]])
@@ -181,21 +174,15 @@ def _draw_shadow_rays(
     ax: Any, solids: Sequence[Solid], survey: Survey, scenario: Scenario, axes: tuple[int, int]
 ) -> None:
     """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
-    h, v = axes
     middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
-    if not solids:
-        return
-    points = np.concatenate([solid.points for solid in solids])
-    before = (survey.monitor_points - middle) @ normal
+    points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in solids)])
+    before = ((survey.monitor_points - middle) @ normal).min()
     height = (points - middle) @ normal
-    points = points[(height > 1e-3) & (height < before.min() - 1e-3)]
-    flat = survey.monitor_points[:, [h, v]]
-    ends = flat[list(extremes(flat))]
-    wall, facing = middle[[h, v]], normal[[h, v]]
-    for end in ends:
-        to = points[:, [h, v]] - end
-        reach = (wall - end) @ facing / (to @ facing)
-        hits = end + reach[:, None] * to
+    points = points[(height > 1e-3) & (height < before - 1e-3)][:, axes]
+    wall, facing = middle[[*axes]], normal[[*axes]]
+    for end in extremes(survey.monitor_points[:, axes]):
+        to = points - end
+        hits = end + ((wall - end) @ facing / (to @ facing))[:, None] * to
         along = hits @ np.array([-facing[1], facing[0]])
         for extreme in (np.argmin(along), np.argmax(along)) if len(along) else ():
             ray = np.stack([end, hits[extreme]])
@@ -209,7 +196,7 @@ def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxe
     bottom, top = ax.get_ylim()
     groups = groups_of(standing(survey, frame, PANELS)).values()
     between = sorted({round(float(points.mean(axis=0)[depth]), 2) for points in groups})
-    inside = [at for at in between if min(monitor, wall) + 0.02 < at < max(monitor, wall) - 0.02]
+    inside = [y for y in between if min(monitor, wall) + 0.02 < y < max(monitor, wall) - 0.02]
     stops = [monitor, *(inside if len(inside) < 3 else [float(np.mean(inside))]), wall]
     level = bottom + 0.07 * (top - bottom)
     for start, end in pairwise(stops):
@@ -226,27 +213,13 @@ def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxe
 
 def _draw_scale_bar(ax: Any) -> None:
     """Draw a bar of a round length in the lower right corner."""
-    wide, tall = abs(np.ptp(ax.get_xlim())), float(np.diff(ax.get_ylim())[0])
-    length = max(n for n in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if n < 0.3 * wide)
-    right = max if ax.get_xlim()[1] > ax.get_xlim()[0] else min
-    end = right(ax.get_xlim()) - 0.04 * np.ptp(ax.get_xlim())
-    level = ax.get_ylim()[0] + 0.04 * tall
-    ends = [end - np.sign(np.ptp(ax.get_xlim())) * length, end]
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    wide = right - left
+    length = max(n for n in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if n < 0.3 * abs(wide))
+    end, level = right - 0.04 * wide, bottom + 0.04 * (top - bottom)
+    ends = [end - np.sign(wide) * length, end]
     ax.plot(ends, [level, level], color="black", linewidth=3, solid_capstyle="butt", zorder=6)
     ax.text(
-        float(np.mean(ends)), level + 0.015 * tall, in_words(length), fontsize=7, ha="center",
-        va="bottom", zorder=7,
+        float(np.mean(ends)), level + 0.015 * (top - bottom), in_words(length), fontsize=7,
+        ha="center", va="bottom", zorder=7,
     )  # fmt: skip
-
-
-def _arrow(
-    ax: Any, start: Array, direction: Array, size: float, axes: tuple[int, int], colour: str
-) -> Array:
-    """Draw an arrow; return its two ends."""
-    tip = (start + size * direction)[list(axes)]
-    ax.annotate(
-        "", tip, start[list(axes)],
-        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1, "shrinkA": 0, "shrinkB": 0},
-        zorder=7, annotation_clip=False,
-    )  # fmt: skip
-    return np.stack([start[list(axes)], tip])

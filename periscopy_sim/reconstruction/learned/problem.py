@@ -1,4 +1,4 @@
-"""What the learned method takes of a photograph from the noise-aware method."""
+"""The problem that the network solves: a photograph's evidence by the noise-aware method."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEAST_ERROR = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A photograph as the network sees it, images over their `scale`; see `network.Problems`."""
+    """A photograph as the network takes it, images over their `scale`; see `Problems`."""
 
     axes: Single  # (3, 3)
     data: Single  # (3, N)

@@ -1,8 +1,8 @@
 """The noise-aware image, refined by a network that has learned from rendered photographs.
 
-The noise-aware method finds the image, the noise, a gain over the wall and ambient light beyond
-range(B). A network (`weights.NETWORKS`) then takes the same evidence: what it adds is what hidden
-images look like. It sees no pixel of the photograph, the coefficients alone.
+The noise-aware method estimates the image, the noise, a gain over the wall and ambient light beyond
+range(B). The unrolled network then takes the same evidence and adds what hidden images look like.
+The network takes the photograph's coefficients, no pixels.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
-from periscopy_sim.reconstruction.learned.weights import NETWORKS, read_weights, shipped
+from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
 from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
 from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
@@ -40,8 +40,8 @@ class Learned(NoiseAware):
     Parameters
     ----------
     weights
-        Of the network: ``"unrolled"``, ``"unet"`` or ``"plug-and-play"``, which ship with the
-        package, or a file that `experiments.learned.train` wrote.
+        Of the network: ``"unrolled"``, which ship with the package, or a file that
+        `experiments.learned.train` wrote.
 
     Raises
     ------
@@ -57,18 +57,18 @@ class Learned(NoiseAware):
         B: Image | None = None,
         *,
         hidden_shape: tuple[int, int],
-        weights: str | Path = "unrolled",
+        weights: str | Path = NETWORK,
         **settings: Any,
     ) -> None:
-        file = shipped(str(weights)) if weights in NETWORKS else Path(weights)
+        file = SHIPPED if weights == NETWORK else Path(weights)
         read = read_weights(file)
         read.check_size(hidden_shape, file)
         if settings.get("uncertain") is not None:
-            raise ValueError(f"{read.network} knows no uncertain scenes: take noise-aware")
+            raise ValueError(f"{NETWORK} knows no uncertain scenes: take noise-aware")
         import torch
 
-        self.provenance = {"network": read.network, "sha256": read.digest, **read.provenance}
-        self._network = read.trained(file)
+        self.provenance = {"network": NETWORK, "sha256": read.digest, **read.provenance}
+        self._network = read.network(file)
         super().__init__(A, B, hidden_shape=hidden_shape, **settings)
         rows = self._basis.rows
         rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
@@ -85,7 +85,7 @@ class Learned(NoiseAware):
         """Return the network's image, (R, C, 3)."""
         import torch
 
-        from periscopy_sim.reconstruction.learned.proximal_step import Problems
+        from periscopy_sim.reconstruction.learned.unrolled_network import Problems
 
         def batch(each: NDArray[np.float32]) -> Any:
             return torch.from_numpy(each)[None]

@@ -1,33 +1,58 @@
 """An unrolled network: steps that explain the photograph, and steps that were learned.
 
-Step k is
+In the spectral basis of a scene (`spectral_basis`) step k is
 
-    x_k = argmin_x misfit(x) + ρ_k ‖x − v_{k−1}‖²_K,    ρ_k = r_k/e²
+    x_k = argmin_x Σ_p w_p ‖a_p − λ_p x_p‖²/λ_p + ρ_k ‖x − v_{k−1}‖²_K,    ρ_k = r_k/e²
     v_k = v_{k−1} + D_k(x_k, v_{k−1}, v_0, log e_i)
 
-the first of them a proximal step in closed form (`proximal_step`), the second a small convolutional
-network of its own, after the scheme of J. Adler and O. Öktem, "Learned primal-dual reconstruction",
-IEEE TMI 2018. v_0 is the noise-aware image, e_i the patches' standard errors under a Gaussian prior
-of that image's contrast (`problem`) and e their root mean square. D_k ends in weights that are zero
-before training, so that the network begins as v_0.
+with K = ∇ᵀ∇ + I, a_p the photograph's coefficients and w_p their weights. The first line is a
+proximal step of the misfit in closed form. In the second, D_k is a small convolutional network of
+the step, after the scheme of J. Adler and O. Öktem, "Learned primal-dual reconstruction", IEEE TMI
+2018. v_0 is the noise-aware image, e_i are the patches' standard errors under a Gaussian prior of
+that image's contrast (`problem`), and e is their root mean square. D_k ends in weights that are
+zero before training, so that the network begins as v_0.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import nn
 
-from periscopy_sim.reconstruction.learned.proximal_step import (
-    Problems,
-    explained,
-    log_level,
-    mean_precision,
-)
-
 DILATIONS = 1, 2, 1, 1
-"""Of the four layers of each D_k: with them a patch hears of those up to 5 away."""
+"""Of the four layers of each D_k: a patch depends on its neighbours up to 5 away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problems:
+    """K photographs of one scene as the network takes them; images are over their scale, near 1.
+
+    Attributes
+    ----------
+    rows, curvatures
+        (N, N) the scene's patterns W_p, one a row, and (N,) their λ_p.
+    rows_K
+        (N, N) W_p K, a pattern a row.
+    axes
+        (K, 3, 3) orthonormal axes of colour along which the noise is independent, an axis a row.
+    data, weights
+        (K, 3, N) w a and w, along the axes.
+    errors
+        (K, 1, R, C) standard errors of the patches under a Gaussian prior; see `problem`.
+    start
+        (K, 3, R, C) the noise-aware images.
+    """
+
+    rows: torch.Tensor
+    curvatures: torch.Tensor
+    rows_K: torch.Tensor
+    axes: torch.Tensor
+    data: torch.Tensor
+    weights: torch.Tensor
+    errors: torch.Tensor
+    start: torch.Tensor
 
 
 class UnrolledNetwork(nn.Module):  # type: ignore[misc]  # PyTorch is not checked
@@ -40,13 +65,22 @@ class UnrolledNetwork(nn.Module):  # type: ignore[misc]  # PyTorch is not checke
 
     def forward(self, problems: Problems) -> torch.Tensor:
         """Return the images, (K, 3, R, C), over their scale."""
-        start, logs = problems.start, log_level(problems.errors)
-        precision = mean_precision(problems)
+        start = problems.start
+        logs = torch.log10(problems.errors) + 2  # about 0 to 2
+        precision = problems.errors.square().mean(dim=(1, 2, 3)).reciprocal()[:, None, None]
         v = start
         for log_ratio, learned in zip(self.log_ratios, self.learned, strict=True):
-            x = explained(problems, v, log_ratio.exp() * precision)
+            x = proximal_step(problems, v, log_ratio.exp() * precision)
             v = v + learned(torch.cat([x, v, start, logs], dim=1))
         return v
+
+
+def proximal_step(problems: Problems, v: torch.Tensor, ρ: torch.Tensor) -> torch.Tensor:
+    """Return x of the module, (K, 3, R, C), near images v; ρ is (K, 1, 1)."""
+    pulled = problems.axes @ (v.flatten(2) @ problems.rows_K.T)
+    coefficients = problems.data + ρ * pulled
+    coefficients = coefficients / (problems.weights * problems.curvatures + ρ)
+    return (problems.axes.mT @ (coefficients @ problems.rows)).reshape(v.shape)
 
 
 def _convolutions(width: int) -> Any:
@@ -57,7 +91,7 @@ def _convolutions(width: int) -> Any:
             nn.Conv2d(before, after, 3, padding=dilation, dilation=dilation),
             nn.ReLU(),
         ]
-    layers.pop()  # no positive part at the end
+    layers.pop()  # the last layer's values may be negative
     last = layers[-1]
     assert isinstance(last, nn.Conv2d) and last.bias is not None
     nn.init.zeros_(last.weight)

@@ -24,11 +24,10 @@ from periscopy_sim.rendering.ambient.irradiance import (
     direct_irradiance,
 )
 from periscopy_sim.rendering.ambient.replicas import RAY, RAYS, SITES, Part
-from periscopy_sim.rendering.ambient.scalar import scalar_parts
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.scenario import (
     LIFT,
@@ -122,13 +121,15 @@ def render_background(
         If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
         see its wall, no light reaches that, a lamp without a size shines where a shape is clear or
         a mirror, or the scenario's wall is not diffuse.
+    VariantError
+        In scalar variants.
 
     Warns
     -----
     RuntimeWarning
         The target was not reached within `max_rounds`.
     """
-    use_variant()
+    require_vectorized("ambient light")
     if scenario.wall_reflectance is None:
         raise SceneError(
             f"scene '{scenario.path}': ambient light needs a diffuse wall; give the wall a BSDF of "
@@ -136,8 +137,7 @@ def render_background(
         )
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
-    parts_of = _parts if is_vectorized() else scalar_parts
-    parts = parts_of(scene, points, normals, scenario.photograph_shape, rays or RAYS)
+    parts = _parts(scene, points, normals, scenario.photograph_shape, rays or RAYS)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
@@ -255,12 +255,11 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
     import mitsuba as mi
 
     camera, wall = camera_of(scene), shape_of(scene, "wall")
-    wall = mi.ShapePtr(wall) if is_vectorized() else wall
     points, normals = [], []
     for row, column in itertools.product((1 / 6, 1 / 2, 5 / 6), repeat=2):
         ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(column, row), mi.Point2f(0.5, 0.5))
         si = scene.ray_intersect(ray)
-        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == wall)):
+        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == mi.ShapePtr(wall))):
             raise SceneError(
                 f"scene '{path}': its camera does not see its wall; move what stands between them"
             )

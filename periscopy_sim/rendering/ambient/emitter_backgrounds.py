@@ -15,19 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import SceneError, VariantError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import placed_in, relative_errors
-from periscopy_sim.rendering.ambient.irradiance import (
-    NEARLY,
-    direct_irradiance,
-    gathered,
-    means_of_blocks,
-)
+from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_opaque
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
 from periscopy_sim.shipped import find_scene
 
@@ -103,14 +98,9 @@ def emitter_backgrounds(
     RuntimeWarning
         The target was not reached within `max_rounds`.
     """
-    use_variant()
     if not pane > 0:
         raise ValueError(f"panes of {pane:g} m: give a side above 0")
-    if not is_vectorized():
-        raise VariantError(
-            "backgrounds of a scene's emitters are rendered in llvm_ad_rgb or cuda_ad_rgb only; in "
-            "scalar variants take Eq. 4's lights"
-        )
+    require_vectorized("light of a scene's emitters")
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters, _check_shadows)
     if any(shape.id() == "monitor" for shape in scene.shapes()):
@@ -167,7 +157,7 @@ def _prototypes(
     """Return for each prototype of an emitter what estimates its irradiance, (M, 3), by a seed."""
     shape = emitter.get_shape()
     if shape is None or shape.class_name() != "Rectangle":
-        return [lambda seed: direct_irradiance(scene, emitter, *wall, SAMPLES, seed)]
+        return [partial(direct_irradiance, scene, emitter, *wall, SAMPLES)]
 
     def sides(uv: Any) -> tuple[Any, Any]:
         si = surface_at(shape, uv)
@@ -180,46 +170,6 @@ def _prototypes(
             f"scene '{path}': emitter '{shape.id()}' would be cut into {down}x{across} panes of "
             f"{pane:g} m, above {MOST_PANES} in all; give larger panes"
         )
-    estimate = partial(_pane_irradiance, scene, emitter, wall, (down, across))
+    estimate = partial(direct_irradiance, scene, emitter, *wall, SAMPLES)
     corners = [(row / down, column / across) for row, column in np.ndindex(down, across)]
-    return [partial(estimate, corner) for corner in corners]
-
-
-def _pane_irradiance(
-    scene: Any,
-    emitter: Any,
-    wall: tuple[Array, Array, Array],
-    panes: tuple[int, int],
-    corner: tuple[float, float],
-    seed: int,
-) -> Array:
-    """Estimate the irradiance, (M, 3), by a part of an emitter's UV square, over small areas.
-
-    The wall's points and normals are (M, 3), its areas' edges (M, 2, 3), see `direct_irradiance`.
-    There are so many panes along v and u; the corner is where this one's begin.
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    points, normals, edges = wall
-    sampler = mi.load_dict({"type": "multijitter", "sample_count": SAMPLES})
-    sampler.set_samples_per_wavefront(SAMPLES)
-    sampler.seed(seed, len(points) * SAMPLES)
-    index = dr.arange(mi.UInt32, len(points) * SAMPLES) // SAMPLES
-    within, place = sampler.next_2d(), sampler.next_2d()
-    position = gathered(mi.Point3f, points, index)
-    for k, part in enumerate((within.x, within.y)):
-        position += (part - 0.5) * gathered(mi.Vector3f, edges[:, k], index)
-    across, down = corner[1] + place.x / panes[1], corner[0] + place.y / panes[0]
-    light = surface_at(emitter.get_shape(), mi.Point2f(across, down))
-    to_light = light.p - position
-    squared_distance = dr.squared_norm(to_light)
-    direction = to_light * dr.rsqrt(squared_distance)
-    light.initialize_sh_frame()
-    light.wi = light.to_local(-direction)
-    cosines = dr.dot(gathered(mi.Normal3f, normals, index), direction) * light.wi.z
-    lit = (light.wi.z > 0) & (cosines > 0)
-    lit &= ~scene.ray_test(mi.Ray3f(position, to_light, NEARLY, 0.0, []), lit)
-    area = dr.norm(dr.cross(light.dp_du, light.dp_dv)) / (panes[0] * panes[1])
-    arriving = dr.select(lit, emitter.eval(light) * cosines * area / squared_distance, 0)
-    return means_of_blocks(arriving, SAMPLES)
+    return [partial(estimate, pane=((down, across), corner)) for corner in corners]

@@ -1,4 +1,4 @@
-"""Parts of the light, each estimated in independent replicas."""
+"""Parts of the light, each estimated in independent replicas, which decide how smooth it is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.ambient.smoothing import Field, best_estimate
+from periscopy_sim.rendering.wall_polynomials import polynomial_fits
 from periscopy_sim.scenario import Array
 
 REPLICAS = 8
@@ -24,6 +24,39 @@ RAYS = 256
 RAY = 100
 """Time of such a ray, with the paths that go on from what it meets and its shadow rays, in samples
 of direct light: measured in a room with windows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Independent estimates of a field."""
+
+    replicas: Array  # (K, M, 3) at the pixels
+    squared_bias: Array  # (3,) of all replicas alike, averaged over pixels
+    largest: tuple[int, int] | None  # powers of row and column; None of the samples themselves
+
+    @property
+    def squared_error(self) -> float:
+        """Expected squared error of the replicas' mean, averaged over pixels and channels."""
+        variance = self.replicas.var(axis=0, ddof=1).mean() / len(self.replicas)
+        return float(variance + self.squared_bias.mean())
+
+
+def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, int]) -> Field:
+    """Fit polynomials of row and column by least squares, and take those of least error.
+
+    Where every pixel was sampled, the samples themselves compete. `replicas` are (K, S, 3)
+    estimates, K of at least 2, at the (S,) row-major indices `sites`.
+    """
+    best = min(
+        polynomial_fits(replicas, sites, shape), key=lambda fit: float(fit.squared_error.mean())
+    )
+    fitted = best.fields.transpose(1, 0, 2)
+    smooth = Field(fitted, best.squared_bias, best.largest)
+    if np.array_equal(sites, np.arange(shape[0] * shape[1])):
+        return min(
+            Field(replicas, np.zeros(3), None), smooth, key=lambda field: field.squared_error
+        )
+    return smooth
 
 
 @dataclass(eq=False)

@@ -14,15 +14,10 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from periscopy_sim.errors import SceneError, did_you_mean
-
-MOST_FILES = 100
-"""Files that a scene may include, each counted as often as it is included."""
-
-DEEPEST = 100
-"""Nodes within nodes. Mitsuba descends by recursion, and a stack ends."""
 
 RULER_ERROR = "_error"
 """Ends the name of a ``<default>`` that says how well the one before that ending is known."""
@@ -30,8 +25,10 @@ RULER_ERROR = "_error"
 CALIBRATED = "calibrated_covariance"
 """Names the ``<default>`` in which a calibration says how well it knows the parameters."""
 
-LONGEST = 1 << 20
-"""Characters of a value whose ``$names`` are filled in: defaults may double and double again."""
+TAGS = ("default", "path", "include", "spectrum", "string")
+"""Tags that name files, or values for such names."""
+
+Tag = tuple[str, Mapping[str, str]]
 
 
 @dataclass(frozen=True)
@@ -62,8 +59,8 @@ class SceneDocument:
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
     """Return what a scene file and those that it includes say, with values for its ``<default>``s.
 
-    A file that does not exist, is not XML, is nested too deeply, includes itself or too many files,
-    or a value that grows without end is a `SceneError`.
+    An unchanged file is parsed once in a process. A file that does not exist, is not XML or
+    includes itself is a `SceneError`.
     """
     reader = _Reader(path, parameters or {})
     folders = [path.parent]
@@ -92,14 +89,13 @@ class _Reader:
     def __init__(self, scene: Path, parameters: Mapping[str, str]) -> None:
         self._scene = scene
         self._values: dict[str, str] = {}
-        self._lengths: list[int] = []
+        self._pattern: re.Pattern[str] | None = None
         for name, value in parameters.items():
             self._set(name, value)
         self.defaults: dict[str, str] = {}
         self.named: list[Path | str] = []
         """Files in order, and names that plugins look for once all is parsed."""
         self.missing: list[str] = []
-        self._documents = 0
 
     def read(self, document: Path, folders: list[Path], including: tuple[Path, ...]) -> None:
         """Read a document, and those that it includes; its ``<path>`` tags join the folders."""
@@ -108,16 +104,11 @@ class _Reader:
             raise SceneError(
                 f"scene '{self._scene}': '{document.name}' includes itself; leave that out"
             )
-        self._documents += 1
-        if self._documents > 1 + MOST_FILES:
-            raise SceneError(
-                f"scene '{self._scene}' includes more than {MOST_FILES} files; merge some"
-            )
         self.named.append(document)
-        for element in _parsed(document).iter():
+        for tag, texts in _parsed(document):
             nearer = [document.parent, *folders]
-            attributes = {name: self._filled(text) for name, text in element.attrib.items()}
-            match element.tag, attributes:
+            attributes = {name: self._filled(text) for name, text in texts.items()}
+            match tag, attributes:
                 case "default", {"name": name, "value": value}:
                     self.defaults.setdefault(name, value)
                     self._set(name, value)
@@ -149,24 +140,16 @@ class _Reader:
             )
         if name not in self._values:
             self._values[name] = value
-            self._lengths = sorted({*self._lengths, len(name)}, reverse=True)
+            self._pattern = None
 
     def _filled(self, text: str) -> str:
         """Fill the values of parameters in, the longest names first, but for an escaped dollar."""
         if "$" not in text:
             return text
-        first, *parts = re.split(r"(?<!\\)\$", text)
-        filled = [first]
-        for part in parts:
-            names = (part[:length] for length in self._lengths)
-            name = next((name for name in names if name in self._values), "")
-            filled += [self._values.get(name, "$"), part[len(name) :]]
-        if sum(map(len, filled)) > LONGEST:
-            raise SceneError(
-                f"scene '{self._scene}': a value has more than {LONGEST} characters with "
-                "parameters filled in; shorten it"
-            )
-        return "".join(filled).replace("\\$", "$")
+        if self._pattern is None:
+            names = sorted(self._values, key=len, reverse=True)
+            self._pattern = re.compile(rf"(?<!\\)\$({'|'.join(map(re.escape, names)) or '(?!)'})")
+        return self._pattern.sub(lambda match: self._values[match[1]], text).replace("\\$", "$")
 
 
 def _first(
@@ -182,23 +165,19 @@ def _first(
     return None
 
 
-def _parsed(path: Path) -> ET.Element:
-    """Return the root of an XML file."""
+def _parsed(path: Path) -> tuple[Tag, ...]:
+    """Return the tags of an XML file that may name files or values, in order."""
     if not path.is_file():
         raise SceneError(f"no scene file at '{path}'")
-    root: ET.Element | None = None
-    depth = 0
     try:
-        for event, element in ET.iterparse(path, ("start", "end")):
-            root = element if root is None else root
-            depth += 1 if event == "start" else -1
-            if depth > DEEPEST:
-                raise SceneError(f"scene '{path}' nests more than {DEEPEST} nodes; flatten it")
-    except SceneError:
-        raise
+        return _tags(path.read_bytes())
     except OSError as error:
         raise SceneError(f"scene '{path}' cannot be read: {error.strerror}") from None
-    except (ET.ParseError, LookupError, ValueError) as error:
+    except (ET.ParseError, LookupError, ValueError, RecursionError) as error:
         raise SceneError(f"scene '{path}' is not well-formed XML: {error}") from None
-    assert root is not None
-    return root
+
+
+@lru_cache(maxsize=64)
+def _tags(content: bytes) -> tuple[Tag, ...]:
+    elements = ET.fromstring(content).iter()
+    return tuple((element.tag, element.attrib) for element in elements if element.tag in TAGS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +67,17 @@ def load_scenario(
         participating medium, or the hidden size is not possible.
     """
     use_variant()
-    path, hidden = find_scene(path), _hidden_size(hidden)
     values = {name: str(value) for name, value in (parameters or {}).items()}
+    return _loaded(find_scene(path), _hidden_size(hidden), photograph, values)
+
+
+def _loaded(
+    path: Path,
+    hidden: tuple[int, int],
+    photograph: tuple[int, int] | None,
+    values: Mapping[str, str],
+) -> Scenario:
+    """Return the scenario at some values, as text; see `load_scenario`."""
     nodes = SceneNodes(path, values)
     nodes.show(None)
     nodes.average_pixels()
@@ -102,6 +112,7 @@ def load_scenario(
         blur=wall.blur,
         wall_texture=wall.texture,
         wall_relief=_relief(shapes["wall"], points, normals),
+        loader=partial(_loaded, path, hidden, photograph),
     )
 
 
@@ -209,10 +220,8 @@ def _patches(
     u, v = patch_uv(row, column, hidden, mirrored, (0.5, 0.5))
     centers, normals, du, dv, valid = map_points(locate, np.stack([u, v], axis=1))
     if not valid.all():
-        first = divmod(int(np.flatnonzero(valid[:, 0] == 0)[0]), columns)
         raise SceneError(
-            f"scene '{path}': the monitor's UV parametrization has no point at patch row {first[0]}"
-            f", column {first[1]}; its UV coordinates must cover the unit square"
+            f"scene '{path}': the monitor's UV coordinates do not cover the unit square"
         )
     across = (-du if mirrored else du) / columns
     return centers, normals, across, dv / rows, mirrored
@@ -222,20 +231,13 @@ def _check_facing(
     points: Array, normals: Array, centers: Array, patch_normals: Array, path: Path
 ) -> None:
     """Check that some patch and some point of the wall face each other."""
-    faces = False
     for center, patch_normal in zip(centers, patch_normals, strict=True):
         ahead = (points - center) @ patch_normal > 0
-        lit = np.sum(normals * (center - points), axis=1) > 0
-        if (ahead & lit).any():
+        if (ahead & (np.sum(normals * (center - points), axis=1) > 0)).any():
             return
-        faces |= bool(ahead.any())
-    if not faces:
-        raise SceneError(
-            f"scene '{path}': the monitor faces away from the wall, or stands beyond it; turn "
-            "it round, flip its normals (flip_normals), or move it"
-        )
     raise SceneError(
-        f"scene '{path}': the monitor is behind the wall; move it to the camera's side"
+        f"scene '{path}': the monitor faces away from the wall, or is behind it; turn it round, "
+        "flip its normals (flip_normals), or move it"
     )
 
 

@@ -1,14 +1,13 @@
 """Mesh files of any format, as arrays, and as PLY for Mitsuba, which reads no STL, GLB or OFF.
 
-trimesh reads them. What it lets pass is checked here: a file cut short where a line or a triangle
-ends, numbers that are not finite, and indices of no vertex.
+trimesh reads these, Mitsuba PLY and OBJ. What both let pass is checked here: a file cut short,
+vertices that are not finite, and indices of no vertex.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-import json
 import logging
 import os
 import re
@@ -23,17 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.scene.meshes import check_mesh
 from periscopy_sim.rendering.variant import use_variant
 
 FOREIGN = ("stl", "glb", "off")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
-
-
-MOST_FACES = 20_000_000
-"""Triangles of a file, its repeated parts counted each time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +54,39 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     content = path.read_bytes()
     if not content:
         raise ValueError("is empty")
-    if kind in ("obj", "ply"):
+    if kind not in FOREIGN:
         use_variant()
         try:
             check_mesh(path, kind)
         except RuntimeError as error:
             reason = " ".join(str(error).split())[-200:]
             raise ValueError(f"cannot be read (... {reason})") from None
-    announced = _triangles_of_stl(content) if kind == "stl" else None
-    if kind == "off":
-        _check_off(content)
-    if kind == "glb":
-        _check_glb(content)
-    mesh = _checked(_concatenated(_parts(content, kind)))
-    if announced not in (None, len(mesh.faces)):
-        raise ValueError(f"announces {announced} triangles and holds {len(mesh.faces)}")
+    announced = _announced(content, kind)
+    mesh = _concatenated(_parts(content, kind))
+    if announced is not None and len(mesh.faces) < announced:
+        raise ValueError(f"is cut short: it has {len(mesh.faces)} faces of {announced}")
+    _check_arrays(mesh)
     return mesh
+
+
+def check_mesh(path: Path, plugin: str) -> None:
+    """Check that Mitsuba reads a ``ply`` or ``obj`` file, with faces of its vertices.
+
+    What is wrong is a ValueError in these words, or a RuntimeError in Mitsuba's. The mesh itself
+    must not outlive this: Dr.Jit traces every one at the next virtual call.
+    """
+    import mitsuba as mi
+
+    if plugin not in ("ply", "obj"):
+        return
+    # Flat first: Mitsuba follows a wrong index to the vertex normals, out of its memory.
+    mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})
+    indices, vertices = np.array(mesh.faces_buffer()), mesh.vertex_count()
+    del mesh
+    if not len(indices):
+        raise ValueError("has no faces")
+    if indices.max() >= vertices:
+        raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
 
 
 def write_ply(path: Path, mesh: TriangleMesh) -> None:
@@ -109,7 +120,21 @@ def _copies() -> TemporaryDirectory[str]:
     return TemporaryDirectory(prefix="periscopy-meshes-")
 
 
-# -- reading -------------------------------------------------------------------------------------
+def _announced(content: bytes, kind: str) -> int | None:
+    """Return how many faces a file announces, if its format does; refuse one that is cut short."""
+    if kind == "stl":
+        count = int.from_bytes(content[80:84], "little")
+        if len(content) == 84 + 50 * count:
+            return count
+        if not content.lstrip().startswith(b"solid") or b"endsolid" not in content[-200:]:
+            raise ValueError("is cut short, or no STL file")
+        return len(re.findall(rb"^\s*facet\b", content, re.M))
+    if kind == "off":
+        header = re.match(rb"\s*\w*OFF\s+(?:#.*\s+)*\d+\s+(\d+)", content)
+        return int(header[1]) if header else None
+    if kind == "glb" and int.from_bytes(content[8:12], "little") != len(content):
+        raise ValueError("is cut short, or no GLB file")
+    return None
 
 
 def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
@@ -119,15 +144,11 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
     try:
         with _in_silence():
             scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
-            placed = [
-                (scene.geometry[name], to_scene)
+            return [
+                _placed(scene.geometry[name], np.asarray(to_scene, np.float64))
                 for to_scene, name in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
                 if isinstance(scene.geometry[name], trimesh.Trimesh)
             ]
-            faces = sum(len(part.faces) for part, _ in placed)
-            if faces > MOST_FACES:
-                raise ValueError(f"{faces} triangles, more than {MOST_FACES}")
-            return [_placed(part, np.asarray(matrix, np.float64)) for part, matrix in placed]
     except Exception as error:  # trimesh raises whatever its readers meet
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"cannot be read ({type(error).__name__}: {reason})") from None
@@ -136,18 +157,17 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
 @contextmanager
 def _in_silence() -> Iterator[None]:
     """Keep trimesh from logging what it tries in vain."""
-    logger, handler = logging.getLogger("trimesh"), logging.NullHandler()
-    before, logger.propagate = logger.propagate, False
-    logger.addHandler(handler)
+    logger = logging.getLogger("trimesh")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.removeHandler(handler)
-        logger.propagate = before
+        logger.setLevel(before)
 
 
 def _placed(part: Any, to_scene: NDArray[np.float64]) -> TriangleMesh:
-    with np.errstate(invalid="ignore"):  # `_checked` refuses what is not finite
+    with np.errstate(invalid="ignore"):  # `_check_arrays` refuses what is not finite
         vertices = np.asarray(part.vertices, np.float64) @ to_scene[:3, :3].T + to_scene[:3, 3]
     faces = np.asarray(part.faces, np.int64)
     if np.linalg.det(to_scene[:3, :3]) < 0:  # mirrored: the outside stays outside
@@ -169,8 +189,8 @@ def _concatenated(parts: list[TriangleMesh]) -> TriangleMesh:
     )
 
 
-def _checked(mesh: TriangleMesh) -> TriangleMesh:
-    """Return a mesh that is one, or refuse it."""
+def _check_arrays(mesh: TriangleMesh) -> None:
+    """Refuse a mesh without faces, with faces of no vertex, or with numbers that are not finite."""
     count, uv = len(mesh.vertices), mesh.texture_coordinates
     if not len(mesh.faces):
         raise ValueError("has no faces")
@@ -178,65 +198,6 @@ def _checked(mesh: TriangleMesh) -> TriangleMesh:
     if wrong.size:
         raise ValueError(f"has a face of vertex {wrong[0]}, of {count} from 0 on")
     with np.errstate(over="ignore"):
-        single = mesh.vertices.astype(np.float32)
-    if not np.isfinite(single).all():
-        raise ValueError("has vertices that are no finite numbers")
-    if uv is not None and (len(uv) != count or not np.isfinite(uv).all()):
-        raise ValueError("has texture coordinates that are no finite numbers")
-    return mesh
-
-
-def _triangles_of_stl(content: bytes) -> int:
-    """Return how many triangles an STL file announces; refuse one that is cut short."""
-    binary = int.from_bytes(content[80:84], "little")
-    if len(content) >= 84 and len(content) == 84 + 50 * binary:
-        return binary
-    if not content.lstrip().startswith(b"solid") or b"\0" in content:
-        raise ValueError(
-            f"is cut short, or no STL file: {binary} triangles take {84 + 50 * binary} bytes, it "
-            f"has {len(content)}"
-        )
-    try:
-        text = content.decode()
-    except UnicodeDecodeError:
-        raise ValueError("is no text in UTF-8, nor a whole binary STL file") from None
-    begun, ended = (len(re.findall(rf"^\s*{word}\b", text, re.M)) for word in ("solid", "endsolid"))
-    if begun != ended:
-        raise ValueError("is cut short: its last solid does not end")
-    return len(re.findall(r"^\s*facet\b", text, re.M))
-
-
-def _check_off(content: bytes) -> None:
-    """Refuse an OFF file that has fewer rows than its header announces, or other numbers."""
-    try:
-        text = content.decode()
-    except UnicodeDecodeError:
-        raise ValueError("is no text in UTF-8; save OFF as text") from None
-    rows = [row for line in text.splitlines() if (row := line.partition("#")[0].split())]
-    match rows:
-        case [[name], [vertices, faces, *_], *body] if name.endswith("OFF"):
-            pass
-        case [[name, vertices, faces, *_], *body] if name.endswith("OFF"):
-            pass
-        case _:
-            raise ValueError("has no OFF header")
-    if not (re.fullmatch("[0-9]{1,9}", vertices) and re.fullmatch("[0-9]{1,9}", faces)):
-        raise ValueError(f"has '{vertices} {faces}' in its header for vertices and faces")
-    wanted = int(vertices) + int(faces)
-    if len(body) < wanted:
-        raise ValueError(f"is cut short: {len(body)} rows of {wanted}")
-    for row in body[int(vertices) : wanted]:
-        if not re.fullmatch("[0-9]{1,9}", row[0]) or len(row) <= int(row[0]) or int(row[0]) < 3:
-            raise ValueError(f"has the face '{' '.join(row)[:60]}', which lacks corners")
-
-
-def _check_glb(content: bytes) -> None:
-    """Refuse a GLB file that announces more numbers than it has bytes: they would be allocated."""
-    try:
-        length = int.from_bytes(content[12:16], "little")
-        accessors = json.loads(content[20 : 20 + length]).get("accessors", [])
-        most = max((accessor["count"] for accessor in accessors), default=0)
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        raise ValueError("has no GLB header, or a damaged one") from None
-    if most > len(content):
-        raise ValueError(f"is cut short: it should hold an array of {most} entries")
+        finite = np.isfinite(mesh.vertices.astype(np.float32)).all()
+    if not finite or (uv is not None and not (len(uv) == count and np.isfinite(uv).all())):
+        raise ValueError("has vertices or texture coordinates that are no finite numbers")

@@ -46,7 +46,6 @@ def check_nodes(nodes: SceneNodes) -> None:
     check_media(nodes)
     check_opaque(nodes, "the light transport matrix would count it as opaque")
     _check_outside(nodes)
-    _check_sizes(nodes)
 
 
 def check_media(nodes: SceneNodes) -> None:
@@ -125,36 +124,23 @@ def check_monitor(monitor: Any, path: Path) -> None:
 
 
 def _check_outside(nodes: SceneNodes) -> None:
-    """Refuse a sphere or a cylinder as a monitor that shines inwards.
+    """Refuse round monitors and boxes turned inside out.
 
-    Its light would stay within; of a mirrored one Mitsuba's rays and UV lookups report different
-    normals.
+    Such a monitor's light would stay within, and of a box with a negative size the front of a face
+    is its other side.
     """
     import mitsuba as mi
 
-    monitor = next(props for props in nodes.of_type("Shape") if props.id() == "monitor")
-    if monitor.plugin_name() not in ("sphere", "cylinder"):
-        return
-    to_world = np.array(monitor.get("to_world", mi.ScalarTransform4f()).matrix)
-    if monitor.get("flip_normals", False) or np.linalg.det(to_world) < 0:
-        raise SceneError(
-            f"scene '{nodes.path}': the monitor is a {monitor.plugin_name()} turned inside out; "
-            "remove its flip_normals, and do not mirror it in to_world"
-        )
-
-
-def _check_sizes(nodes: SceneNodes) -> None:
-    """Refuse boxes of which a size is negative: they would stand on the other side of a face."""
-    import mitsuba as mi
-
     for props in nodes.of_type("Shape"):
-        if props.plugin_name() != "cube":
-            continue
-        to_world = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)
-        if np.linalg.det(to_world) < 0:
+        kind = props.plugin_name()
+        mirrored = np.linalg.det(np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)) < 0
+        is_round = props.id() == "monitor" and kind in ("sphere", "cylinder")
+        if (kind == "cube" and mirrored) or (
+            is_round and (mirrored or props.get("flip_normals", False))
+        ):
             raise SceneError(
-                f"scene '{nodes.path}': shape '{props.id()}' is a cube turned inside out; give its "
-                "sizes, and factors of them, positive numbers"
+                f"scene '{nodes.path}': shape '{props.id()}' is a {kind} turned inside out; give "
+                "its sizes in to_world positive numbers, and no flip_normals"
             )
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.parsing import one_line
+from periscopy_sim.rendering.scene.nodes import one_line
 from periscopy_sim.rendering.scene.pointwise import map_points
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array
@@ -77,9 +78,8 @@ def seen_wall(
         first = int(np.flatnonzero(~hit[:, 0].astype(bool))[0])
         raise SceneError(
             f"{where}: {int((hit == 0).sum())} of {hit.size} camera pixels miss the wall, the first"
-            f" at row {first // columns}, column {first % columns}"
-            f"{_instead(scene, camera, film[first])}; move the camera, its film or what stands "
-            "between it and the wall"
+            f" at row {first // columns}, column {first % columns}; move the camera, its film or "
+            "what stands between it and the wall"
         )
     if len(points) > 1 and not np.ptp(points, axis=0).any():
         raise SceneError(
@@ -92,9 +92,9 @@ def seen_wall(
     normals = np.where(own, shading, normals)
     normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
     aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
-    met = map_points(meet, film + aside)
+    hit_aside, color_aside = map_points(lambda at: itemgetter(4, 7)(meet(at)), film + aside)
     # At the pixels' centres alone a wallpaper could look plain.
-    colors_met = np.concatenate([colors[1], met[7][met[4][:, 0] != 0]])
+    colors_met = np.concatenate([colors[1], color_aside[hit_aside[:, 0] != 0]])
     if np.ptp(colors_met, axis=0).max() <= UNIFORM * colors_met.max():
         albedo = colors[1].mean(axis=0)
         texture, gain = None, albedo / albedo.mean()
@@ -103,20 +103,6 @@ def seen_wall(
         texture, gain = _textured(albedo, where, material)
     reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
     return SeenWall(points, normals, reflectance, gain, texture, float(blur.max()))
-
-
-def _instead(scene: Any, camera: Any, position: Array) -> str:
-    """Return in words what the camera sees there, where not all of its aperture sees the wall."""
-    import mitsuba as mi
-
-    film = mi.Point2f(*map(float, position))
-    ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
-    met = scene.ray_intersect(ray)
-    for shape in scene.shapes():
-        if np.all(np.array(met.shape == (mi.ShapePtr(shape) if is_vectorized() else shape))):
-            # The wall itself: only the lens's rim sees past it.
-            return "" if shape.id() == "wall" else f", where '{shape.id()}' hides it"
-    return ", past its edge"
 
 
 def _averaged(
@@ -130,7 +116,7 @@ def _averaged(
 
     def total_of(points: int) -> Array:
         offsets = (sequence.random(points) - 0.5) / size[::-1]
-        met = [map_points(meet, film + offset)[7] for offset in offsets]
+        met = [map_points(lambda at: (meet(at)[7],), film + offset)[0] for offset in offsets]
         return np.asarray(np.sum(met, axis=0))
 
     points, most = TEXTURE_POINTS

@@ -11,22 +11,23 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.paths import PathNumbers, trace_paths
+from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
-from periscopy_sim.rendering.transport.paths import make_tracer
-from periscopy_sim.rendering.transport.scalar_paths import make_scalar_tracer, white_direct_light
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
 from periscopy_sim.scenario import Array, Scenario
 
-TARGET, SCALAR_TARGET = 2e-4, 1e-3
-"""Error of a white image's photograph by what has bounced, over the photograph: a fifth of a 60 dB
-photograph's noise; in scalar variants, where that would take hours, all of that noise."""
+TARGET = 2e-4
+"""Error of a white image's photograph by bounced light, relative to the photograph: a fifth of a
+60 dB photograph's noise."""
 
 REPLICAS = 8
 """Independent estimates, from whose scatter the error is told."""
@@ -38,11 +39,16 @@ photograph's brightness."""
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
 
-ROUNDS, SCALAR_ROUNDS = 96, 8
-"""Most rounds, and in scalar variants, where one takes minutes."""
+ROUNDS = 96
+"""Most rounds."""
 
 BLOCKS = 4
 """Parts of the monitor along each side, each of whose light the polynomials have to follow."""
+
+
+FINEST = 2.0**-40
+"""Radiance in which light is summed: whole numbers add up alike in any order. A white monitor all
+around would send a pixel 1 at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +95,7 @@ def render_bounced_light(
     scenario: Scenario,
     *,
     bounces: int | None = None,
-    target: float | None = None,
+    target: float = TARGET,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedLight:
@@ -102,7 +108,7 @@ def render_bounced_light(
     bounces
         Most reflections of a path, 2 or more; None of any number.
     target
-        `BouncedLight.relative_error` at which to stop; None takes `TARGET` or `SCALAR_TARGET`.
+        `BouncedLight.relative_error` at which to stop.
     seed
         Seed of the paths. The same seed and variant give the same bytes.
     progress
@@ -115,10 +121,11 @@ def render_bounced_light(
     Raises
     ------
     SceneError
-        If the wall is not diffuse, and is textured or the variant scalar. In scalar variants also
-        if it is black, in any channel, at a pixel looked at.
+        If the wall is textured and not diffuse.
     ValueError
         If `bounces` is not a whole number from 2 on.
+    VariantError
+        In scalar variants.
 
     Warns
     -----
@@ -131,23 +138,20 @@ def render_bounced_light(
     if check_bounces(bounces) == DIRECT:
         raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
     check_bouncing_wall(scenario)
-    vectorized = is_vectorized()
-    most = ROUNDS if vectorized else SCALAR_ROUNDS
-    if target is None:
-        target = TARGET if vectorized else SCALAR_TARGET
+    most = ROUNDS
     report = progress or (lambda _: None)
     shape = scenario.photograph_shape
     sites = chosen_sites(shape, SITES)
     texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
-    trace = (make_tracer if vectorized else make_scalar_tracer)(scenario, sites, bounces)
+    trace = make_tracer(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
-    direct = (_direct if vectorized else white_direct_light)(scenario, pixels, seed)
+    direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(most * REPLICAS).reshape(most, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
-            total[replica] += trace(PATHS, one)
+            total[replica] += trace(one)
             fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / most)
             report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
@@ -183,21 +187,77 @@ def render_bounced_light(
 
 
 def check_bouncing_wall(scenario: Scenario) -> None:
-    """Set the variant, and refuse walls of which bounced light is not known by a SceneError."""
-    use_variant()
-    if scenario.wall_reflectance is not None:
-        return
-    if scenario.wall_texture is not None:
+    """Raise a VariantError in scalar variants, a SceneError for walls textured and not diffuse."""
+    require_vectorized("light that bounces")
+    if scenario.wall_reflectance is None and scenario.wall_texture is not None:
         raise SceneError(
             f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
             "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
             "another bsdf"
         )
-    if not is_vectorized():
-        raise SceneError(
-            f"scene '{scenario.path}': in scalar variants light that bounces is known of diffuse "
-            "walls; take direct light, bounces=1, another bsdf, or llvm_ad_rgb or cuda_ad_rgb"
+
+
+def make_tracer(
+    scenario: Scenario, sites: NDArray[np.intp], bounces: int | None
+) -> Callable[[int], Array]:
+    """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
+
+    It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
+    radiance, as if the wall reflected its mean albedo there. `bounces` is the most reflections of a
+    path, 2 or more; None for any number.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    # Textured, so that Mitsuba samples points of the monitor by its UV coordinates.
+    scene = build_scene(scenario, np.ones((2, 2, 3)), only_monitor=True)
+    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    rows, columns = scenario.photograph_shape
+    R, C = scenario.hidden_shape
+    lanes = len(sites) * PATHS
+    path_numbers = PathNumbers(len(sites), (PATHS,))
+
+    def trace(seed: int) -> Array:
+        numbers = path_numbers.shifted(seed)
+        site = dr.arange(mi.UInt32, lanes) // PATHS
+        pixel = dr.gather(mi.UInt32, mi.UInt32(sites.astype(np.uint32)), site)
+        x, y = pixel % columns + numbers(0), pixel // columns + numbers(1)
+        ray, _ = camera.sample_ray(
+            0.0, 0.0, mi.Point2f(x / columns, y / rows), mi.Point2f(numbers(2), numbers(3))
         )
+        si = scene.ray_intersect(ray, +mi.RayFlags.All, True)
+        active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
+        # A texture is left to A's rows, and colour to the channels' gain.
+        where = mi.Point2f(numbers(5), numbers(6))
+        if scenario.wall_reflectance is None:
+            context, gain = mi.BSDFContext(), mi.Color3f(*map(float, scenario.channel_gain))
+            sample, weight = wall.bsdf().sample(context, si, numbers(4), where, active)
+            direction, throughput = sample.wo, weight / gain
+        else:
+            direction = mi.warp.square_to_cosine_hemisphere(where)
+            direction.z = dr.mulsign(direction.z, si.wi.z)
+            throughput = mi.Color3f(float(np.mean(scenario.wall_reflectance)))
+        sums = dr.zeros(mi.Int64, len(sites) * R * C * 3)
+
+        def splat(light: Any, uv: Any, radiance: Any, active: Any) -> Any:
+            """Add radiance, (3,), to what comes from a patch."""
+            across = 1 - uv.x if scenario.mirrored else uv.x
+            row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
+            column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
+            at = (site * (R * C) + row * C + column) * 3
+            for c in range(3):
+                whole = mi.Int64(dr.round(radiance[c] / FINEST))
+                dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))
+            return light
+
+        trace_paths(
+            scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
+            active=active, most=0xFFFFFFFF if bounces is None else bounces, deposit=splat,
+        )  # fmt: skip
+        whole = np.array(sums).reshape(len(sites), R * C, 3)
+        return np.asarray(whole * (FINEST / PATHS))
+
+    return trace
 
 
 def _best_powers(

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.transport.kernel import make_kernel
-from periscopy_sim.rendering.transport.row_blocks import LANES, RAYS
-from periscopy_sim.rendering.transport.shadow_rays import require_light
+from periscopy_sim.rendering.transport.shadow_rays import LANES, RAYS, require_light
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Scenario
 

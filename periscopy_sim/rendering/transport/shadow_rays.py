@@ -1,30 +1,44 @@
-"""The light transport matrix A of any Mitsuba scene.
+"""The light transport matrix A of any Mitsuba scene, whole or a block of rows at a time.
 
 Column j of A is the photograph of the wall when only patch j shines with unit normal radiance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal, overload
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import check_bouncing_wall
+from periscopy_sim.rendering.photograph import Monitor
+from periscopy_sim.rendering.transport.bounced import BouncedLight, check_bouncing_wall
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
-from periscopy_sim.rendering.transport.kernel import Strata
-from periscopy_sim.rendering.transport.row_blocks import LANES, RenderedTransport
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
+from periscopy_sim.rendering.variant import (
+    FIXED_BLOCKS,
+    is_vectorized,
+    require_vectorized,
+    use_variant,
+)
 from periscopy_sim.scenario import Scenario
 
 Progress = Callable[[float], None]
 
-
 DIRECT_SHARE = 0.1
-"""Of the time that a matrix with bounced light takes, about, up to which direct light is done."""
+"""Fraction of the time of a matrix with bounced light that its direct light takes, about."""
+
+LANES = 1 << 22
+"""Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
+
+TEXTURE_SAMPLES = 16
+"""Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
+
+RAYS = 1 << 28
+"""Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
 
 
 @overload
@@ -70,8 +84,8 @@ def render_transport(
 
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
     each. Through a thin lens each sample sees a wall point of its own, spread over the aperture. In
-    scalar variants, where this would crawl, Mitsuba's own direct integrator renders the columns one
-    by one with as many samples a pixel (always jittered, over the pixel's whole area).
+    scalar variants Mitsuba's own direct integrator renders the columns one by one, with as many
+    samples per pixel (always jittered, over the pixel's whole area); direct light only.
 
     A pixel is its centre, or with more `pixel_samples` the mean over its area; the film's own
     reconstruction filter is not used.
@@ -116,6 +130,8 @@ def render_transport(
     ValueError
         If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
         another shape.
+    VariantError
+        If more than one bounce is asked for in a scalar variant.
 
     Warns
     -----
@@ -133,11 +149,7 @@ def render_transport(
     report = progress or (lambda _: None)
     share = 1.0 if alone else DIRECT_SHARE
     if not is_vectorized():
-        from periscopy_sim.rendering.transport.scalar import render_columns
-
-        render_columns(
-            scenario, A, samples=samples, seed=seed, progress=lambda done: report(share * done)
-        )
+        _render_columns(scenario, A, samples, seed, report)
     else:
         for rows, block in rendered.row_blocks():
             A[rows] = block
@@ -157,3 +169,123 @@ def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
             f"scene '{scenario.path}': no light of the monitor reaches the wall; look for what "
             "stands between them, or an emitter that shines in other directions"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedTransport:
+    """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
+
+    `reconstruction.large_scale.transport_operator.TransportOperator` makes a SciPy linear operator
+    of it, and `IterativePeriscope` takes it in the place of A. Every pass traces all the rays
+    again, and draws the same samples.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    samples, strata, pixel_samples, seed
+        As of `render_transport`.
+    lanes
+        Entries rendered at once; bounds the memory (about 40 bytes each).
+    bounced
+        Result of `render_bounced_light`, whose channels' mean is added. None: direct light.
+
+    Raises
+    ------
+    ValueError
+        If a number is below 1, or `strata` is not known.
+    """
+
+    scenario: Scenario
+    samples: int = 16
+    strata: Strata = "jittered"
+    pixel_samples: int = 1
+    seed: int = 0
+    lanes: int = LANES
+    bounced: BouncedLight | None = None
+
+    def __post_init__(self) -> None:
+        if self.samples < 1 or self.pixel_samples < 1 or self.lanes < 1:
+            raise ValueError(
+                f"{self.samples} samples, {self.pixel_samples} pixel samples, {self.lanes} lanes: "
+                "all must be positive"
+            )
+        if self.strata not in get_args(Strata):
+            raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M, N)."""
+        return self.scenario.transport_shape
+
+    def row_blocks(self) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Yield every row once: a slice of rows and their entries, (rows, N) float32.
+
+        Scalar variants render columns only and raise a `VariantError`.
+        """
+        require_vectorized("rendering the transport matrix by rows")
+        import drjit as dr
+        import mitsuba as mi
+
+        pixel_samples = self.pixel_samples
+        if self.scenario.wall_texture is not None:
+            pixel_samples = max(pixel_samples, TEXTURE_SAMPLES)
+        entries = make_kernel(self.scenario, self.samples, self.strata, pixel_samples)
+        pixels, patches = self.shape
+        rays = self.samples * pixel_samples
+        height = max(1, min(self.lanes, RAYS // rays) // patches)
+        for start in range(0, pixels, height):
+            rows = slice(start, min(start + height, pixels))
+            lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
+            # Opaque, so that all blocks share one compiled kernel.
+            pixel = lane // patches + dr.opaque(mi.UInt32, start)
+            values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
+            block = np.array(values).reshape(-1, patches)
+            yield rows, block if self.bounced is None else block + self.bounced.rows(rows)
+
+
+def _render_columns(
+    scenario: Scenario,
+    A: NDArray[np.float32],
+    samples: int,
+    seed: int,
+    progress: Callable[[float], None],
+) -> None:
+    """Fill A, (M, N), with photographs of one lit patch each, by Mitsuba's direct integrator.
+
+    The monitor is a plain area emitter. The angular profile, taken between the pixel's and the
+    patch's centre, multiplies the result: exact up to its curvature over a patch and a pixel.
+    """
+    import mitsuba as mi
+
+    if scenario.emission is None:
+        raise SceneError(
+            f"scene '{scenario.path}': in scalar variants the monitor's emitter must be an 'area' "
+            "or 'lcd' emitter; use llvm_ad_rgb or cuda_ad_rgb for any other"
+        )
+    hidden, patches = (*scenario.hidden_shape, 3), A.shape[1]
+    monitor = Monitor(scenario, scenario.hidden_shape, only_monitor=True, plain_emitter=True)
+    integrator = mi.load_dict(
+        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, **FIXED_BLOCKS}
+    )
+    profile = profile_matrix(scenario)
+    for patch in range(patches):
+        monitor.show(np.eye(1, patches, patch).T.repeat(3, 1).reshape(hidden))
+        # Seeds differ for every column, also those of neighbouring seeds.
+        own_seed = (seed * patches + patch) % 2**32
+        column = mi.render(
+            monitor.scene, sensor=monitor.camera, integrator=integrator, spp=samples, seed=own_seed
+        )
+        A[:, patch] = np.array(column).mean(axis=2).ravel() * profile[:, patch]
+        progress((patch + 1) / patches)
+
+
+def profile_matrix(scenario: Scenario) -> NDArray[Any]:
+    """Evaluate the profile, 1 along the normal, from each patch's centre to each point: (M, N)."""
+    assert scenario.emission is not None
+    axes = []
+    for axis in (scenario.patch_across, scenario.patch_up, scenario.patch_normals):
+        unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        offset = np.sum(unit * scenario.patch_centers, axis=1)
+        axes.append(scenario.wall_points @ unit.T - offset)
+    return scenario.emission(*axes)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real
+from periscopy_sim.photograph import check_real
 from periscopy_sim.storage.formats.decoding import (
     Frames,
     Picture,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_real, check_size
+from periscopy_sim.photograph import check_real, check_size
 
 Frame = TypeVar("Frame")
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.checking import check_size
+from periscopy_sim.photograph import check_size
 from periscopy_sim.storage.formats.decoding import Frames, Picture, decoding, listed, place_of
 from periscopy_sim.storage.outputs.staging import staged_file
 

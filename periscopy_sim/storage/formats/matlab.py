@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.film.blocks import block_means
 from periscopy_sim.storage.formats.decoding import Picture, decoding
 
 _REPEATS = ("averaged_iterations", "iterations")
@@ -81,7 +80,8 @@ def averaged_counts(
             f"{shape[0]} x {shape[1]}; give the camera's film a size that divides the former"
         )
     with np.errstate(over="ignore", invalid="ignore"):  # overflows become infinite, and an error
-        return np.divide(block_means(colour, shape), exposure, dtype=np.float64)
+        blocks = colour.reshape(shape[0], height // shape[0], shape[1], width // shape[1], -1)
+        return np.asarray(blocks.mean(axis=(1, 3)) / exposure, np.float64)
 
 
 def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:

@@ -117,7 +117,7 @@ def test_paint_is_blamed_only_where_no_photograph_shows_it(capsys, has_backgroun
     assert "17 times as strong" in told[0] and "periscopy reconstruct" in told[0]
     assert ("--background" in told[0]) == ("uneven paint" in told[0]) == (not has_backgrounds)
     advice = DISTRUSTED.format(UNTOLD[has_backgrounds])
-    assert ("--background" in advice) == (not has_backgrounds) and "--free" in advice
+    assert ("--monitor-off" in advice) == (not has_backgrounds) and "--free" in advice
 
 
 @pytest.mark.parametrize(("corner", "told"), [(0.8, True), (0.99, False)])

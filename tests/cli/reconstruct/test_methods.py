@@ -37,19 +37,6 @@ def test_other_method_writes_its_image_and_what_it_can_tell(
     assert not np.array_equal(image, default)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("method", [name for name in ALONE if name != "pseudoinverse"])
-def test_weight_of_total_variation_reaches_every_method(method, light, reconstruct, tmp_path):
-    np.save(tmp_path / "y.npy", sum(light) * np.random.default_rng(3).normal(1, 0.01, (24, 24, 3)))
-    option = next(o for o in METHODS[method].options if o.name == "tv_weight")
-    images = [
-        reconstruct("y.npy", "--method", method, "--tv-weight", factor * option.default)[0]
-        for factor in (1, 30)
-    ]
-    changes = [np.abs(np.diff(image, axis=1)).mean() / np.abs(image).mean() for image in images]
-    assert changes[1] < 0.8 * changes[0]
-
-
 # -- methods of one's own ------------------------------------------------------------------------
 
 
@@ -109,47 +96,3 @@ def test_own_method_that_breaks_its_promise_is_refused(refused, light, setting, 
         method = f"mine.py:{name}"
         line = refused("reconstruct", "y.npy", *setting, "--method", method, "--out", "out")
         assert line == f"method '{method}' {told}"
-
-
-DERIVED = """
-import numpy as np
-from periscopy_sim import NoiseAware
-
-class Leaving(NoiseAware):
-    def stages(self, found):
-        raise SystemExit(0)
-
-class NaN(NoiseAware):
-    def told(self, found):
-        return {"share": float("nan")}
-
-class Small(NoiseAware):
-    def standard_errors(self, found):
-        return np.ones((2, 2, 3))
-
-class Flat(NoiseAware):
-    def stages(self, found):
-        return [("flat", np.ones(3))]
-
-for kind in (Leaving, NaN, Small, Flat):
-    globals()[f"fit_{kind.__name__}"] = kind.for_scene
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("Leaving", "SystemExit: 0 (derived.py:7)"),
-        ("NaN", "ValueError: Out of range float values are not JSON compliant"),
-        ("Small", "ValueError: cannot reshape array of size 12 into shape (4,5,3)"),
-        ("Flat", "ValueError: returned shape (3,) instead of (4, 5, 3)"),
-    ],
-)
-def test_derived_method_that_tells_what_it_may_not_is_refused(
-    name, told, refused, light, setting, tmp_path
-):
-    np.save(tmp_path / "y.npy", light[0])
-    (tmp_path / "derived.py").write_text(DERIVED)
-    method = f"derived.py:fit_{name}"
-    line = refused("reconstruct", "y.npy", *setting, "--method", method, "--out", "out")
-    assert line.startswith(f"method '{method}' failed on y.npy: {told}")

@@ -1,15 +1,11 @@
-"""Every reader on sound, hostile and damaged files: what is read is sound, the rest one line."""
+"""Every reader on sound and damaged files: it returns finite values or one line."""
 
 import json
 import sys
 
-import numpy as np
 import pytest
 
 from experiments.fuzz.__main__ import Finding, Reader, damaged_cases, fuzz, keep, summary
-from experiments.fuzz.damage import damaged
-from experiments.fuzz.hostile_pictures import hostile_pictures
-from experiments.fuzz.hostile_texts import hostile_texts
 from experiments.fuzz.sound import Case, sound_cases
 from experiments.fuzz.worker import ACCEPTED, REFUSED
 
@@ -39,12 +35,6 @@ def test_sound_files_are_accepted_and_a_few_hundred_damaged_ones_are_no_trouble(
     assert sum(f.verdict == REFUSED for f in findings) > 200
 
 
-@pytest.mark.slow
-def test_hostile_files_and_twenty_thousand_damaged_ones_are_no_trouble(sound):
-    cases = [*hostile_pictures(), *hostile_texts(), *damaged_cases(sound, 20_000, seed=4)]
-    assert not defects(fuzz(cases, sound, processes=2))
-
-
 def test_same_seed_gives_the_same_damage_and_most_damage_changes_something(sound):
     first, second = (list(damaged_cases(sound, 300, seed=5)) for _ in range(2))
     assert first == second
@@ -53,25 +43,15 @@ def test_same_seed_gives_the_same_damage_and_most_damage_changes_something(sound
     assert untouched < 0.1 * len(first)
 
 
-def test_damage_leaves_the_sound_case_as_it_was(sound):
-    case = next(case for case in sound if case.kind == "compressed npz")
-    before = dict(case.files)
-    for k in range(20):
-        damaged(case, sound, np.random.default_rng(k))
-    assert case.files == before
-
-
 TROUBLE = {
     "raise KeyError('a\\nb')": "exception",
     "warnings.warn('careful')": "warning",
     "os._exit(3)": "crash",
     "time.sleep(60)": "hang",
     "bytearray(b'x') * (900 << 20)": "memory",
-    "raise MemoryError": "allocation",
     "print('chatter', flush=True)": "output",
-    "raise PeriscopyError('x' * 10_000 * 0 + 'fine')": REFUSED,
+    "raise PeriscopyError('fine')": REFUSED,
     "return [np.array([np.nan])]": "values",
-    "kept.append(open('/dev/null'))": "descriptors",
     "return []": ACCEPTED,
 }
 
@@ -83,7 +63,6 @@ def test_every_kind_of_trouble_is_told(code, verdict, monkeypatch, tmp_path):
         "import os, sys, time, warnings, numpy as np\n"
         "from experiments.fuzz import worker as fuzz_worker\n"
         "from periscopy_sim.errors import PeriscopyError\n"
-        "kept = []\n"
         f"def trouble(path):\n    {code}\n    return []\n"
         "def reader(path):\n"
         "    return [] if path.name == 'sound' else trouble(path)\n"

@@ -77,22 +77,3 @@ def test_points_lie_on_the_wall_where_the_truth_sees_them(made):
         seen = np.array([150, 100]) + focal * np.array([to @ right, to @ down]) / (to @ ahead)
         # 0.3 pixels of the click and 1 mm of the ruler, here at most a pixel.
         assert np.hypot(*(seen - [row["column"], row["row"]])) < 4 * np.hypot(0.3, 0.6)
-
-
-def test_making_again_does_nothing(made):
-    from experiments.laboratories.making.render import make
-
-    laboratory, folder, out = made
-    before = (folder / "photograph.tiff").stat().st_mtime_ns
-    make(laboratory, out)
-    assert (folder / "photograph.tiff").stat().st_mtime_ns == before
-
-
-def test_the_truth_lies_in_its_own_folder(made):
-    _, folder, _ = made
-    assert (folder / "truth" / "scene.xml").is_file()
-    true = 'name="occluder_x" value="0.507"'
-    assert true in (folder / "truth" / "scene.xml").read_text()
-    scenes = sorted(folder.glob("*.xml"))
-    assert len(scenes) == 4
-    assert not any(true in scene.read_text() for scene in scenes)

@@ -19,26 +19,6 @@ def test_crops_and_leaves_are_of_one_size_and_in_range():
         assert picture.min() >= 0 and picture.max() <= 1 and picture.std() > 0.01
 
 
-def test_crop_of_the_night_sky_is_drawn_anew():
-    dark = np.zeros((300, 400, 3))
-    dark[:, 300:] = 0.9
-    rng = np.random.default_rng(1)
-    assert all(pictures.crop(dark, rng).max() > pictures.DARK for _ in range(20))
-
-
-def test_grey_crops_are_tinted_and_coloured_ones_keep_their_values():
-    grey = np.full((4, 4, 3), 0.5)
-    tinted = pictures.recoloured(grey, np.random.default_rng(2), tint=True)
-    assert np.ptp(tinted[0, 0]) > 0
-    ramp = np.linspace(0, 1, 48).reshape(4, 4, 3)
-    kept = pictures.recoloured(ramp, np.random.default_rng(3), tint=False)
-    assert kept.min() == 0 and kept.max() == 1
-
-
-def test_no_photograph_is_both_learned_from_and_tested_with():
-    assert not {*pictures.COLOURED, *pictures.GREY} & {*pictures.WITHHELD}
-
-
 def test_a_panoramas_lamps_are_white_and_the_rest_keeps_its_contrast(tmp_path):
     linear = np.full((10, 20, 3), 0.25, np.float32)
     linear[0] = 1.0

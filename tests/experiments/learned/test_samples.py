@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.learned.samples import Samples, as_displaced, told_values
+from experiments.learned.samples import Samples, as_displaced, ruler_values
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.evaluation.metrics import shifted
 
 
-def test_told_numbers_are_off_by_declared_errors_from_the_true_ones():
+def test_ruler_values_are_off_by_declared_errors_from_the_true_ones():
     true = {"occluder_dx": 0.04, "seat_width": 0.08}
     errors = declared_errors(ps.find_scene("chair"), {})
-    draws = [told_values(true, 0.5, np.random.default_rng(seed)) for seed in range(300)]
+    draws = [ruler_values(true, 0.5, np.random.default_rng(seed)) for seed in range(300)]
     assert all(draw.keys() == {*true, *errors} for draw in draws)
     for name, value in (("occluder_dx", 0.04), ("camera_dz", 0.0), ("seat_width", 0.08)):
         off = np.array([draw[name] - value for draw in draws]) / errors[name]
@@ -20,7 +20,7 @@ def test_told_numbers_are_off_by_declared_errors_from_the_true_ones():
         assert abs(off.mean()) < 4 * 0.5 / np.sqrt(300)
         assert off.std() == pytest.approx(0.48, abs=4 * 0.48 / np.sqrt(600))
         assert np.abs(off).max() <= 1 + 1e-9
-    assert told_values(true, 0.0, np.random.default_rng(0))["occluder_dx"] == 0.04
+    assert ruler_values(true, 0.0, np.random.default_rng(0))["occluder_dx"] == 0.04
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (1, -1.5), (-0.5, 2)])

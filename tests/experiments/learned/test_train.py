@@ -13,12 +13,8 @@ pytestmark = pytest.mark.torch
 
 from experiments.learned import train  # noqa: E402
 from experiments.learned.samples import Samples  # noqa: E402
-from periscopy_sim.reconstruction.learned.plug_and_play import inverse_root  # noqa: E402
 from periscopy_sim.reconstruction.learned.weights import read_weights  # noqa: E402
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import (  # noqa: E402
-    SpectralBasis,
-    laplacian,
-)
+from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis  # noqa: E402
 
 SHAPE = 29, 36
 
@@ -31,7 +27,7 @@ def written(tmp_path_factory):
     N = SHAPE[0] * SHAPE[1]
     basis = SpectralBasis(np.diag(rng.random(N) + 0.1), SHAPE)
     for number, (split, kind) in enumerate(
-        [("train", "right"), ("train", "told"), ("validation", "right"), ("validation", "told")]
+        [("train", "right"), ("train", "ruler"), ("validation", "right"), ("validation", "ruler")]
     ):
         n = 20
         truth = np.broadcast_to(rng.random((n, 3, 1, 1)) + 0.2, (n, 3, *SHAPE)).astype(np.float32)
@@ -65,7 +61,7 @@ def test_error_is_the_metrics_own_after_the_best_gain():
     assert error == pytest.approx(10 * np.log10(mean + train.GOOD))
 
 
-def test_right_scenes_pay_for_a_wrong_brightness_and_told_ones_do_not():
+def test_right_scenes_pay_for_a_wrong_brightness_and_rulers_scenes_do_not():
     truth = torch.rand(2, 3, 4, 5, generator=torch.Generator().manual_seed(0))
     alike = [float(train.loss_of(factor * truth, truth, right=False)) for factor in (1, 1.5)]
     assert alike[0] == pytest.approx(alike[1], abs=1e-3)
@@ -106,30 +102,3 @@ def test_training_learns_resumes_and_writes_weights_with_their_provenance(
     next(samples.glob("*.npz")).unlink()
     with pytest.raises(SystemExit, match="learned from other samples"):
         train.main(samples, tmp_path / "whole", steps=6, threads=1, seed=3)
-
-
-@pytest.mark.parametrize("network", ["unet", "plug-and-play"])
-def test_other_networks_are_trained_and_drawn_alike(network, samples, tmp_path, monkeypatch):
-    monkeypatch.setattr(train, "CHECKED", 2)
-    monkeypatch.setattr(train, "BATCH", 2)
-    train.main(samples, tmp_path, network=network, steps=2, threads=1)
-    weights = read_weights(tmp_path / f"{network}.safetensors")
-    assert weights.network == network and weights.settings == train.SETTINGS[network]
-    assert (tmp_path / f"{network}.png").is_file()
-
-
-def test_unknown_network_is_refused_by_name(samples, tmp_path):
-    with pytest.raises(SystemExit, match="no network 'resnet'; there are unrolled, unet"):
-        train.main(samples, tmp_path, network="resnet")
-
-
-def test_denoiser_that_knows_the_truth_has_the_least_loss():
-    truth = torch.rand(3, 3, *SHAPE, generator=torch.Generator().manual_seed(0))
-    K = torch.tensor(laplacian(SHAPE), dtype=torch.float32)
-
-    def loss(denoiser):
-        root = inverse_root(K)
-        return float(train.denoising_loss(denoiser, truth, root, np.random.default_rng(0)))
-
-    assert loss(lambda *_: truth) == pytest.approx(10 * np.log10(train.GOOD), abs=1e-3)
-    assert loss(lambda noisy, _: noisy) > loss(lambda *_: truth) + 3

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from experiments.paper.ambient_model import outside
-from experiments.paper.background_models import sketched_basis
-from experiments.paper.fig8 import correlation
 from experiments.paper.fig10 import radial_spectrum, row_statistics
 from experiments.setting import NO_BEAM, Setting
 from periscopy_sim.storage.formats.exr import write_exr
@@ -34,13 +32,6 @@ def test_white_noise_has_neighbours_of_either_sign_and_a_flat_spectrum():
     np.testing.assert_allclose(power[4:], 1, atol=0.2)
 
 
-def test_spectrum_of_a_wave_peaks_at_its_frequency():
-    x = np.arange(32) * 0.01
-    wave = np.broadcast_to(np.cos(2 * np.pi * 12.5 * x), (1, 32, 32))
-    frequency, power = radial_spectrum(wave, 0.01)
-    assert frequency[np.argmax(power)] == pytest.approx(12.5)
-
-
 def test_part_outside_a_subspace_is_found_beneath_independent_noise():
     rng = np.random.default_rng(1)
     Q = np.linalg.qr(rng.normal(size=(4000, 3)))[0]
@@ -53,20 +44,6 @@ def test_part_outside_a_subspace_is_found_beneath_independent_noise():
     assert found[0] == 1
     # One rendering alone would say 0.141; the product's error is about 0.1² / sqrt(12000).
     assert found[-1] == pytest.approx(0.1 / np.hypot(1, 0.1), rel=0.02)
-
-
-def test_mixtures_span_what_all_columns_span():
-    rng = np.random.default_rng(2)
-    B = rng.normal(size=(60, 5)) @ rng.normal(size=(5, 400))
-    Q = sketched_basis(B, width=20)
-    assert Q.shape == (60, 5)
-    np.testing.assert_allclose(Q @ (Q.T @ B), B, atol=1e-10)
-
-
-def test_correlation_ignores_each_channels_mean_and_scale():
-    x = np.random.default_rng(3).normal(size=(50, 3))
-    assert correlation(x, 3 * x + [1, 2, 3]) == pytest.approx(1)
-    assert correlation(x, -x) == pytest.approx(-1)
 
 
 def test_kept_picture_is_rendered_again_for_another_seed(tmp_path):

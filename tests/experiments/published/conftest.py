@@ -130,7 +130,6 @@ def data(tmp_path_factory):
     rendered.write([name for name in captures() if name not in left_out])
     short = root / layout.PLATE / "image_test_bur.mat"
     short.write_bytes(short.read_bytes()[:5000])
-    (root / layout.SOLID / "image_test_2.mat").write_text("no MATLAB")
     (root / "stranger.mat").write_bytes(b"")
     return SimpleNamespace(root=root, rendered=rendered, left_out=left_out)
 

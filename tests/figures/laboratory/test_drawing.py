@@ -21,7 +21,6 @@ from periscopy_sim.figures.laboratory.geometry import (
     turn_and_tilt,
     world_axes,
 )
-from periscopy_sim.figures.laboratory.overview import letter_places
 from periscopy_sim.figures.laboratory.projections import LINES, MONITOR, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import Solid, Survey
@@ -103,19 +102,6 @@ def test_monitor_is_turned_as_the_scene_says(panels):
     np.testing.assert_allclose(right - left, 0.4016 * np.array([0.97815, -0.20791]), atol=1e-3)
 
 
-def test_shadow_of_the_wall_is_no_lighter_than_full_light_and_dark_somewhere(panels, scenario):
-    share = panels[TITLES[0]].images[0].get_array()
-    assert share.max() == 1 and share.min() < 0.5
-    left, right, bottom, top = panels[TITLES[0]].images[0].get_extent()
-    rows, columns = share.shape
-    # Behind the pedestal, as seen from the monitor's middle.
-    eye, pedestal = scenario.patch_centers.mean(axis=0), np.array([0.52, 0.58, 0.14])
-    hit = eye + (1.03 - eye[1]) / (pedestal[1] - eye[1]) * (pedestal - eye)
-    row = int((hit[2] - bottom) / (top - bottom) * rows)
-    column = int((hit[0] - left) / (right - left) * columns)
-    assert share[row, column] < 0.6
-
-
 def test_lines_on_the_wall_lie_where_the_words_below_say(panels):
     """What is dotted runs where the share is all but 1, what is solid where it is all but 0."""
     assert "Dotted: where shadows begin" in LINES and "solid: where all of the monitor" in LINES
@@ -182,26 +168,6 @@ def test_turn_and_tilt_are_those_that_measurements_have():
 )
 def test_lengths_are_told_as_a_person_writes_them(length, told):
     assert in_words(length) == told
-
-
-@pytest.mark.parametrize(
-    "arrows",
-    [
-        ((10, 0), (0, -10), (7, -7)),
-        ((10, 0), (0.1, 0.1), (0, -10)),  # one points at the viewer
-        ((10, 0), (0, -10), (0.5, -9)),  # two point alike
-        ((10, 0), (9, 1), (0, -10)),
-    ],
-)
-def test_letters_of_axes_keep_apart_from_each_other_and_from_all_arrows(arrows):
-    corner, gap = np.array([3.0, 5.0]), 3.5
-    tips = corner + np.array(arrows)
-    places = letter_places(corner, tips, gap)
-    apart = np.linalg.norm(places[:, None] - places, axis=2)[np.triu_indices(3, 1)]
-    assert apart.min() > 0.9 * gap
-    shafts = np.linspace(corner, tips, 50).reshape(-1, 2)
-    assert np.linalg.norm(places[:, None] - shafts, axis=2).min() > 0.6 * gap
-    np.testing.assert_allclose(np.linalg.norm(places - tips, axis=1), gap)
 
 
 def test_no_line_strikes_a_label(panels, figure):

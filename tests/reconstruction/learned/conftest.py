@@ -37,7 +37,7 @@ def problems(small):
     """The photograph as networks see it, and what that came from."""
     torch = pytest.importorskip("torch")
     from periscopy_sim.reconstruction.learned.problem import problem_of
-    from periscopy_sim.reconstruction.learned.proximal_step import Problems
+    from periscopy_sim.reconstruction.learned.unrolled_network import Problems
     from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
     from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
 

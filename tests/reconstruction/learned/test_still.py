@@ -7,7 +7,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.reconstruction.learned.weights import NETWORKS, read_weights, shipped
+from periscopy_sim.reconstruction.learned.weights import SHIPPED, read_weights
 from periscopy_sim.reconstruction.registry import METHODS
 
 HIDDEN = 29, 36
@@ -18,27 +18,21 @@ def coarse():
     return ps.load_scenario("chair", HIDDEN, {"resolution": 48})
 
 
-@pytest.mark.parametrize("network", NETWORKS)
-def test_without_pytorch_the_method_says_what_to_install(network, scene, monkeypatch):
+def test_without_pytorch_the_method_says_what_to_install(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    assert METHODS[network].needs == "torch"
+    assert METHODS["unrolled"].needs == "torch"
     with pytest.raises(PeriscopyError, match=r"pip install -e '\.\[torch\]'"):
-        METHODS[network](scene, np.ones((2304, 1044)), np.ones((2304, 1)))
-
-
-def test_shipped_weights_are_small():
-    assert sum(shipped(network).stat().st_size for network in NETWORKS) < 2e6
+        METHODS["unrolled"](scene, np.ones((2304, 1044)), np.ones((2304, 1)))
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("network", NETWORKS)
-def test_shipped_weights_tell_what_they_learned_from(network):
+def test_shipped_weights_tell_what_they_learned_from():
     pytest.importorskip("safetensors")
-    weights = read_weights(shipped(network))
-    assert weights.hidden_shape == HIDDEN and weights.network == network
+    weights = read_weights(SHIPPED)
+    assert weights.hidden_shape == HIDDEN
     assert sum(each.numel() for each in weights.tensors.values()) < 1.3e5
-    told = {"data", "samples_sha256", "photographs", "seed", "training_steps", "torch"}
-    assert told <= set(weights.provenance) and len(weights.digest) == 64
+    recorded = {"data", "samples_sha256", "photographs", "seed", "training_steps", "torch"}
+    assert recorded <= set(weights.provenance) and len(weights.digest) == 64
 
 
 @pytest.mark.torch

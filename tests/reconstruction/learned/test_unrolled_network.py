@@ -8,15 +8,18 @@ from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import lapla
 torch = pytest.importorskip("torch")
 pytestmark = pytest.mark.torch
 
-from periscopy_sim.reconstruction.learned.proximal_step import Problems, explained  # noqa: E402
-from periscopy_sim.reconstruction.learned.unrolled_network import UnrolledNetwork  # noqa: E402
+from periscopy_sim.reconstruction.learned.unrolled_network import (  # noqa: E402
+    Problems,
+    UnrolledNetwork,
+    proximal_step,
+)
 
 
 def test_what_explains_the_photograph_is_what_dense_normal_equations_say(small, problems):
     given, problem, found = problems
     v = np.random.default_rng(0).random((3, 4, 5)).astype(np.float32)
     ρ = 3.0
-    x = explained(given, torch.tensor(v)[None], torch.full((1, 1, 1), ρ))[0].numpy()
+    x = proximal_step(given, torch.tensor(v)[None], torch.full((1, 1, 1), ρ))[0].numpy()
     Q, _ = np.linalg.qr(small.B)
     rest = small.A - Q @ (Q.T @ small.A)
     K = laplacian((4, 5))
@@ -36,7 +39,7 @@ def test_axes_of_colour_turn_the_photograph_and_the_image_alike(problems):
     same = Problems(*patterns(given), turn, turn @ given.data, alike, *rest(given))
     straight = Problems(*patterns(given), torch.eye(3)[None], given.data, alike, *rest(given))
     ρ = torch.full((1, 1, 1), 2.0)
-    images = [explained(each, given.start, ρ) for each in (same, straight)]
+    images = [proximal_step(each, given.start, ρ) for each in (same, straight)]
     torch.testing.assert_close(*images, rtol=1e-4, atol=1e-4)
 
 

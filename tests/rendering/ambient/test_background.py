@@ -1,5 +1,4 @@
 import re
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -12,6 +11,8 @@ from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.shipped import find_scene
+
+pytestmark = pytest.mark.usefixtures("jit")
 
 COARSE = {"target": 1.0}
 LIGHT = (
@@ -76,7 +77,6 @@ def chair(folder, *, moved=""):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
 def test_background_is_what_path_tracing_the_ambient_scene_gives(office, scenario, same_mean):
     found = [render_background(office, scenario, seed=seed, target=2e-3) for seed in range(8)]
     pictures = np.stack([background.photograph for background in found])
@@ -93,7 +93,6 @@ def test_background_is_what_path_tracing_the_ambient_scene_gives(office, scenari
     assert np.ptp(brute[..., 0]) > 0.1 * brute.mean()
 
 
-@pytest.mark.usefixtures("jit")
 def test_light_that_does_not_bounce_is_the_direct_light_alone(room):
     scenario = room.load()
     found = render_background(room.write(LIGHT, monitor=""), scenario)
@@ -104,7 +103,6 @@ def test_light_that_does_not_bounce_is_the_direct_light_alone(room):
     assert found.relative_error <= 3e-4
 
 
-@pytest.mark.usefixtures("jit")
 def test_perspective_camera_sees_its_own_points_lit(room):
     """A camera that looks from the side photographs what lies about the ambient camera's centre."""
     camera = (
@@ -127,7 +125,7 @@ def test_perspective_camera_sees_its_own_points_lit(room):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit", "few_paths")
+@pytest.mark.usefixtures("few_paths")
 def test_wall_elsewhere_and_turned_gets_the_same_background(tmp_path):
     turned = '<rotate z="1" angle="37"/><rotate x="1" angle="-20"/><translate x="5" y="-3" z="2"/>'
     here, there = (chair(tmp_path, moved=moved) for moved in ("", turned))
@@ -140,7 +138,6 @@ def test_wall_elsewhere_and_turned_gets_the_same_background(tmp_path):
     assert np.ptp(pictures[0]) > 0.1 * pictures[0].mean()
 
 
-@pytest.mark.usefixtures("jit")
 def test_coloured_wall_scales_the_light_by_its_reflectance(office, room, scenario):
     paint = '<bsdf type="diffuse"><rgb name="reflectance" value="0.9, 0.4, 0.1"/></bsdf>'
     coloured = room.load(wall=room.wall(paint), camera=room.camera((12, 12)))
@@ -149,20 +146,7 @@ def test_coloured_wall_scales_the_light_by_its_reflectance(office, room, scenari
     np.testing.assert_allclose(ratio, np.broadcast_to([1.8, 0.8, 0.2], ratio.shape), rtol=1e-5)
 
 
-@pytest.mark.usefixtures("jit")
-def test_ambient_parameters_reach_the_ambient_scene(room):
-    lamp = LIGHT.replace('"1, 2, 3"', '"$power"')
-    path = room.write('<default name="power" value="1"/>', lamp, monitor="")
-    scenario = room.load()
-    once, thrice = (
-        render_background(path, scenario, given, **COARSE).photograph
-        for given in (None, {"power": "3"})
-    )
-    np.testing.assert_allclose(thrice, 3 * once, rtol=1e-5)
-
-
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
 def test_told_error_is_the_scatter_over_seeds(office, scenario):
     count = 12
     found = [render_background(office, scenario, seed=seed, **COARSE) for seed in range(count)]
@@ -179,78 +163,12 @@ def test_told_error_is_the_scatter_over_seeds(office, scenario):
     assert low < scatter / told < high
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
-def test_rounds_go_on_until_the_target_is_reached(office, scenario):
-    fractions = []
-    rough = render_background(office, scenario, **COARSE)
-    fine = render_background(
-        office, scenario, target=rough.relative_error / 2, progress=fractions.append
-    )
-    assert fine.relative_error <= rough.relative_error / 2
-    assert len(fractions) > 0
-    assert all(0 < fraction <= 1 for fraction in fractions)
-
-
-@pytest.fixture
-def noisy_parts(monkeypatch):
-    """Replace both parts of the light by 1 and noise of given deviations; return their calls."""
-
-    def replace(direct, bounced):
-        rng, calls = np.random.default_rng(0), Counter()
-
-        def light(name, sigma, points):
-            calls[name] += 1
-            return 1 + sigma * rng.normal(size=points.shape)
-
-        class Bounced:
-            def __init__(self, *arguments):
-                self.points = arguments[1]
-
-            def estimate(self, _seed):
-                return light("bounced", bounced, self.points)
-
-        ambient = "periscopy_sim.rendering.ambient.background"
-        monkeypatch.setattr(
-            f"{ambient}.direct_irradiance",
-            lambda *arguments: light("direct", direct, arguments[2]),
-        )
-        monkeypatch.setattr(f"{ambient}.BouncedIrradiance", Bounced)
-        return calls
-
-    return replace
-
-
-@pytest.mark.usefixtures("jit")
-def test_samples_go_to_the_noisier_part(office, scenario, noisy_parts):
-    calls = noisy_parts(direct=0.001, bounced=0.2)
-    found = render_background(office, scenario, target=0.002)
-    assert found.relative_error <= 0.002
-    # Eight replicas in a round.
-    assert calls["direct"] == 8
-    assert calls["bounced"] >= 16
-    np.testing.assert_allclose(found.photograph, 2 * 0.5 / np.pi, rtol=0.05)
-
-
-@pytest.mark.usefixtures("jit")
-def test_samples_go_to_the_cheaper_of_parts_alike(office, scenario, noisy_parts):
-    calls = noisy_parts(direct=0.2, bounced=0.2)
-    with pytest.warns(RuntimeWarning, match="stopped at"):
-        render_background(office, scenario, target=1e-4, max_rounds=4)
-    assert calls == {"direct": 32, "bounced": 32}
-    calls = noisy_parts(direct=0.2, bounced=0.2)
-    render_background(office, scenario, target=0.0052)
-    assert calls["direct"] >= 4 * calls["bounced"]
-
-
-@pytest.mark.usefixtures("jit")
 def test_missed_target_warns(office, scenario):
     with pytest.warns(RuntimeWarning, match=r"stopped at a relative error of .*; raise max_rounds"):
         found = render_background(office, scenario, target=1e-7, max_rounds=2)
     assert found.relative_error > 1e-7
 
 
-@pytest.mark.usefixtures("jit")
 def test_same_seed_gives_the_same_bytes_and_another_seed_others(office, scenario):
     first, again, other = (
         render_background(office, scenario, seed=seed, **COARSE).photograph for seed in (2, 2, 3)
@@ -260,7 +178,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(office, scenario
     assert np.all(first != other)
 
 
-@pytest.mark.usefixtures("jit")
 def test_last_bits_do_not_follow_the_number_of_threads_of_products(office, scenario):
     bytes_of = set()
     for threads in (1, 2):
@@ -271,7 +188,6 @@ def test_last_bits_do_not_follow_the_number_of_threads_of_products(office, scena
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1), (2, 3)])
 def test_small_photographs_are_rendered(room, office, size):
     scenario = room.load(camera=room.camera(size), hidden=(1, 1))
@@ -322,10 +238,6 @@ def refusal(path, scenario, parameters=None):
 def test_scene_without_wall_or_camera_is_refused(room, missing, kind):
     path = room.write(LIGHT, monitor="", **{missing: ""})
     assert re.search(f"has no {kind} with id '{missing}'", refusal(path, room.load()))
-
-
-def test_undeclared_parameter_is_refused(office, scenario):
-    assert "declares no parameter 'color'" in refusal(office, scenario, {"color": "1"})
 
 
 def test_scene_without_light_is_refused(room):

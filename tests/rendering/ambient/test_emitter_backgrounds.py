@@ -165,15 +165,3 @@ def test_what_stays_noisy_is_warned_of(written, scenario):
 def test_a_scene_without_light_is_refused(written, scenario):
     with pytest.raises(SceneError, match="has no emitter; give it light"):
         emitter_backgrounds(written(), scenario)
-
-
-def test_scalar_variants_refuse_it(written, scenario, scalar):
-    said = scalar(
-        "import sys, periscopy_sim as ps\n"
-        "seen = ps.load_scenario(sys.argv[1], (2, 3))\n"
-        "try:\n    ps.emitter_backgrounds(sys.argv[2], seen)\n"
-        "except ps.PeriscopyError as error:\n    print(error)\n",
-        scenario.path,
-        written(LAMP),
-    )
-    assert "rendered in llvm_ad_rgb or cuda_ad_rgb only" in said

@@ -13,6 +13,8 @@ from periscopy_sim.rendering.ambient.emitter_backgrounds import emitter_backgrou
 from periscopy_sim.rendering.scene.refusals import SIZELESS
 from tests.rendering.materials import BUMPS, write_files
 
+pytestmark = pytest.mark.usefixtures("jit")
+
 PLACE, RADIUS = np.array([0.2, -0.5, 0.9]), 0.4
 LAMP = (
     '<emitter type="point" id="bulb"><point name="position" value="0.2, -0.5, 0.9"/>'
@@ -89,7 +91,6 @@ def irradiance(scenario, source=PLACE):
     return cosine / distance**2, cosine
 
 
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("kind", CLEAR)
 def test_a_globe_shines_through_a_clear_pane_and_a_lamp_does_not(
     room, place, scenario, mitsubas, kind
@@ -102,7 +103,6 @@ def test_a_globe_shines_through_a_clear_pane_and_a_lamp_does_not(
     assert np.max(mitsubas(with_lamp, seeds=1, samples=256, type="path")) == 0
 
 
-@pytest.mark.usefixtures("jit")
 def test_a_globe_shines_by_way_of_a_mirror_and_a_lamp_does_not(room, place, scenario, mitsubas):
     images = PLACE, PLACE * [1, 1, -1] - [0, 0, 0.6]
     expected = 0.5 / np.pi * sum(irradiance(scenario, image)[0].mean() for image in images)
@@ -114,7 +114,6 @@ def test_a_globe_shines_by_way_of_a_mirror_and_a_lamp_does_not(room, place, scen
     assert traced < 0.9 * expected
 
 
-@pytest.mark.usefixtures("jit")
 def test_a_lamp_shines_through_rough_glass_as_a_globe_does(place, scenario):
     lamp, globe = (
         render_background(place(light, pane(ROUGH_GLASS)), scenario, target=2e-2).photograph.mean()
@@ -154,7 +153,6 @@ def test_lamp_is_refused_by_name_among_what_sends_its_light_on(place, scenario, 
     assert f"shape 'pane' (bsdf '{name}') would be missing; give the lamp a size" in message
 
 
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize(
     "bsdf",
     [
@@ -174,21 +172,6 @@ def test_lamp_is_taken_among_what_scatters_all_it_reflects(room, place, scenario
     assert found.photograph.mean() > 0
 
 
-def test_lamp_is_refused_among_instances_of_glass(place, scenario):
-    group = f'<shape type="shapegroup" id="group">{pane(CLEAR["null"])}</shape>'
-    copy = '<shape type="instance"><ref id="group"/></shape>'
-    assert "shape 'pane' (bsdf 'null')" in refusal(place(LAMP, group, copy), scenario)
-
-
-@pytest.mark.parametrize("kind", sorted(SIZELESS))
-def test_each_kind_of_lamp_without_a_size_is_refused(place, scenario, kind):
-    emitter = f'<emitter type="{kind}" id="lamp"/>'
-    if kind == "directionalarea":
-        emitter = f'<shape type="rectangle">{emitter}</shape>'
-    message = refusal(place(emitter, pane(CLEAR["null"])), scenario)
-    assert f"emitter 'lamp' ({kind}) has no size" in message
-
-
 def test_emitters_without_a_size_are_those_that_mitsuba_flags_so(variant):  # noqa: ARG001
     """Of all plugins of emitters that 3.9 has."""
     import mitsuba as mi
@@ -203,22 +186,6 @@ def test_emitters_without_a_size_are_those_that_mitsuba_flags_so(variant):  # no
         assert mi.has_flag(built.flags(), mi.EmitterFlags.Delta) == (kind in SIZELESS), kind
 
 
-def test_scalar_variants_refuse_the_same(room, place, scalar):
-    code = """
-import sys
-from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.background import render_background
-from periscopy_sim.rendering.scene.load import load_scenario
-try:
-    render_background(sys.argv[2], load_scenario(sys.argv[1], (1, 1)))
-except SceneError as error:
-    print(error)
-"""
-    paths = room.write(camera=room.camera((4, 4))), place(LAMP, pane(CLEAR["mask"]))
-    assert "emitter 'bulb' (point) has no size" in scalar(code, *paths)
-
-
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("light", [LAMP, GLOBE])
 def test_prototypes_are_refused_where_light_comes_through_a_shape(place, scenario, light):
     """Of them light straight on the wall is counted: behind glass none, also of a globe."""

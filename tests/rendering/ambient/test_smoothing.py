@@ -3,8 +3,7 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.rendering import wall_polynomials
-from periscopy_sim.rendering.ambient.replicas import SITES
-from periscopy_sim.rendering.ambient.smoothing import best_estimate
+from periscopy_sim.rendering.ambient.replicas import SITES, best_estimate
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 
 SHAPE = (32, 28)
@@ -177,20 +176,3 @@ def test_field_with_an_edge_keeps_the_samples_themselves():
     assert found.largest is None
     assert found.replicas.tobytes() == replicas.tobytes()
     assert not found.squared_bias.any()
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (2, 3), (3, 2)])
-def test_small_pictures_are_estimated(shape):
-    field = np.random.default_rng(1).uniform(1, 2, size=(shape[0] * shape[1], 3))
-    found = best_estimate(noisy(field, 1e-4, 2), every_pixel(shape), shape)
-    np.testing.assert_allclose(found.replicas.mean(axis=0), field, atol=1e-3)
-    flat = best_estimate(noisy(np.ones_like(field), 1e-4, 2), every_pixel(shape), shape)
-    np.testing.assert_allclose(flat.replicas.mean(axis=0), 1, atol=1e-3)
-
-
-@pytest.mark.parametrize("shape", [(1, 400), (400, 1), (2, 300), (200, 3)])
-def test_thin_pictures_are_interpolated_along_their_length(shape):
-    field, sites = polynomial(shape, 3), chosen_sites(shape, SITES)
-    assert len(sites) < len(field)
-    found = best_estimate(np.stack([field[sites]] * 2), sites, shape)
-    np.testing.assert_allclose(found.replicas[0], field, atol=1e-9)

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from periscopy_sim.analytic.transport import analytic_transport
+from periscopy_sim.analytic.area_transport import analytic_transport, has_areas
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -54,13 +54,13 @@ def box(mesh):
 
 
 def both(scenario):
-    """The matrix, rendered, once the closed form has confirmed it."""
-    rendered = render_transport(scenario, samples=64, strata="midpoint")
-    closed = analytic_transport(scenario, samples=64)
+    """The matrix, rendered, once the closed form, where there is one, has confirmed it."""
+    rendered = render_transport(scenario, samples=1024, strata="midpoint")
     assert np.isfinite(rendered).all() and (rendered >= 0).all()
-    # A ray that grazes an edge may fall on either side of it: one of 64 in a few entries.
-    same = np.isclose(rendered, closed, rtol=1e-4, atol=1e-5 * closed.max())
-    assert same.mean() > 0.98 and np.abs(rendered - closed).max() < closed.max() / 32
+    if has_areas(scenario):
+        # Of 1024 samples a shadow's edge crosses some 32, each half wrong.
+        error = np.linalg.norm(rendered - analytic_transport(scenario))
+        assert error < 0.03 * np.linalg.norm(rendered)
     return rendered
 
 
@@ -86,7 +86,7 @@ def test_box_that_pierces_the_wall_is_rendered_and_refused_by_the_closed_form(ro
     stands = room.load(box((0.3, 0.5, -0.5), (0.42, 1, 1.5)))
     rendered = [render_transport(scene, strata="midpoint") for scene in (pierces, stands)]
     np.testing.assert_allclose(*rendered, rtol=1e-5, atol=1e-8)
-    with pytest.raises(SceneError, match="shape 'box' reaches behind the wall's plane"):
+    with pytest.raises(SceneError, match="shape 'box' reaches as far as the wall"):
         analytic_transport(pierces)
 
 
@@ -182,7 +182,7 @@ def test_monitor_turned_edge_on_lights_the_side_that_it_faces(room, turn):
 
 
 def test_monitor_in_the_walls_plane_is_refused(room):
-    assert "the monitor is behind the wall" in line(room, monitor=room.monitor(y=1))
+    assert "is behind it" in line(room, monitor=room.monitor(y=1))
 
 
 @pytest.mark.parametrize(("vertical", "horizontal"), [(np.nan, 1), (1, np.inf), (-1, 1), (1, -0.5)])

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 
@@ -27,13 +26,6 @@ def test_malformed_xml_is_refused(tmp_path, content, refusal):
     assert "is not well-formed XML" in refusal(path)
 
 
-@pytest.mark.parametrize("content", ["<foo/>", "<scene/>", '<scene version="3.0.0"><a/></scene>'])
-def test_xml_that_is_no_scene_is_refused(tmp_path, content, refusal):
-    path = tmp_path / "bad.xml"
-    path.write_text(content)
-    refusal(path)
-
-
 def test_unknown_plugin_and_unknown_property_are_refused_with_mitsubas_reason(room, refusal):
     message = refusal(room.write('<shape type="blob" id="ball"/>'))
     assert 'Plugin "blob" not found' in message
@@ -53,23 +45,6 @@ def test_undeclared_parameter_is_refused_with_the_declared_ones(room, refusal):
     path = room.write(radius, room.blocker(radius="$radius"), room.blocker("$x, 0, 0", 1))
     message = refusal(path, {"radius": "1", "color": "1"})
     assert message.endswith("'color'; it declares radius (default 0.25), x (default 7)")
-
-
-def test_parameter_without_a_default_is_refused(room, refusal):
-    assert "$radius" in refusal(room.write(room.blocker(radius="$radius")))
-
-
-def test_defaults_are_listed_with_those_of_included_files(tmp_path):
-    deep = '<scene version="3.0.0"><default name="c" value="3"/></scene>'
-    near = (
-        '<scene version="3.0.0"><include filename="deep.xml"/><default name="b" value="2"/></scene>'
-    )
-    top = (
-        '<scene version="3.0.0"><default name="a" value="1"/><include filename="near.xml"/></scene>'
-    )
-    for name, text in {"deep": deep, "near": near, "top": top}.items():
-        (tmp_path / f"{name}.xml").write_text(text)
-    assert read_document(tmp_path / "top.xml").defaults == {"a": "1", "b": "2", "c": "3"}
 
 
 def test_default_of_an_included_file_can_be_set(room, tmp_path):
@@ -112,27 +87,10 @@ def test_missing_texture_is_refused(room, refusal):
     assert "names a missing file" in refusal(room.write(wall=wall))
 
 
-def test_empty_mesh_is_refused(room, tmp_path, refusal):
-    (tmp_path / "sofa.ply").write_bytes(b"")
-    message = refusal(room.write(mesh("sofa.ply")))
-    assert f"ply 'sofa' names an empty file '{tmp_path / 'sofa.ply'}'" in message
-
-
 @pytest.mark.parametrize("content", [b"ply\nformat ascii 1.0\nnonsense\n", b"not a mesh"])
 def test_damaged_mesh_is_refused_with_mitsubas_reason(room, tmp_path, content, refusal):
     (tmp_path / "sofa.ply").write_bytes(content)
     assert "sofa.ply" in refusal(room.write(mesh("sofa.ply")))
-
-
-def test_mesh_format_that_is_not_read_is_refused_with_what_to_do(room, tmp_path, refusal):
-    (tmp_path / "sofa.gltf").write_bytes(b"{}")
-    message = refusal(room.write(mesh("sofa.gltf").replace("ply", "gltf")))
-    assert "gltf 'sofa': GLTF files are not read; save 'sofa.gltf' as STL, GLB, OFF" in message
-
-
-def test_name_that_is_no_text_is_left_to_mitsuba(room, refusal):
-    odd = '<shape type="ply" id="sofa"><float name="filename" value="1"/></shape>'
-    assert "filename" in refusal(room.write(odd))
 
 
 # -- where files are looked for ------------------------------------------------------------------

@@ -5,7 +5,6 @@ With emitter sampling and one bounce it would share the blind spots of A.
 """
 
 import itertools
-import re
 
 import numpy as np
 import pytest
@@ -311,52 +310,4 @@ def test_round_monitor_turned_inside_out_is_refused(room, kind, inside_out):
     flip = '<boolean name="flip_normals" value="true"/>' if inside_out == "flip" else ""
     to_world = ROUND if flip else '<scale x="-1"/>' + ROUND
     message = refusal(room, monitor=with_light(room, kind, flip, to_world))
-    assert f"the monitor is a {kind} turned inside out; remove its flip_normals" in message
-
-
-# -- without LLVM --------------------------------------------------------------------------------
-
-MESSAGES = """
-import sys
-from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import load_scenario
-for path in sys.argv[1:]:
-    try:
-        load_scenario(path, (2, 2))
-    except SceneError as error:
-        print(error)
-    else:
-        print("none")
-"""
-
-
-def test_scalar_variant_refuses_the_same_with_the_same_words(room, scalar):
-    one = room.camera((2, 2))
-    paths = [
-        room.write(camera=one),
-        room.write(room.blocker(bsdf=SEE_THROUGH["mask"]), camera=one),
-        room.write(grouped(room.blocker(bsdf=GLASS)), camera=one),
-        room.write(camera=one.replace("<film", FOG.format("medium") + "<film")),
-        room.write(wall=room.wall('<bsdf type="plastic"/>'), camera=one),
-        room.write(monitor=screen(room, [(WHOLE, (0, 2, 0, 1))], "far"), camera=one),
-        room.write(monitor=screen(room, [(LEFT, (0, 1, 0, 1)), (RIGHT, (0, 1, 0, 1))]), camera=one),
-        room.write(
-            monitor=with_light(room, "sphere", to_world='<rotate x="1" angle="90"/>' + ROUND),
-            camera=one,
-        ),
-        room.write(monitor=with_light(room, "cube"), camera=one),
-        room.write(camera=room.lens(0.5, 0.3, (2, 2))),
-    ]
-    said = scalar(MESSAGES, *paths).splitlines()
-    assert said[0] == "none"
-    from periscopy_sim.rendering.scene.load import load_scenario
-
-    for path, message in zip(paths[1:], said[1:], strict=True):
-        with pytest.raises(SceneError) as caught:
-            load_scenario(path, (2, 2))
-        # Which points of a sphere are missed is a matter of rounding.
-        said_here, said_there = (
-            re.sub(r"at [\d.]+% of its UV", "at some of its UV", text)
-            for text in (str(caught.value), message)
-        )
-        assert said_here == said_there
+    assert f"'monitor' is a {kind} turned inside out" in message

@@ -2,18 +2,14 @@
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
-from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
-from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport.bounced import render_bounced_light
 from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, add_bounces
-from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 from tests.rendering.conftest import Room
 from tests.rendering.materials import BLEND, BUMPS, MEASURED, SLOPE, write_files
 
@@ -295,13 +291,6 @@ def test_an_array_of_it_is_the_channels_mean_and_so_are_its_rows(room):
         A @ f[:, 0]
 
 
-def test_what_is_not_known_well_is_warned_of(room, monkeypatch):
-    monkeypatch.setattr(bounced, "ROUNDS", 1)
-    seen = room.load(board(painted(0.8)))
-    with pytest.warns(RuntimeWarning, match="light that bounces is known to"):
-        render_bounced_light(seen, target=1e-7)
-
-
 def test_shadows_that_a_small_mirror_sends_are_warned_of(room, monkeypatch):
     monkeypatch.setattr(bounced, "ROUNDS", 4)
     strip = board(SHINY, x=0.75, y=0.6, size=0.03)
@@ -341,33 +330,6 @@ def test_every_row_has_its_bounced_light(room):
     added = A.bounced.over_wall @ A.bounced.mean
     np.testing.assert_allclose(np.asarray(A) - direct, added, atol=1e-6 * direct.max())
     assert added.min() > 1e-4 * direct.max()
-
-
-def test_last_bits_do_not_follow_the_number_of_threads_of_products(room):
-    seen = room.load(board(painted(0.8)), camera=room.camera((40, 42)), hidden=(12, 14))
-    found = []
-    for threads in (1, 2):
-        with threadpool_limits(threads):
-            found.append(np.asarray(add_bounces(seen, np.zeros((1680, 168), np.float32), 2)))
-    assert found[0].tobytes() == found[1].tobytes()
-
-
-def test_operators_do_not_take_the_mean_silently(room):
-    A = render_transport(room.load(board(painted(0.8))), bounces=2)
-    for product in (lambda: np.ones((1, A.shape[0])) @ A, lambda: 2 * np.ones(A.shape) * A):
-        with pytest.raises(TypeError):
-            product()
-
-
-@pytest.mark.parametrize(
-    "method", sorted(name for name, entry in METHODS.items() if not entry.needs)
-)
-def test_methods_take_it_as_the_channels_mean(room, method):
-    seen = room.load(board(painted("0.8, 0.4, 0.2")), camera=room.camera((12, 12)))
-    A, B = render_transport(seen, bounces=2), point_light_backgrounds(seen)
-    y = (A @ hidden_image((2, 3)).reshape(-1, 3)).reshape(12, 12, 3) + 0.01
-    images = [METHODS[method](seen, matrix, B).reconstruct(y) for matrix in (A, np.asarray(A))]
-    np.testing.assert_array_equal(*images)
 
 
 @pytest.mark.parametrize("bounces", [0, -1, 1.5, True, "all", np.inf, 10**7])

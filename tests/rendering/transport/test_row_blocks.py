@@ -5,8 +5,7 @@ import pytest
 
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.rendering.transport.row_blocks import RenderedTransport
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 
 
 @pytest.mark.usefixtures("jit")
@@ -24,14 +23,6 @@ def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes):
             covered = rows.stop
             np.testing.assert_array_equal(block, A[rows])
         assert covered == len(A)
-
-
-@pytest.mark.usefixtures("jit")
-def test_midpoint_strata_are_passed_on(shipped):
-    scene = shipped("chair", (4, 5), 12)
-    A = render_transport(scene, strata="midpoint", samples=4)
-    ((_, block),) = RenderedTransport(scene, strata="midpoint", samples=4).row_blocks()
-    np.testing.assert_array_equal(block, A)
 
 
 @pytest.mark.thorough
@@ -56,32 +47,3 @@ def test_it_makes_a_linear_operator_that_passes_the_dot_test(shipped):
     rng = np.random.default_rng(1)
     f, y = rng.normal(size=20), rng.normal(size=144)
     assert (operator @ f) @ y == pytest.approx(f @ (operator.H @ y), rel=1e-12)
-
-
-@pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"samples": 0}, "all must be positive"),
-        ({"pixel_samples": 0}, "all must be positive"),
-        ({"lanes": 0}, "all must be positive"),
-        ({"strata": "random"}, "strata 'random' are not known"),
-    ],
-)
-def test_settings_out_of_range_are_refused(shipped, settings, message):
-    with pytest.raises(ValueError, match=message):
-        RenderedTransport(shipped("chair", (2, 2), 4), **settings)
-
-
-def test_scalar_variants_are_refused_with_what_to_do(scalar):
-    code = (
-        "import periscopy_sim as ps\n"
-        "from periscopy_sim.rendering.transport.row_blocks import RenderedTransport\n"
-        "scene = ps.load_scenario(ps.find_scene('chair'), (2, 2), {'resolution': 4})\n"
-        "try:\n"
-        "    next(RenderedTransport(scene).row_blocks())\n"
-        "except ps.PeriscopyError as error:\n"
-        "    print(type(error).__name__, error)\n"
-    )
-    printed = scalar(code)
-    assert printed.startswith("VariantError") and "memory_map" in printed

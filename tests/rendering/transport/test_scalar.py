@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.scalar import profile_matrix
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import profile_matrix, render_transport
 
 RENDER = """
 import sys
@@ -125,3 +124,27 @@ def test_profile_matrix_is_the_profile_from_patch_to_pixel(room):
         ray = seen.wall_points[pixel] - seen.patch_centers[patch]
         expected = np.cos(np.arctan2(ray[2], ray[1])) ** 18 * np.cos(np.arctan2(ray[0], ray[1]))
         assert profile[pixel, patch] == pytest.approx(expected, rel=1e-6)
+
+
+NEEDS_LLVM = """
+import sys
+import periscopy_sim as ps
+from periscopy_sim.errors import VariantError
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
+scene = ps.load_scenario(sys.argv[1], (1, 1))
+for render in (
+    lambda: ps.render_transport(scene, bounces=None),
+    lambda: ps.render_bounced_light(scene),
+    lambda: ps.render_background("ambient/overcast", scene),
+    lambda: ps.emitter_backgrounds("ambient/window_left", scene),
+    lambda: next(RenderedTransport(scene).row_blocks()),
+):
+    try:
+        render()
+    except VariantError:
+        print("refused")
+"""
+
+
+def test_what_needs_a_vectorized_variant_is_refused(room, scalar):
+    assert scalar(NEEDS_LLVM, room.write()).split() == 5 * ["refused"]

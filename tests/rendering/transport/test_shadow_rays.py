@@ -74,12 +74,6 @@ def test_gauss_and_legendres_points_are_worth_many_midpoints(room, samples, rela
     assert errors["gauss"] < 0.1 * errors["midpoint"]
 
 
-def test_an_odd_number_of_gauss_strata_is_of_midpoints(room):
-    seen = room.load(hidden=(2, 3))
-    one, other = (render_transport(seen, strata=each, samples=9) for each in ("gauss", "midpoint"))
-    np.testing.assert_array_equal(one, other)
-
-
 def test_falloff_is_about_the_axes_of_a_tilted_and_stretched_monitor(room):
     monitor = room.monitor(scale=(0.3, 0.05), turn=165, tilt=-25)
     A = render_transport(room.load(monitor=monitor, hidden=(1, 2)), strata="midpoint", samples=1024)
@@ -99,13 +93,6 @@ def test_entry_is_proportional_to_the_mean_albedo(room):
         seen = room.load(wall=room.wall(painted(color)))
         A = render_transport(seen, strata="midpoint")
         np.testing.assert_allclose(A, grey * (mean / 0.5), rtol=1e-5)
-
-
-def test_file_radiance_does_not_matter(room):
-    dim = room.lcd().replace('name="radiance" value="1"', 'name="radiance" value="0.01, 2, 7"')
-    np.testing.assert_array_equal(
-        render_transport(room.load(monitor=room.monitor(dim))), render_transport(room.load())
-    )
 
 
 def brute_force(points, lights, triangles):
@@ -176,14 +163,6 @@ def test_wall_points_of_a_pixel_are_the_middles_of_its_strata(shipped):
     np.testing.assert_allclose(A, averaged, atol=A.max() / 32)
 
 
-def test_midpoints_do_not_depend_on_the_seed(shipped):
-    seen = shipped("chair")
-    options = {"strata": "midpoint", "samples": 4, "pixel_samples": 4}
-    np.testing.assert_array_equal(
-        render_transport(seen, seed=0, **options), render_transport(seen, seed=1, **options)
-    )
-
-
 @pytest.mark.parametrize("pixel_samples", [1, 4])
 def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_samples):
     seen = shipped("chair")
@@ -194,17 +173,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_s
     assert first.tobytes() == again.tobytes()
     lit = (first > 0) & (other > 0)
     assert np.mean(first[lit] != other[lit]) > 0.99
-
-
-@pytest.mark.parametrize("lanes", [1, 48 * 25, 48 * 143 + 1])
-def test_size_of_the_blocks_does_not_matter(shipped, monkeypatch, lanes):
-    seen = shipped("chair", resolution=12)
-    whole = render_transport(seen, samples=4, pixel_samples=2, seed=5)
-    monkeypatch.setattr(transport, "LANES", lanes)
-    blocks = []
-    parts = render_transport(seen, samples=4, pixel_samples=2, seed=5, progress=blocks.append)
-    assert parts.tobytes() == whole.tobytes()
-    assert len(blocks) == {1: 144, 48 * 25: 6, 48 * 143 + 1: 2}[lanes]
 
 
 def test_progress_rises_to_one(shipped, monkeypatch):
@@ -306,15 +274,6 @@ def test_jitter_of_neighbouring_samples_and_of_other_keys_is_uncorrelated():
         uncorrelated(jitter(keys, mi.UInt32(first)), jitter(keys, mi.UInt32(second)))
     key = mi.UInt32(123456789)
     uncorrelated(jitter(key, many), jitter(key, many + 1))
-
-
-def test_strata_beat_independent_samples(room):
-    """Of a smooth integrand n strata leave a variance of n^-2, not n^-1."""
-    spread = [
-        np.std([render_transport(room.load(), samples=n, seed=s) for s in range(20)], axis=0).mean()
-        for n in (1, 16)
-    ]
-    assert spread[1] < spread[0] / 12
 
 
 def test_wall_points_of_a_pixel_see_independent_samples_of_a_patch(room):

@@ -6,8 +6,7 @@ import pytest
 import scipy.io
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.film.blocks import block_means
-from periscopy_sim.storage.formats.matlab import bayer_colours
+from periscopy_sim.storage.formats.matlab import averaged_counts, bayer_colours
 from periscopy_sim.storage.photographs import read_photograph
 
 RAW = {"image": np.ones((8, 12)), "shutter_speed": 0.5, "iterations": 4.0}
@@ -36,7 +35,7 @@ def test_colours_and_means_are_those_of_a_slow_loop():
         cell = counts[2 * row : 2 * row + 2, 2 * column : 2 * column + 2]
         expected = [cell[0, 0], (cell[0, 1] + cell[1, 0]) / 2, cell[1, 1]]
         assert np.array_equal(colours[row, column], expected)
-    means = block_means(colours, (2, 3))
+    means = averaged_counts(colours, 1.0, (2, 3), "y")
     assert np.allclose(means[1, 2], colours[2:, 4:].mean(axis=(0, 1)))
 
 

@@ -1,0 +1,174 @@
+"""The light that a command models: the transport matrix A and the light model B."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from periscopy_sim.cli.options import Model
+from periscopy_sim.cli.output import fixable, progress
+from periscopy_sim.errors import PeriscopyError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from periscopy_sim.rendering.transport.kernel import Strata
+    from periscopy_sim.scenario import Array, Scenario
+    from periscopy_sim.storage.transport_matrix import Transport
+
+REPORTED_MEMORY = 2e9
+"""Bytes from which a command prints how much memory A needs."""
+
+GRID = "grid"
+"""Names Eq. 4's point lights on the paper's grid."""
+
+
+@dataclass(frozen=True)
+class TransportRequest:
+    """Where A comes from: a file, or a rendering.
+
+    Where noise in A would count as information, as in a bound, its `strata` should be ``"gauss"``:
+    random rays make patches look different.
+    """
+
+    samples: int
+    seed: int
+    model: Model = Model.rendered
+    bounces: int | None = 1
+    file: Path | None = None
+    strata: Strata = "jittered"
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether A holds the light alone that goes straight to the wall."""
+        return self.bounces == 1
+
+    @property
+    def is_rendered(self) -> bool:
+        """Whether A is what `render_transport` returns of direct light."""
+        return self.file is None and self.model is Model.rendered and self.is_direct
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """The entries of a summary."""
+        from periscopy_sim.rendering.transport.bounces import bounces_in_words
+
+        return {
+            "model": "file" if self.file else self.model.value,
+            "transport": self.file,
+            "samples": None if self.file else self.samples,
+            "bounces": bounces_in_words(self.bounces),
+        }
+
+    def matrix(self, scenario: Scenario) -> Transport:
+        """Read A, or compute it with a progress bar."""
+        if self.file is not None:
+            from periscopy_sim.storage.transport_matrix import read_transport
+
+            return read_transport(self.file, scenario, self.bounces)
+        if self.is_direct:
+            return self._direct(scenario)
+        from periscopy_sim.rendering.transport.bounced import check_bouncing_wall
+        from periscopy_sim.rendering.transport.bounced_transport import add_bounces
+
+        check_bouncing_wall(scenario)
+        direct = self._direct(scenario)
+        with progress("tracing light that bounces") as report:
+            return add_bounces(scenario, direct, self.bounces, seed=self.seed, progress=report)
+
+    def _direct(self, scenario: Scenario) -> NDArray[np.float32]:
+        if self.model is Model.analytic:
+            from periscopy_sim.analytic.area_transport import analytic_transport
+
+            return analytic_transport(scenario)
+        from periscopy_sim.rendering.transport import shadow_rays
+
+        with progress("rendering the transport matrix") as report:
+            return shadow_rays.render_transport(
+                scenario,
+                samples=self.samples,
+                strata=self.strata,
+                seed=self.seed,
+                progress=report,
+            )
+
+
+@dataclass(frozen=True)
+class LightModel:
+    """Where B comes from, the light that ambient light may be made of: sources, in this order."""
+
+    sources: tuple[str, ...]
+    seed: int
+
+    @classmethod
+    def of(cls, sources: Sequence[str] | None, seed: int, methods: Sequence[str] = ()) -> Self:
+        """Check the values of ``--light-model`` for methods, before anything is rendered.
+
+        A PeriscopyError names a source that does not exist, or a method that takes no B.
+        """
+        from periscopy_sim.reconstruction.registry import METHODS
+        from periscopy_sim.shipped import find_scene
+
+        chosen = list(sources or ())
+        for source in chosen:
+            if chosen.count(source) > 1:
+                raise PeriscopyError(f"--light-model {source} is given twice")
+            if source != GRID and not _is_file(source):
+                find_scene(source)
+        for name in methods:
+            if chosen and name in METHODS and not METHODS[name].backgrounds:
+                raise PeriscopyError(
+                    f"--light-model: the method {name} models no ambient light; leave one out"
+                )
+        return cls(tuple(chosen or (GRID,)), seed)
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """The entries of a summary."""
+        return {"ambient_prototypes": list(self.sources)}
+
+    def matrix(self, scenario: Scenario) -> Array:
+        """Return B, (M, L): read, or computed with a progress bar."""
+        return np.hstack([self._columns(source, scenario) for source in self.sources])
+
+    def _columns(self, source: str, scenario: Scenario) -> Array:
+        if source == GRID:
+            from periscopy_sim.analytic.point_light import point_light_backgrounds
+
+            return point_light_backgrounds(scenario)
+        if _is_file(source):
+            from periscopy_sim.storage.transport_matrix import read_prototypes
+
+            return read_prototypes(Path(source), scenario.transport_shape[0])
+        from periscopy_sim.rendering.ambient.emitter_backgrounds import emitter_backgrounds
+
+        label = f"rendering the emitters of {Path(source).stem}"
+        with fixable(f"--light-model {source}"), progress(label) as report:
+            return emitter_backgrounds(source, scenario, seed=self.seed, progress=report)
+
+
+def _is_file(source: str) -> bool:
+    return source.lower().endswith(".npy")
+
+
+def check_memory(scenario: Scenario, method: str | None = None) -> None:
+    """Print how much memory A and a method fitted to it need; a PeriscopyError if too much."""
+    from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
+    from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+
+    pixels, patches = scenario.transport_shape
+    entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
+    needed = transport_memory(pixels, patches, 4 if method is None else entry.bytes_per_entry)
+    need = f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory"
+    if not has_memory(needed):
+        raise PeriscopyError(
+            f"{need}, where {(available_memory() or 0) / 1e9:.1f} GB are available; average pixels "
+            "by periscopy prepare --bin, or ask for fewer patches by --hidden"
+        )
+    if needed > REPORTED_MEMORY:
+        print(f"periscopy: {need}", file=sys.stderr, flush=True)

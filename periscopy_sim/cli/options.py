@@ -1,0 +1,322 @@
+"""The options that commands share, in the groups of ``--help``, and the forms of their values."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from typer.core import TyperCommand
+
+from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+
+SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
+SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
+"""Titles of the groups that ``--help`` shows."""
+
+RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
+"""Former names of options, which still work."""
+
+
+class GroupedCommand(TyperCommand):
+    """A command whose ``--help`` lists arguments and options by group."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write each group that has an entry; options without a group come last."""
+        titles = (SCENE, PHOTOGRAPH, LIGHT, SOLVER, OUTPUT, EXPERT, "Options")
+        groups: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
+        for parameter in self.get_params(ctx):
+            if (record := parameter.get_help_record(ctx)) is not None:
+                title = getattr(parameter, "rich_help_panel", None) or "Options"
+                groups.setdefault(title, []).append(record)
+        for title, records in groups.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def option(form: str, words: str, *names: str, group: str | None = None, **more: Any) -> Any:
+    """Return an option: the form of its value, its help in words, the rest as typer takes it."""
+    return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
+
+
+def not_nan(value: float | None) -> float | None:
+    """Reject NaN, which the parser takes to be within any bounds."""
+    if value is not None and math.isnan(value):
+        raise typer.BadParameter("nan is not a number")
+    return value
+
+
+def number(words: str, *, form: str = "NUMBER", group: str | None = None, **more: Any) -> Any:
+    """Return an option that takes a number, never NaN; its bounds are ``min`` and ``max``."""
+    return option(form, words, group=group, callback=not_nan, **more)
+
+
+# -- scene ---------------------------------------------------------------------------------------
+
+_SCENE = "A Mitsuba XML file, or the name of a shipped scene."
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE, rich_help_panel=SCENE)]
+SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
+Hidden = Annotated[
+    str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.", group=SCENE)
+]
+Define = Annotated[
+    list[str] | None,
+    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
+]
+
+# -- photograph ----------------------------------------------------------------------------------
+
+PhotoArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="PHOTO",
+        help="EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw.",
+        rich_help_panel=PHOTOGRAPH,
+    ),
+]
+MaskOption = Annotated[
+    Path | None,
+    option(
+        "FILE",
+        "A grey picture of the photograph's size (PNG, TIFF, JPEG, EXR, NPY or NPZ with key mask): "
+        "bright where the wall is used, black where it is left out.",
+        group=PHOTOGRAPH,
+    ),
+]
+MonitorOffOption = Annotated[
+    list[Path] | None,
+    option(
+        "FILE",
+        "A photograph of the same wall with the monitor off, of the photograph's size; repeatable. "
+        "Its light, and what the wall's paint does to it, is projected out.",
+        "--monitor-off",
+        group=PHOTOGRAPH,
+    ),
+]
+
+# -- light ---------------------------------------------------------------------------------------
+
+
+class Model(StrEnum):
+    """How direct light of the transport matrix is computed."""
+
+    rendered = "rendered"
+    analytic = "analytic"
+
+
+# More samples would be hours in one kernel, which nothing can interrupt.
+Samples = Annotated[
+    int, option("NUMBER", "Samples of a patch for each wall point.", group=LIGHT, min=1, max=65536)
+]
+ModelOption = Annotated[
+    Model,
+    typer.Option(
+        help="A by shadow rays, or in closed form (planar scenes, convex parts).",
+        rich_help_panel=LIGHT,
+    ),
+]
+BouncesOption = Annotated[
+    str,
+    option(
+        "direct|all|N",
+        "The monitor's light in A: what goes straight to the wall, what all surfaces send on, or "
+        "what is reflected at most N times.",
+        group=LIGHT,
+    ),
+]
+MatrixOption = Annotated[
+    Path | None,
+    option("FILE", "Take A from this NPY file rather than render it.", "--transport", group=LIGHT),
+]
+LightModelOption = Annotated[
+    list[str] | None,
+    option(
+        "grid|FILE.npy|SCENE",
+        "What ambient light may be made of: Eq. 4's point lights (grid), the columns of a file, "
+        "(pixels, lights), or the emitters of a scene, large ones by panes; repeatable: all of "
+        "them. Default: grid.",
+        "--light-model",
+        group=LIGHT,
+    ),
+]
+
+# -- output and noise ----------------------------------------------------------------------------
+
+Out = Annotated[
+    Path, option("FOLDER", "Folder to write; appears complete or not at all.", group=OUTPUT)
+]
+OutFile = Annotated[
+    Path, option("FILE", "File to write; appears complete or not at all.", group=OUTPUT)
+]
+# Mitsuba takes seeds of 32 bits; commands count on from this one.
+Seed = Annotated[
+    int, option("NUMBER", "Seed of every random draw.", group=EXPERT, min=0, max=2**31 - 1)
+]
+_snr = number(
+    "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB; the signal is the root mean "
+    "square of the whole photograph, ambient light included.",
+    form="DB",
+    min=-100,
+    max=300,
+)
+Snr = Annotated[float, _snr]
+OptionalSnr = Annotated[float | None, _snr]
+
+# -- forms of values -----------------------------------------------------------------------------
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Read ROWSxCOLUMNS."""
+    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
+    if not size:
+        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
+    return int(size[1]), int(size[2])
+
+
+def parse_definitions(definitions: list[str] | None, flag: str = "-D") -> dict[str, str]:
+    """Read ``-D name=value`` options, or those of another name; each name once."""
+    values: dict[str, str] = {}
+    for definition in definitions or []:
+        name, _, value = definition.partition("=")
+        if not (name and value):
+            raise PeriscopyError(f"{flag} '{definition}' is not of the form name=value")
+        if name in values:
+            raise PeriscopyError(f"{flag} {name} is given twice")
+        values[name] = value
+    return values
+
+
+def parse_errors(text: str, flag: str) -> dict[str, float | None]:
+    """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
+    errors: dict[str, float | None] = {}
+    for entry in filter(None, map(str.strip, text.split(","))):
+        name, _, error = map(str.strip, entry.partition("="))
+        if name in errors:
+            raise PeriscopyError(f"{flag}: '{name}' is named twice")
+        try:
+            errors[name] = float(error) if "=" in entry else None
+        except ValueError:
+            raise PeriscopyError(f"{flag} {entry}: give a number") from None
+    return errors
+
+
+def known_errors(
+    named: Mapping[str, float | None], path: Path, given: Mapping[str, str]
+) -> dict[str, float]:
+    """Return the errors of ``--uncertain``: those given, else those that the scene declares.
+
+    A PeriscopyError says that an error is unknown, not positive, or contradicts another option.
+    """
+    from periscopy_sim.calibration.prior import declared_errors, start_values
+    from periscopy_sim.rendering.scene.document import RULER_ERROR
+
+    if named:
+        start_values(path, list(named), given)
+    declared, errors = declared_errors(path, given), {}
+    for name, error in named.items():
+        ruler = f"{name}{RULER_ERROR}"
+        # A declared error of 0 keeps a parameter where it is; it may be uncertain all the same.
+        if error is not None and ruler in given and declared.get(name) not in (0, error):
+            raise PeriscopyError(
+                f"--uncertain {name}={error:g} and -D {ruler}={given[ruler]} contradict each "
+                "other; give one of them"
+            )
+        known = declared.get(name) if error is None else error
+        if known is None:
+            raise PeriscopyError(
+                f"--uncertain {name}: the scene declares no {ruler}; give {name}=ERROR"
+            )
+        if not 0 < known < math.inf:
+            raise PeriscopyError(
+                f"--uncertain {name}: an error of {known:g}; give a positive number, or leave it "
+                "out"
+            )
+        errors[name] = known
+    return errors
+
+
+def require_suffix(out: Path, suffix: str, what: str) -> None:
+    """Reject an --out whose suffix is not that of the file's format."""
+    if out.suffix != suffix:
+        raise OutputError(f"--out {out}: {what} is written as {suffix}; name a file that ends so")
+
+
+def parse_list(flag: str, text: str) -> list[str]:
+    """Read names separated by commas, each once."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise PeriscopyError(f"{flag} '{text}' has an empty name; separate names by one comma")
+    _refuse_doubles(flag, names)
+    return names
+
+
+def _refuse_doubles(flag: str, names: list[str]) -> None:
+    if doubles := {name for name in names if names.count(name) > 1}:
+        raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
+
+
+def parse_ratios(text: str) -> list[float]:
+    """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps)."""
+    first, *rest = text.split(":")
+    try:
+        if rest:
+            last, spacing, count = rest
+            ends, number = (float(first), float(last)), int(count)
+            if not (0 < min(ends) <= max(ends) < math.inf and 1 <= number <= MOST_RATIOS):
+                raise ValueError
+            space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
+            ratios = [float(f"{ratio:.6g}") for ratio in space(*ends, number)]
+        else:
+            ratios = [float(ratio) for ratio in text.split(",")]
+        if not all(0 < ratio < math.inf for ratio in ratios) or len({*ratios}) < len(ratios):
+            raise ValueError
+    except (ValueError, KeyError):
+        raise PeriscopyError(
+            f"--sbr '{text}' is no list of different positive ratios; write 0.1,1,10 or "
+            "0.1:10:log:9"
+        ) from None
+    return ratios
+
+
+MOST_RATIOS = 1000
+
+
+def parse_ambient(text: str) -> dict[str, Path | None]:
+    """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
+
+    Return name to EXR file; None for a shipped condition, which is yet to be rendered.
+    """
+    lights: list[tuple[str, Path | None]] = []
+    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL}
+    for entry in parse_list("--ambient", text):
+        path = Path(entry)
+        if entry in groups or entry in (*REALISTIC, *ADVERSARIAL):
+            lights += [(name, None) for name in groups.get(entry, [entry])]
+        elif path.is_dir() and (files := sorted(path.glob("*.exr"))):
+            lights += [(file.stem, file) for file in files]
+        elif path.suffix == ".exr":
+            lights.append((path.stem, path))
+        else:
+            raise PeriscopyError(
+                f"--ambient '{entry}' is no lighting condition; use an EXR file, a folder of them, "
+                f"all, adversarial, or {', '.join((*REALISTIC, *ADVERSARIAL))}"
+            )
+    _refuse_doubles("--ambient", [name for name, _ in lights])
+    return dict(lights)
+
+
+def parse_bounces(text: str) -> int | None:
+    """Read ``--bounces``: most reflections of a path, 1 of direct light, None of any number."""
+    from periscopy_sim.rendering.transport.bounces import bounces_of_words
+
+    try:
+        return bounces_of_words(text)
+    except ValueError as error:
+        raise PeriscopyError(f"--bounces {error}") from None

@@ -1,0 +1,1 @@
+"""Commands for a first hour: does it work here, what does it do, what to try."""

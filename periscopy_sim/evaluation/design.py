@@ -1,0 +1,227 @@
+"""Designs: the merit of a scene over ranges of its parameters, point by point.
+
+A point that makes no scene fails alone. A design that was stopped goes on from its table.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from periscopy_sim.errors import OutputError, SceneError, VariantError
+from periscopy_sim.evaluation.merit import NUMBERS, Comparison, Merit, Reference, merit_of
+from periscopy_sim.rendering.overlap import overlap_doubt, overlaps
+from periscopy_sim.rendering.pierced import pierced
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.shadow_check import shadow_doubt
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.outputs.staging import staged_file
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+Row = dict[str, Any]
+"""A point: ``point``, its number, 0 of the scene as it stands; ``values`` of the parameters, as
+text; the numbers and the ``remark`` of a `Merit`, None where missing; ``failure``, why it makes no
+scene."""
+
+
+def points_of(
+    ranges: Mapping[str, tuple[float, float]], grid: int | None, draws: int, seed: int
+) -> list[dict[str, str]]:
+    """Return the points of a design in order: the value of each parameter, as text.
+
+    Parameters
+    ----------
+    ranges
+        The lowest and the highest value of each parameter, by its name.
+    grid
+        Values of each parameter, both ends included, all combined; None for draws.
+    draws
+        Points spread over the ranges instead: Halton's sequence, scrambled by the seed. A larger
+        number begins with the points of a smaller one.
+    seed
+        Of the draws.
+    """
+    low, high = np.transpose(list(ranges.values()))
+    if grid is None:
+        spread = qmc.Halton(len(ranges), scramble=True, rng=seed).random(draws)
+    else:
+        steps = np.linspace(0, 1, grid) if grid > 1 else np.array([0.5])
+        spread = np.array(list(product(steps, repeat=len(ranges))))
+    points = low * (1 - spread) + high * spread
+    points[np.abs(points) < 1e-12 * np.ptp([low, high], axis=0)] = 0  # rounding
+    return [dict(zip(ranges, map(as_text, point), strict=True)) for point in points]
+
+
+def as_text(value: float) -> str:
+    """Return a number as text for a scene file; whole numbers without a point, for pixel counts."""
+    return f"{value + 0.0:.9g}"
+
+
+def write_table(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows as CSV, all or none."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("point", *rows[0]["values"], *NUMBERS, "failure", "remark"))
+    for row in rows:
+        numbers = ("" if row[name] is None else f"{row[name]:.9g}" for name in NUMBERS)
+        table.writerow(
+            (row["point"], *row["values"].values(), *numbers, row["failure"], row["remark"])
+        )
+    with staged_file(path) as staged:
+        staged.write_text(text.getvalue(), encoding="utf-8", newline="")
+
+
+def read_table(path: Path, names: Iterable[str]) -> list[Row]:
+    """Read what `write_table` wrote of these parameters; no rows without a file.
+
+    An `OutputError` says that it is damaged.
+    """
+    if not path.is_file():
+        return []
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            return [
+                {
+                    "point": int(record["point"]),
+                    "values": {name: record[name] for name in names},
+                    **{name: float(record[name]) if record[name] else None for name in NUMBERS},
+                    "failure": record["failure"],
+                    "remark": record["remark"],
+                }
+                for record in csv.DictReader(stream, strict=True)
+            ]
+    except (OSError, ValueError, KeyError, TypeError, csv.Error):
+        raise OutputError(
+            f"{path}: is damaged; remove it, or name another folder, to start anew"
+        ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A scene file, what of it varies, and how its points are compared.
+
+    Attributes
+    ----------
+    path
+        The scene file.
+    hidden
+        (R, C) of the hidden image.
+    parameters
+        Values of its ``<default>``s as it stands.
+    points
+        Values of the parameters that vary, as `points_of` returns them.
+    comparison
+        Noise and ambient light.
+    transport, prototypes
+        Return A, (M, N), and B, (M, L), of a scenario.
+    images
+        Hidden images, (R, C, 3), by name, for the errors.
+    """
+
+    path: Path
+    hidden: tuple[int, int]
+    parameters: Mapping[str, str]
+    points: Sequence[Mapping[str, str]]
+    comparison: Comparison
+    transport: Callable[[Scenario], Image]
+    prototypes: Callable[[Scenario], Image]
+    images: Mapping[str, Array]
+
+    def scenario(self, values: Mapping[str, str]) -> Scenario:
+        """Return the scene of a point; a SceneError says that it is none."""
+        scenario = load_scenario(self.path, self.hidden, {**self.parameters, **values})
+        if fault := pierced(scenario):
+            raise SceneError(f"scene '{self.path}': {fault}")
+        return scenario
+
+    def merit(self, scenario: Scenario, first: Reference | None = None) -> tuple[Merit, Reference]:
+        """Return the merit of a point's scene, given the reference of the scene as it stands."""
+        light = self.transport(scenario), self.prototypes(scenario)
+        return merit_of(scenario, *light, self.comparison, self.images, reference=first)
+
+    def as_it_stands(self) -> dict[str, str]:
+        """Return the values of what varies in the scene as it stands."""
+        values = {**read_document(self.path).defaults, **self.parameters}
+        return {name: as_text(float(values[name])) for name in self.points[0]}
+
+
+def run_design(
+    design: Design, table: Path, progress: Callable[[int, int], None] = lambda *_: None
+) -> list[Row]:
+    """Assess a scene as it stands and at each point; go on from the rows that a table holds.
+
+    Parameters
+    ----------
+    design
+        What to do.
+    table
+        CSV file of a row for each point, renewed after each. It must be of this design.
+    progress
+        Called with how many points are done, and of how many.
+
+    Returns
+    -------
+    list of Row
+        That of the scene as it stands first.
+
+    Raises
+    ------
+    SceneError
+        If the scene as it stands is none.
+    OutputError
+        If the table cannot be read or written, or is of other or more points.
+    """
+    points = [design.as_it_stands(), *design.points]
+    rows = read_table(table, points[0])
+    if [row["values"] for row in rows] != points[: len(rows)]:
+        raise OutputError(
+            f"{table} holds {len(rows) - 1} points, which this design does not begin with; ask for "
+            "as many or more, or name another folder"
+        )
+    if len(rows) == len(points):
+        return rows
+    scenario = design.scenario({})
+    joined = overlaps(scenario)
+    merit, reference = design.merit(scenario)
+    rows = rows or [_row(0, points[0], merit, shadow_doubt(scenario))]
+    for number in range(len(rows), len(points)):
+        progress(number, len(points))
+        try:
+            scenario = design.scenario(points[number])
+            merit, _ = design.merit(scenario, reference)
+            doubts = shadow_doubt(scenario), overlap_doubt(scenario, but=joined)
+            row = _row(number, points[number], merit, *doubts)
+        except (OutputError, VariantError):  # not the point's fault
+            raise
+        except ValueError as error:  # a SceneError too
+            failure = " ".join(str(error).replace(f"scene '{design.path}': ", "").split())
+            row = _row(number, points[number], None) | {"failure": failure}
+        rows.append(row)
+        write_table(table, rows)
+    progress(len(points), len(points))
+    return read_table(table, points[0])  # the same digits, however often it stopped
+
+
+def _row(number: int, values: Mapping[str, str], merit: Merit | None, *doubts: str) -> Row:
+    """Return the row of a point; its remark includes doubts about the scene."""
+    numbers = {name: getattr(merit, name, None) for name in NUMBERS}
+    remark = "; ".join(filter(None, (*doubts, getattr(merit, "remark", ""))))
+    return {"point": number, "values": values, **numbers, "failure": "", "remark": remark}
+
+
+def ranked(rows: Sequence[Row], number: str) -> list[Row]:
+    """Return the rows where a number is finite, the least first; among equals, the earlier."""
+    finite = [row for row in rows if row[number] is not None and np.isfinite(row[number])]
+    return sorted(finite, key=lambda row: row[number])

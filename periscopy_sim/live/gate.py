@@ -1,0 +1,182 @@
+"""The gate of the page: who may connect to its server, and which messages may enter.
+
+A websocket accepts connections from every page that the browser shows, and viser applies whatever
+a client sends. The gate stands before both: it asks for the page's own Host and Origin and for the
+token in the page's address, and it passes on a message only if a control of the page can send it.
+Each rejection leaves one line in the log.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import logging
+import secrets
+import socket
+from collections.abc import Iterator, Sequence
+from http import HTTPStatus
+from typing import Annotated, Any, Literal
+from urllib.parse import urlsplit
+
+import msgspec
+import websockets.asyncio.server as websockets_server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from periscopy_sim.errors import PeriscopyError
+
+LOG = logging.getLogger(__name__)
+
+LARGEST = 2**14
+"""Bytes of a message; those of the page have some 300."""
+
+Number = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+"""A finite number, as a camera or a handle has them."""
+
+
+_NAME = [("name", str), ("owner", str)]
+_POSE = [("wxyz", tuple[(Number,) * 4]), ("position", tuple[(Number,) * 3])]  # type: ignore[misc]
+_LOOK = [(name, tuple[(Number,) * 3]) for name in ("look_at", "up_direction")]  # type: ignore[misc]
+_LENS = [(name, Number) for name in ("fov", "near", "far", "image_height", "image_width")]
+
+MESSAGES: dict[str, Any] = {
+    name: msgspec.defstruct(name, fields, forbid_unknown_fields=True)
+    for name, fields in (
+        ("GuiUpdateMessage", [("uuid", str), ("updates", dict[Literal["value"], Any])]),
+        ("TransformControlsDragStartMessage", _NAME),
+        ("TransformControlsUpdateMessage", _NAME + _POSE),
+        ("TransformControlsDragEndMessage", _NAME),
+        ("ViewerCameraMessage", _POSE + _LOOK + _LENS),
+    )
+}
+"""The messages that the page sends, by viser's names, and their fields."""
+
+
+class Gate:
+    """A listening socket, the token of its page, and the values that the page's controls offer.
+
+    Port 0 takes a free one. `token` begins every path that the server serves. A PeriscopyError says
+    that the port is taken, or the address is none of this computer.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self.token = host, secrets.token_urlsafe(16)
+        self._offered: dict[str, Any] = {}
+        try:
+            family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self._socket = socket.create_server(address, family=family)
+        except (OSError, UnicodeError) as error:
+            raise PeriscopyError(
+                f"cannot listen on {host}:{port}: {error}; name another by --port or --host"
+            ) from None
+        self.port = int(self._socket.getsockname()[1])
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with its token."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{host}:{self.port}/{self.token}/"
+
+    def offer_names(self, control: str, names: Sequence[str]) -> None:
+        """Accept one of some names from a control; the control "handle" is all handles."""
+        self._offered[control] = Literal[tuple(names)]
+
+    def offer_range(self, control: str, low: float, high: float) -> None:
+        """Accept numbers of a range from a control."""
+        self._offered[control] = Annotated[float, msgspec.Meta(ge=low, le=high)]
+
+    def offer_switch(self, control: str) -> None:
+        """Accept true and false from a control."""
+        self._offered[control] = bool
+
+    @contextlib.contextmanager
+    def guarding(self) -> Iterator[None]:
+        """Let the viser server that is made in this context serve behind the gate.
+
+        A RuntimeError says that no server did, and that it may serve without it.
+        """
+        gate, original, is_guarded = self, websockets_server.serve, False
+
+        class Guarded(ServerConnection):
+            async def recv(self, decode: bool | None = None) -> Any:
+                while True:
+                    message = await super().recv(decode)
+                    if not (fault := gate.fault_of(message)):
+                        return message
+                    _log(fault)
+
+        def serve(handler: Any, *_: Any, **options: Any) -> Any:
+            nonlocal is_guarded
+            is_guarded = True
+            answer = options["process_request"]
+
+            def process(connection: ServerConnection, request: Request) -> Response | None:
+                if fault := gate.fault_of_request(request):
+                    _log(fault)
+                    return connection.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
+                request.path = request.path.removeprefix(f"/{gate.token}") or "/"
+                response: Response | None = answer(connection, request)
+                return response
+
+            options |= {
+                "process_request": process, "create_connection": Guarded, "max_size": LARGEST,
+                "logger": CONNECTIONS, "sock": gate._socket,
+            }  # fmt: skip
+            return original(handler, **options)
+
+        websockets_server.serve = serve  # type: ignore[assignment,misc]
+        try:
+            yield
+        finally:
+            websockets_server.serve = original  # type: ignore[misc]
+        if not is_guarded:
+            raise RuntimeError("this version of viser does not serve through websockets' serve")
+
+    def fault_of_request(self, request: Request) -> str:
+        """Return why a request is not one of the page; empty if it is."""
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        if len(hosts) != 1 or not self._is_own(hosts[0]):
+            return "the request names another host"
+        # A page that is opened has no origin yet; a websocket always has that of its page.
+        if origins != [f"http://{hosts[0]}"] and (origins or "Upgrade" in request.headers):
+            return "the request comes from another page"
+        token = request.path.partition("?")[0].split("/")[1:2]
+        if not token or not secrets.compare_digest(token[0].encode(), self.token.encode()):
+            return "the address lacks the token that `periscopy view` printed"
+        return ""
+
+    def _is_own(self, host: str) -> bool:
+        """Return whether a Host is this computer's: its name or an address, not another's name."""
+        with contextlib.suppress(ValueError):
+            name = urlsplit(f"//{host}").hostname or ""
+            own = {"localhost", self._host.lower(), socket.gethostname().lower()}
+            return name in own or bool(ipaddress.ip_address(name).packed)
+        return False
+
+    def fault_of(self, message: bytes | str) -> str:
+        """Return what of a message no control of the page offers; empty if one does."""
+        if isinstance(message, str):
+            return "a text message"
+        try:
+            fields = msgspec.msgpack.decode(message, type=dict[str, Any])
+            sent = msgspec.convert(fields, MESSAGES[fields.pop("type")])
+            if hasattr(sent, "uuid"):
+                msgspec.convert(sent.updates["value"], self._offered[sent.uuid])
+            elif hasattr(sent, "name"):
+                msgspec.convert(sent.name, self._offered["handle"])
+        except (msgspec.MsgspecError, LookupError, TypeError, ValueError, RecursionError) as error:
+            return f"a message that no control sends: {error}"
+        return ""
+
+
+def _log(fault: str) -> None:
+    LOG.warning("periscopy view dropped %.200s", ascii(fault))
+
+
+def _without_traceback(record: logging.LogRecord) -> bool:
+    record.exc_info = None
+    return True
+
+
+CONNECTIONS = LOG.getChild("connections")
+CONNECTIONS.addFilter(_without_traceback)

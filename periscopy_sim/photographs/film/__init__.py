@@ -1,1 +1,0 @@
-"""The film of a scene's camera: how many pixels, where a photograph shows them, averages."""

@@ -1,0 +1,175 @@
+"""Pixels of a photograph averaged to those of a scene's film, by the area that each covers.
+
+Nothing is interpolated: noise of different new pixels stays independent but for the pixels on their
+borders. A new pixel that any saturated or masked pixel enters is not used; averages leave out
+single defective pixels.
+"""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.threads import in_parallel, ranges
+from periscopy_sim.scenario import Array
+
+SLIVER = 1e-6
+"""Fraction of a new pixel's area that does not count: rounding of its corners."""
+
+LEAST_MEASURED = 0.5
+"""Fraction of a new pixel's area that sound pixels must cover."""
+
+
+class Flaw(IntFlag):
+    """Why a pixel does not measure the wall's light."""
+
+    SATURATED = 1
+    MASKED = 2
+    DEFECTIVE = 4
+    """A dead or hot pixel; a new pixel with one is used."""
+    OUTSIDE = 8
+    """A new pixel that reaches out of the photograph."""
+    TAG = 16
+    """A new pixel beneath a tag's paper."""
+    SPARSE = 32
+    """A new pixel of which sound pixels cover less than `LEAST_MEASURED`."""
+
+
+def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
+    """Return the corners, (rows + 1, columns + 1, 2), of a film of (rows, columns) equal blocks.
+
+    `size` is the photograph's (rows, columns).
+    """
+    row, column = (np.linspace(0, whole, n + 1) for whole, n in zip(size, shape, strict=True))
+    return np.stack(np.meshgrid(column, row), axis=-1)
+
+
+def average_areas(
+    image: NDArray[np.floating], flaws: NDArray[np.uint8], corners: Array
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Return an image averaged over quadrilaterals, each pixel weighted by its area in them.
+
+    The areas are exact: every pixel clips each quadrilateral that it meets.
+
+    Parameters
+    ----------
+    image
+        (height, width, channels), constant over each of its pixels.
+    flaws
+        (height, width) uint8 of `Flaw`.
+    corners
+        (rows + 1, columns + 1, 2) column and row in the image of the new pixels' corners, finite;
+        the image's first pixel reaches from 0 to 1.
+
+    Returns
+    -------
+    values
+        (rows, columns, channels); NaN where a new pixel covers no sound pixel.
+    flaws
+        (rows, columns) uint8, the flaws within each new pixel and its own.
+    """
+    rows, columns = corners.shape[0] - 1, corners.shape[1] - 1
+    image = np.ascontiguousarray(image, dtype=np.float32)
+    corners = np.ascontiguousarray(corners, dtype=np.float64)
+    values = np.zeros((rows, columns, image.shape[2]))
+    found, covered = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns, 2))
+    in_parallel(
+        lambda part: _average_rows(image, flaws, corners, *part, values, found, covered),
+        ranges(rows),
+    )
+    found |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
+    found |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
+    return values, found
+
+
+@compiled
+def _average_rows(
+    image: NDArray[np.float32],
+    flaws: NDArray[np.uint8],
+    corners: Array,
+    start: int,
+    stop: int,
+    values: Array,
+    found: NDArray[np.uint8],
+    covered: Array,
+) -> None:
+    """Average what the new pixels in rows from start to stop cover.
+
+    `covered` gets the fractions of their areas that all pixels and that sound ones cover.
+    """
+    height, width, channels = image.shape
+    quad, strip = np.empty((4, 2)), np.empty((16, 2))
+    cell, spare = np.empty((16, 2)), np.empty((16, 2))
+    for i in range(start, stop):
+        for j in range(corners.shape[1] - 1):
+            quad[0], quad[1] = corners[i, j], corners[i, j + 1]
+            quad[2], quad[3] = corners[i + 1, j + 1], corners[i + 1, j]
+            whole = _area(quad, 4)
+            inside = sound = 0.0
+            top, bottom = _span(quad, 4, 1, height)
+            for row in range(top, bottom):
+                clipped = _clip(quad, 4, 1, float(row), 1.0, spare)
+                clipped = _clip(spare, clipped, 1, row + 1.0, -1.0, strip)
+                left, right = _span(strip, clipped, 0, width)
+                for column in range(left, right):
+                    sides = _clip(strip, clipped, 0, float(column), 1.0, spare)
+                    sides = _clip(spare, sides, 0, column + 1.0, -1.0, cell)
+                    area = _area(cell, sides)
+                    inside += area
+                    if area <= SLIVER * whole:
+                        continue
+                    found[i, j] |= flaws[row, column]
+                    if flaws[row, column] == 0:
+                        sound += area
+                        for channel in range(channels):
+                            values[i, j, channel] += area * image[row, column, channel]
+            values[i, j] /= sound  # NaN where there is none
+            covered[i, j, 0], covered[i, j, 1] = inside / whole, sound / whole
+
+
+@compiled
+def _span(polygon: Array, sides: int, axis: int, count: int) -> tuple[int, int]:
+    """Return the first pixel of `count` along an axis that a polygon meets, and the one after."""
+    if sides == 0:
+        return 0, 0
+    low, high = polygon[:sides, axis].min(), polygon[:sides, axis].max()
+    return int(np.floor(min(max(low, 0.0), count))), int(np.ceil(min(max(high, 0.0), count)))
+
+
+@compiled
+def _clip(polygon: Array, sides: int, axis: int, bound: float, sign: float, kept: Array) -> int:
+    """Keep the part of a polygon on one side of a grid line (Sutherland, Hodgman 1974).
+
+    That side has larger coordinates where `sign` is 1, smaller ones where it is -1. Return the
+    number of corners kept.
+    """
+    count = 0
+    for k in range(sides):
+        following = k + 1 if k + 1 < sides else 0
+        here = sign * (polygon[k, axis] - bound)
+        there = sign * (polygon[following, axis] - bound)
+        if here >= 0:
+            kept[count, 0], kept[count, 1] = polygon[k, 0], polygon[k, 1]
+            count += 1
+        if (here > 0 and there < 0) or (here < 0 and there > 0):
+            part = here / (here - there)
+            other = 1 - axis
+            along = polygon[following, other] - polygon[k, other]
+            kept[count, other] = polygon[k, other] + part * along
+            kept[count, axis] = bound
+            count += 1
+    return count
+
+
+@compiled
+def _area(polygon: Array, sides: int) -> float:
+    """Return the area of a polygon, by the shoelace formula about its first corner."""
+    twice = 0.0
+    for k in range(1, sides - 1):
+        ax, ay = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1]
+        bx, by = polygon[k + 1, 0] - polygon[0, 0], polygon[k + 1, 1] - polygon[0, 1]
+        twice += ax * by - ay * bx
+    return abs(twice) / 2

@@ -1,0 +1,113 @@
+"""One picture of a sensor: linear in light, and where the sensor was saturated.
+
+A camera's counts are linear in light above its black level and below its saturation. Arrays have
+single precision, which holds the counts of every sensor exactly: photographs may be large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.photograph import Mask, check_real, with_channels
+
+
+@dataclass(frozen=True, eq=False)
+class SensorImage:
+    """One picture, linear in light, and where its sensor was saturated.
+
+    Attributes
+    ----------
+    values
+        (rows, columns, 3) float32.
+    saturated
+        (rows, columns) bool, where a channel is saturated.
+    white
+        Least value at which a channel is saturated; infinite if unknown.
+    cell
+        Pixels of the sensor along each side of one pixel here: 2 for cells of a Bayer mosaic.
+        Marks are in pixels of the sensor; masks may be.
+    """
+
+    values: NDArray[np.float32]
+    saturated: Mask
+    white: float = np.inf
+    cell: int = 1
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        rows, columns = self.saturated.shape
+        return rows, columns
+
+
+def sensor_image(
+    values: SensorImage | ArrayLike,
+    name: str,
+    white: float | None = None,
+    saturated: Mask | None = None,
+    cell: int = 1,
+) -> SensorImage:
+    """Return a picture as a `SensorImage`.
+
+    Parameters
+    ----------
+    values
+        (rows, columns), (rows, columns, 1) or (rows, columns, 3), linear in light. A `SensorImage`
+        is returned as it is.
+    name
+        What messages call the picture.
+    white
+        Value from which on a pixel is saturated. None: for integers the largest, if it is one less
+        than a power of two, the end of a converter's range; else no value is.
+    saturated
+        (rows, columns) bool, further saturated pixels.
+    cell
+        See `SensorImage`.
+
+    Raises
+    ------
+    PhotographError
+        If the array is no picture, or holds NaN or infinity.
+    """
+    if isinstance(values, SensorImage):
+        return values
+    array = np.asarray(values)
+    check_real(array.dtype, name)
+    array = with_channels(array, name)
+    with np.errstate(over="ignore", invalid="ignore"):
+        light = np.repeat(array.astype(np.float32), 3 // array.shape[2], axis=2)
+    if not light.size or not np.isfinite(light).all():
+        raise PhotographError(f"{name}: has no pixels, or NaN or infinite values; replace them")
+    if white is None:
+        largest = int(array.max()) if array.dtype.kind in "iu" else 0
+        white = largest if largest >= 255 and largest & (largest + 1) == 0 else np.inf
+    full = np.asarray((light >= white).any(axis=2))
+    if saturated is not None and saturated.any():
+        full |= saturated
+        white = min(white, float(light[saturated].max(axis=1).min()))
+    return SensorImage(light, full, white, cell)
+
+
+def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
+    """Return a mask of a picture's pixels from a mask of those or of its sensor's pixels.
+
+    All pixels of a mosaic's cell must be used.
+    """
+    rows, columns = light.size
+    if light.cell > 1 and mask.shape == (light.cell * rows, light.cell * columns):
+        return np.asarray(mask.reshape(rows, light.cell, columns, light.cell).all(axis=(1, 3)))
+    check_same_size(mask.shape, light.size, "the mask")
+    return mask
+
+
+def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:
+    """Check that a picture is as large as the photograph it belongs to."""
+    if tuple(size) != tuple(wanted):
+        raise PhotographError(
+            f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the photograph has "
+            f"{wanted[0]} x {wanted[1]}; give one of the same size"
+        )

@@ -1,0 +1,156 @@
+"""Where a photograph shows each point of a plane wall, and where the scene's camera does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+
+FLATNESS = 1e-3
+"""Distance of wall points from a plane, over a film pixel's size, that counts as flat."""
+
+
+def project(homography: NDArray[np.floating[Any]], points: Array) -> Array:
+    """Return (n, 2) points of a plane where a (3, 3) homography sends them."""
+    image = points @ homography[:, :2].T + homography[:, 2]
+    return np.asarray(image[:, :2] / image[:, 2:])
+
+
+def fit_homography(source: Array, target: Array) -> Array:
+    """Return the (3, 3) homography that sends (n, 2) source points to target points, n >= 4.
+
+    This is the normalized direct linear transform (Hartley and Zisserman, *Multiple View Geometry*,
+    2nd edition, algorithm 4.2), exact for exact points. The homography has norm 1, and its third
+    coordinate is positive at the source's centroid.
+    """
+    before, after = _normalizing(source), _normalizing(target)
+    x, y = project(before, source), project(after, target)
+    rows = np.zeros((2 * len(x), 9))
+    rows[0::2, 0:3] = rows[1::2, 3:6] = np.column_stack([x, np.ones(len(x))])
+    rows[0::2, 6:9] = -y[:, :1] * rows[0::2, 0:3]
+    rows[1::2, 6:9] = -y[:, 1:] * rows[1::2, 3:6]
+    normalized = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][-1].reshape(3, 3)
+    homography = np.linalg.solve(after, normalized @ before)
+    homography *= np.sign(homography[2] @ [*source.mean(axis=0), 1]) or 1
+    return np.asarray(homography / np.linalg.norm(homography))
+
+
+def similarity(center: Array, scale: float) -> Array:
+    """Return the (3, 3) homography that subtracts a (2,) centre and divides by a scale."""
+    return np.array([[1, 0, -center[0]], [0, 1, -center[1]], [0, 0, scale]]) / scale
+
+
+def _normalizing(points: Array) -> Array:
+    """Return the similarity that centres points and makes their mean distance sqrt(2)."""
+    distance = np.linalg.norm(points - points.mean(axis=0), axis=1).mean()
+    return similarity(points.mean(axis=0), distance / np.sqrt(2) or 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class WallView:
+    """The view of a plane through a lens: a homography, then radial distortion.
+
+    A point q = `homography` (u, v, 1) of the undistorted picture appears at
+    c + (q - c) (1 + k1 r^2 + k2 r^4), where r is its distance from the centre c over `radius`
+    (Brown 1966, without decentring).
+
+    Attributes
+    ----------
+    homography
+        (3, 3), from metres in the plane to columns and rows of pixels; the first pixel's centre is
+        at (0.5, 0.5).
+    center
+        (2,) column and row of the lens's axis, in pixels.
+    radius
+        Half of the picture's diagonal, in pixels.
+    distortion
+        (k1, k2), (k1,) or ().
+    """
+
+    homography: Array = field(repr=False)
+    center: Array
+    radius: float
+    distortion: tuple[float, ...] = ()
+
+    def pixels_of(self, points: Array) -> Array:
+        """Return column and row in the photograph of (n, 2) points of the plane, in metres."""
+        offset, square = self._from_axis(points)
+        factor = 1 + sum(k * square ** (n + 1) for n, k in enumerate(self.distortion))
+        return np.asarray(self.center + offset * factor)
+
+    def shows(self, points: Array) -> bool:
+        """Return whether points lie ahead of the camera, and its lens does not fold the picture."""
+        if (points @ self.homography[2, :2] + self.homography[2, 2] <= 0).any():
+            return False
+        square = self._from_axis(points)[1]
+        slope = 1 + sum((2 * n + 3) * k * square ** (n + 1) for n, k in enumerate(self.distortion))
+        return bool(np.all(slope > 0))
+
+    def _from_axis(self, points: Array) -> tuple[Array, Array]:
+        """Return (n, 2) undistorted offsets from the axis, and r^2, (n, 1)."""
+        offset = project(self.homography, points) - self.center
+        return offset, np.sum((offset / self.radius) ** 2, axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, eq=False)
+class WallPlane:
+    """A scene's plane wall: its frame, and where the film's pixels lie in it.
+
+    `film` is the (3, 3) homography from columns and rows of the film, whose first pixel's centre is
+    at (0.5, 0.5), to metres across and up in the frame.
+    """
+
+    frame: WallFrame
+    shape: tuple[int, int]
+    film: Array = field(repr=False)
+
+    def coordinates(self, points: Array) -> Array:
+        """Return (n, 3) metres across, up and ahead, towards the camera, of (n, 3) points."""
+        axes = np.stack([self.frame.across, self.frame.up, self.frame.normal], axis=1)
+        return (points - self.frame.center) @ axes
+
+    def pixel_corners(self) -> Array:
+        """Return ((rows + 1) (columns + 1), 2) corners of the film's pixels in the plane."""
+        rows, columns = self.shape
+        row, column = np.indices((rows + 1, columns + 1)).reshape(2, -1)
+        return project(self.film, np.stack([column, row], axis=1).astype(np.float64))
+
+
+def wall_plane(scenario: Scenario) -> WallPlane:
+    """Return the plane of a scene's wall.
+
+    Raises
+    ------
+    SceneError
+        If the wall is not plane, the camera does not show straight lines straight, or the film has
+        fewer than 2 x 2 pixels.
+    """
+    shape = scenario.photograph_shape
+    where = f"scene '{scenario.path}'"
+    if min(shape) < 2:
+        raise SceneError(f"{where}: the film has {shape[0]}x{shape[1]} pixels; give it 2x2")
+    points = scenario.wall_points
+    plane = WallPlane(wall_frame(points, scenario.wall_normals, shape), shape, np.eye(3))
+    across, up, ahead = plane.coordinates(points).T
+    on_wall = np.stack([across, up], axis=1)
+    pixel = np.linalg.norm(np.diff(on_wall.reshape(*shape, 2), axis=1), axis=2).mean()
+    tolerance = FLATNESS * pixel + 1e-6 * np.abs(on_wall).max()
+    if (off := np.abs(ahead).max()) > tolerance:
+        raise SceneError(
+            f"{where}: the wall is curved (it leaves a plane by {1e3 * off:.3g} mm), and marks "
+            "rectify a plane wall alone; let the scene's camera be the photograph's, without marks"
+        )
+    film = np.indices(shape).reshape(2, -1).T[:, ::-1] + np.float64(0.5)  # column and row
+    some = np.arange(len(film)).reshape(shape)[:: 1 + shape[0] // 16, :: 1 + shape[1] // 16].ravel()
+    homography = fit_homography(film[some], on_wall[some])
+    if np.abs(project(homography, film) - on_wall).max() > 10 * tolerance:
+        raise SceneError(
+            f"{where}: its camera does not show straight lines straight; rectify into a "
+            "perspective or orthographic one"
+        )
+    return replace(plane, film=homography)

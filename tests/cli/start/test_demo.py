@@ -1,0 +1,87 @@
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.rendering.variant import OVERRIDE
+
+jit = pytest.mark.usefixtures("jit", "few_lights", "few_paths")
+
+TINY = ("demo", "--hidden", "6x7", "--resolution", "24", "--effort", "0.02")
+FILES = {
+    *("A.npy", "photograph.exr", "reconstruction.npy", "reconstruction.png", "truth.png"),
+    *("demo.png", "summary.json"),
+}
+
+
+def matched_psnr(estimate, truth):
+    errors = []
+    for channel in range(3):
+        e, t = np.maximum(estimate[..., channel].ravel(), 0), truth[..., channel].ravel()
+        gain = np.linalg.lstsq(e[:, None], t, rcond=None)[0]
+        errors.append(np.mean((np.clip(gain * e, 0, 1) - t) ** 2))
+    return -10 * np.log10(np.mean(errors))
+
+
+@pytest.mark.usefixtures("drawings")
+@jit
+def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("kept")
+    out = succeeds(*TINY, "--seed", "2", "--out", "out")
+    folder = tmp_path / "out"
+    assert {path.name for path in folder.iterdir()} == FILES | {"notes.txt"}
+    for name in FILES:
+        assert f"out/{name}" in out
+    summary = json.loads((folder / "summary.json").read_text())
+    image = np.load(folder / "reconstruction.npy")
+    assert image.shape == (6, 7, 3) and image.dtype == np.float32
+    assert np.load(folder / "A.npy").shape == (576, 42)
+    truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
+    assert summary["psnr"] == pytest.approx(matched_psnr(image, truth), abs=1e-3)
+    assert f"PSNR {summary['psnr']:.1f} dB" in out
+    # Better than the best flat picture, and than the same upside down.
+    assert summary["psnr"] > matched_psnr(np.ones_like(truth), truth) + 2
+    assert summary["psnr"] > matched_psnr(image[::-1], truth) + 1
+    photograph = ps.read_photograph(folder / "photograph.exr", (24, 24)).values
+    assert photograph.mean() == pytest.approx(1, abs=1e-3)
+    assert (summary["sbr"], summary["snr"]) == (0.5, 60)
+    assert set(summary["seconds"]) >= {"transport matrix", "photograph", "reconstruct"}
+    assert summary["provenance"]["seed"] == 2
+    for name in ("demo.png", "truth.png", "reconstruction.png"):
+        with Image.open(folder / name) as picture:
+            picture.load()
+            assert "periscopy demo" in picture.text["command"]
+
+
+@jit
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--hidden", "25x25"), "25x25 hidden patches are more than the 24x24 pixels"),
+        (("--hidden", "6"), "'6' is not a size"),
+        (("--image", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
+    ],
+)
+def test_impossible_demo_is_refused(options, message, refused, periscopy):
+    rendering = next(line for line in periscopy("doctor").out.splitlines() if "rendering" in line)
+    line = refused(*TINY, *options, "--out", "out", out=f"{' '.join(rendering.split())}\n")
+    assert message in line
+
+
+@pytest.mark.thorough
+def test_demo_without_a_vectorized_variant_recovers_it_from_direct_light(tmp_path):
+    ran = subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", *TINY, "--out", str(tmp_path / "out")],
+        env={**os.environ, OVERRIDE: "scalar_rgb"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert "rendering with scalar_rgb" in ran.stdout
+    truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
+    image = np.load(tmp_path / "out" / "reconstruction.npy")
+    assert matched_psnr(image, truth) > matched_psnr(np.ones_like(truth), truth) + 2

@@ -1,0 +1,66 @@
+import os
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+
+from periscopy_sim.rendering import variant
+from periscopy_sim.rendering.variant import examine_variants
+
+
+def examine(**environment):
+    """Run `periscopy doctor` alone: in this process the variant is chosen already."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "periscopy_sim", "doctor"],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    # Without LLVM, Dr.Jit says so itself as soon as it is imported.
+    lines = ended.stderr.splitlines(keepends=True)
+    ended.stderr = "".join(line for line in lines if not line.startswith("jitc_llvm_init()"))
+    return ended
+
+
+def test_versions_and_variants_are_shown():
+    works = {report.name: report.works for report in examine_variants()}
+    ended = examine(PERISCOPY_VARIANT="")
+    assert ended.returncode == 0
+    lines = dict(line.split(maxsplit=1) for line in ended.stdout.splitlines())
+    for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):
+        assert lines[package] == metadata.version(package)
+    assert sys.version.startswith(lines["python"].split()[0])
+    for name, here in works.items():
+        assert lines[name].startswith("works: " if here else "does not work: ")
+    best = next(name for name, here in works.items() if here)
+    assert lines["rendering"] == f"with {best}"
+    assert ended.stderr == "" or best == "scalar_rgb"
+
+
+def test_extras_that_are_missing_are_listed(monkeypatch, succeeds):
+    monkeypatch.setattr(variant, "examine_variants", list)
+    monkeypatch.setattr(variant, "use_variant", lambda: "none")
+    monkeypatch.setitem(sys.modules, "torch", None)
+    installed = succeeds("doctor").splitlines()
+    assert "[sweep]      installed" in installed and "[dataset]    installed" in installed
+    assert "[torch]      not installed (lacks torch): pip install -e '.[torch]'" in installed
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    lacking = succeeds("doctor").splitlines()
+    assert "[dataset]    not installed (lacks zarr): pip install -e '.[dataset]'" in lacking
+    assert "[torch]      not installed (lacks zarr, torch): pip install -e '.[torch]'" in lacking
+
+
+def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
+    if any(report.works for report in examine_variants() if report.name.startswith("cuda")):
+        pytest.skip("CUDA works here, which is preferred to LLVM")
+    ended = examine(PERISCOPY_VARIANT="", DRJIT_LIBLLVM_PATH="no-such-library")
+    assert ended.returncode == 0
+    assert ended.stdout.splitlines()[-1] == "rendering    with scalar_rgb"
+    # Dr.Jit itself complains of the path that we gave.
+    warned = [line for line in ended.stderr.splitlines() if line.startswith("periscopy: ")]
+    assert len(warned) == 1 and warned[0] == ended.stderr.splitlines()[-1]
+    assert warned[0].startswith("periscopy: warning: rendering with scalar_rgb: DRJIT_LIBLLVM_PATH")
+    assert "which does not load (no-such-library: " in warned[0]
+    assert "; install LLVM 17 or newer" in warned[0]

@@ -1,0 +1,200 @@
+"""The light that commands model: A from files, with bounces, within memory; B of any source."""
+
+import json
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from periscopy_sim.photographs.film.size import FilmAdvice
+
+import periscopy_sim as ps
+from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
+from periscopy_sim.cli.options import parse_bounces
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics import memory
+from periscopy_sim.rendering.transport import bounced, bounced_transport
+from periscopy_sim.storage.transport_matrix import read_transport
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+MATRIX = np.random.default_rng(5).random((576, 20))
+
+
+# -- transport matrices --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("matrix", "problem"),
+    [
+        (MATRIX[:, :19], "576, 19"),
+        (MATRIX.T, "20, 576"),
+        (np.where(np.arange(20) == 7, np.nan, MATRIX), "NaN"),
+        (MATRIX.astype(complex), "complex"),
+    ],
+)
+def test_matrix_that_cannot_be_of_the_scene_is_refused(matrix, problem, scenario, tmp_path):
+    np.save(tmp_path / "A.npy", matrix)
+    with pytest.raises(PeriscopyError, match=rf"A\.npy: .*{problem}"):
+        TransportRequest(4, 0, file=tmp_path / "A.npy").matrix(scenario)
+
+
+def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):
+    succeeds("transport", "chair", *TINY, "-D", "occluder_dx=0.01", "--out", "A.npy")
+    np.save(tmp_path / "y.npy", np.ones((24, 24)))
+    given = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    line = refused(*given, "--out", "r")
+    assert line.startswith("A.npy: was made from another scene") and "occluder_dx" in line
+    (tmp_path / "A.json").write_text("{")
+    assert refused(*given, "--out", "r").startswith("A.json: is damaged")
+
+
+@pytest.mark.usefixtures("few_lights")
+def test_matrix_without_a_record_is_taken_with_a_warning(periscopy, transport, tmp_path):
+    np.save(tmp_path / "A.npy", transport)
+    np.save(tmp_path / "y.npy", (transport @ np.ones((20, 3))).reshape(24, 24, 3))
+    arguments = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    outcome = periscopy(*arguments, "--out", "r")
+    assert outcome.code == 0
+    assert outcome.err.startswith("periscopy: warning: A.npy has no JSON file beside it")
+
+
+@pytest.mark.parametrize("method", [None, "noise-aware", "iterative", "mine.py:Mine"])
+def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
+    with pytest.raises(PeriscopyError, match=r"GB of memory.*--bin.*--hidden"):
+        check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
+
+
+def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
+    """A film that `prepare` calls too large is one that the default method refuses."""
+    advice = FilmAdvice(0.01, 0.001, (100, 100), 1000)
+    for side in range(100, 1000, 50):
+        needed = 0.6e9 + 25 * side**2 * 1000
+        for available in (0.99 * needed, 1.01 * needed):
+            monkeypatch.setattr(memory, "available_memory", lambda size=available: size)
+            scenario = SimpleNamespace(transport_shape=(side**2, 1000))
+            if advice.fits((side, side)):
+                check_memory(scenario, "noise-aware")
+            else:
+                with pytest.raises(PeriscopyError):
+                    check_memory(scenario, "noise-aware")
+            assert advice.fits((side, side)) == (available > needed)
+
+
+# -- light that bounces --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def rough(monkeypatch):
+    """Trace few paths: the rest of the light is as good for what is tested here."""
+    trace = partial(bounced.render_bounced_light, target=0.1)
+    monkeypatch.setattr(bounced_transport, "render_bounced_light", trace)
+
+
+@pytest.mark.usefixtures("rough")
+def test_matrix_with_bounces_is_written_and_read(succeeds, tmp_path):
+    said = succeeds("transport", "bright_room", *TINY, "--bounces", "2", "--out", "A.npy")
+    assert "wrote A.npy 576x20 and A.json" in said and "wrote A.bounced.npz" in said
+    scenario = ps.load_scenario("bright_room", (4, 5), {"resolution": "24"})
+    direct = ps.render_transport(scenario, samples=4)
+    expected = bounced_transport.add_bounces(scenario, direct, 2)
+    A = read_transport(tmp_path / "A.npy", scenario, 2)
+    assert np.asarray(A).tobytes() == np.asarray(expected).tobytes()
+    f = np.random.default_rng(1).random((20, 3))
+    # BLAS rounds by where in memory a matrix begins.
+    np.testing.assert_allclose(A @ f, expected @ f, rtol=1e-14)
+    record = json.loads((tmp_path / "A.json").read_text())
+    assert record["bounces"] == "2"
+    assert record["bounced_relative_error"] == expected.bounced.relative_error
+    for bounces in (1, None):
+        with pytest.raises(PeriscopyError, match=r"A\.npy: .*--bounces 2"):
+            read_transport(tmp_path / "A.npy", scenario, bounces)
+    light = (tmp_path / "A.bounced.npz").read_bytes()
+    (tmp_path / "A.bounced.npz").write_bytes(light[:-30])
+    with pytest.raises(PeriscopyError, match=r"A\.bounced\.npz: is damaged"):
+        read_transport(tmp_path / "A.npy", scenario, 2)
+    (tmp_path / "A.bounced.npz").unlink()
+    with pytest.raises(PeriscopyError, match=r"A\.bounced\.npz: is missing"):
+        read_transport(tmp_path / "A.npy", scenario, 2)
+
+
+def test_bounces_are_direct_all_or_a_number():
+    assert [parse_bounces(text) for text in ("direct", "all", "3")] == [1, None, 3]
+    for text in ("0", "-1", "2.5", "none", "", "1e3", "10000000"):
+        with pytest.raises(PeriscopyError, match=f"--bounces '{text}'"):
+            parse_bounces(text)
+
+
+# -- what ambient light may be made of -----------------------------------------------------------
+
+LAMP = """<scene version="3.0.0">
+    <sensor type="orthographic" id="camera">
+        <transform name="to_world">
+            <scale x="0.2" y="0.2"/>
+            <lookat origin="0, -1, 0" target="0, 0, 0" up="0, 0, 1"/>
+        </transform>
+        <film type="hdrfilm"><integer name="width" value="24"/>
+            <integer name="height" value="24"/></film>
+    </sensor>
+    <shape type="rectangle" id="wall">
+        <transform name="to_world"><rotate x="1" angle="90"/></transform>
+        <bsdf type="diffuse"/>
+    </shape>
+    <emitter type="point"><point name="position" x="0.15" y="-0.1" z="0.2"/></emitter>
+</scene>
+"""
+
+
+@pytest.fixture
+def column(scenario, tmp_path):
+    """The light, (576,), of a lamp so near to the wall that Eq. 4's grid cannot imitate it."""
+    (tmp_path / "lamp.xml").write_text(LAMP)
+    column = ps.emitter_backgrounds(tmp_path / "lamp.xml", scenario)[:, 0]
+    np.save(tmp_path / "B.npy", column[:, None])
+    return column
+
+
+@pytest.mark.usefixtures("few_lights")
+def test_light_of_a_lamp_is_taken_for_ambient(
+    succeeds, photographs, column, clip, scenario, transport, tmp_path
+):
+    lit = photographs[0] + 3 * photographs.mean() * column.reshape(24, 24, 1)
+    np.save(tmp_path / "y.npy", lit)
+    images = {}
+    # By the former name, too.
+    for source, name in (("lamp.xml", "--light-model"), ("grid", "--backgrounds")):
+        options = ("--method", "preconditioned", name, source, "--out", "out")
+        succeeds("reconstruct", "y.npy", "--scene", "chair", *TINY, *options)
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        assert summary["ambient_prototypes"] == [source]
+        images[source] = np.load(tmp_path / "out" / "reconstruction.npy")
+    method = ps.Periscope.for_scene(scenario, transport, column[:, None])
+    np.testing.assert_allclose(images["lamp.xml"], method.reconstruct(lit), rtol=1e-3, atol=1e-4)
+    assert ps.psnr(images["lamp.xml"], clip[0]) > ps.psnr(images["grid"], clip[0]) + 3
+
+
+@pytest.mark.usefixtures("few_lights")
+def test_columns_of_several_sources_are_joined(column, scenario, tmp_path):
+    sources = [str(tmp_path / "B.npy"), "grid", str(tmp_path / "lamp.xml")]
+    B = LightModel.of(sources, 0).matrix(scenario)
+    np.testing.assert_array_equal(B[:, 0], column)
+    np.testing.assert_array_equal(B[:, 1:-1], ps.point_light_backgrounds(scenario))
+    np.testing.assert_array_equal(B[:, -1], column)
+    assert LightModel.of(None, 0).sources == ("grid",)
+
+
+@pytest.mark.parametrize(
+    ("sources", "methods", "offender"),
+    [
+        (["B.npy"], [], "B.npy"),
+        (["nowhere.xml"], [], "nowhere.xml"),
+        (["grid", "grid"], [], "grid is given twice"),
+        (["chair"], [], "its monitor is none of the lamps"),
+        (["grid"], ["pseudoinverse"], "pseudoinverse"),
+    ],
+)
+def test_source_that_cannot_be_taken_is_refused(sources, methods, offender, scenario):
+    with pytest.raises(PeriscopyError, match=offender):
+        LightModel.of(sources, 0, methods).matrix(scenario)

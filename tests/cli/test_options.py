@@ -1,0 +1,174 @@
+"""The options that commands share: their forms, those of the methods, and the groups of --help."""
+
+import inspect
+
+import pytest
+
+from periscopy_sim.cli.method_options import (
+    COUPLINGS,
+    FOR_STILLS,
+    FOR_VIDEOS,
+    check_coupling,
+    coupling_help,
+    method_help,
+    settings_for,
+    takes_options_of,
+)
+from periscopy_sim.cli.options import (
+    known_errors,
+    parse_ambient,
+    parse_definitions,
+    parse_errors,
+    parse_list,
+    parse_ratios,
+    parse_size,
+)
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.reconstruction.registry import METHODS, Option
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
+
+
+def test_forms_are_read():
+    assert parse_size("29x36") == parse_size("29X36") == (29, 36)
+    assert parse_definitions(["a=1", "b=x=y"]) == {"a": "1", "b": "x=y"}
+    assert parse_definitions(None) == {}
+    assert parse_list("--methods", "a, b") == ["a", "b"]
+    assert parse_errors("a, b=0.5", "--free") == {"a": None, "b": 0.5}
+
+
+@pytest.mark.parametrize("text", ["", "29", "29x36x3", "-1x5", "4.0x5", "²x3", "9" * 5000 + "x1"])
+def test_malformed_size_is_refused(text):
+    with pytest.raises(PeriscopyError, match="is not a size; write ROWSxCOLUMNS"):
+        parse_size(text)
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "offender"),
+    [
+        (lambda text: parse_definitions([text]), "a=", "'a='"),
+        (lambda text: parse_definitions([text, text]), "a=1", "a is given twice"),
+        (lambda text: parse_list("--methods", text), "a,,b", "--methods"),
+        (lambda text: parse_list("--methods", text), "a,a", "--methods"),
+        (lambda text: parse_errors(text, "--free"), "a,a", "'a' is named twice"),
+        (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
+        (parse_ambient, "sofa", "'sofa'"),
+        (parse_ambient, "snow,adversarial", "snow twice"),
+    ],
+)
+def test_malformed_list_is_refused_by_name(read, text, offender):
+    with pytest.raises(PeriscopyError, match=offender):
+        read(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "ratios"),
+    [
+        ("0.5", [0.5]),
+        ("0.1,1, 10", [0.1, 1, 10]),
+        ("0.1:10:log:9", [0.1, 0.177828, 0.316228, 0.562341, 1, 1.77828, 3.16228, 5.62341, 10]),
+        ("10:1:lin:4", [10, 7, 4, 1]),
+    ],
+)
+def test_ratios_are_read(text, ratios):
+    assert parse_ratios(text) == pytest.approx(ratios, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "1,,2", "nan", "inf", "-1", "0", "0:1:log:3", "1:inf:log:3", "1:2:log:0", "1,1"),
+        *("1:2:cubic:3", "1:2:log:3:4", "1:2:log:9999999", "1:1:log:2"),
+    ],
+)
+def test_malformed_ratios_are_refused(text):
+    with pytest.raises(PeriscopyError, match="--sbr"):
+        parse_ratios(text)
+
+
+def test_groups_and_folders_of_ambient_light(tmp_path, monkeypatch):
+    assert list(parse_ambient("adversarial,all")) == [*ADVERSARIAL, *REALISTIC]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lights").mkdir()
+    for name in ("b.exr", "a.exr", "notes.txt"):
+        (tmp_path / "lights" / name).touch()
+    found = {name: str(path) for name, path in parse_ambient("lights,snow,more/c.exr").items()}
+    assert found == {"a": "lights/a.exr", "b": "lights/b.exr", "snow": "None", "c": "more/c.exr"}
+
+
+def test_errors_are_those_given_or_declared():
+    chair = find_scene("chair")
+    named = {"occluder_dx": None, "occluder_dz": 0.002}
+    assert known_errors(named, chair, {}) == {"occluder_dx": 0.005, "occluder_dz": 0.002}
+    for wrong, given in [
+        ({"occluder_dx": 0.0}, {}),
+        ({"occluder_dx": float("nan")}, {}),
+        ({"resolution": None}, {}),
+        ({"occluder_dx": 0.1}, {"occluder_dx_error": "0.2"}),
+    ]:
+        with pytest.raises(PeriscopyError, match=f"--uncertain {next(iter(wrong))}"):
+            known_errors(wrong, chair, given)
+
+
+# -- options of methods --------------------------------------------------------------------------
+
+TWO = {
+    "first": (
+        Option("weight", 1.0, 0.5, 10, "How much.", unit="in kg"),
+        Option("l", 2, 0, 9, "L."),
+    ),
+    "second": (Option("weight", 3.0, 0, 4, "How much."),),
+}
+
+
+def test_defaults_are_those_of_the_method():
+    assert settings_for("first", {}, TWO) == {"weight": 1.0, "l": 2}
+    assert settings_for("second", {"weight": None, "l": None}, TWO) == {"weight": 3.0}
+    assert settings_for("first", {"weight": 0.5, "l": 0}, TWO) == {"weight": 0.5, "l": 0}
+    assert settings_for("mine.py:Own", {"weight": None}, TWO) == {}
+
+
+@pytest.mark.parametrize(
+    ("method", "given", "message"),
+    [
+        ("second", {"l": 1}, "--l belongs to --method first, not to second"),
+        ("mine.py:Own", {"weight": 1}, "--weight belongs to --method first or second"),
+        ("first", {"weight": 0.4}, "--weight 0.4: --method first takes 0.5 to 10"),
+    ],
+)
+def test_option_of_another_method_is_refused(method, given, message):
+    with pytest.raises(PeriscopyError, match=message):
+        settings_for(method, given, TWO)
+
+
+def test_command_takes_each_name_once_with_the_widest_bounds():
+    def command(photo: str, **numbers: float | None) -> None:
+        """Do it."""
+
+    signature = inspect.signature(takes_options_of(TWO)(command))
+    assert list(signature.parameters) == ["photo", "weight", "l"]
+    weight = signature.parameters["weight"]
+    (option,) = weight.annotation.__metadata__
+    assert weight.default is None and (option.min, option.max) == (0, 10)
+    assert option.help == "How much. Default: 1 by first (in kg); 3 by second."
+
+
+def test_help_names_methods_and_couplings():
+    assert all(f"{name}: {METHODS[name].help}" in method_help(FOR_STILLS) for name in METHODS)
+    assert "iterative" not in method_help(FOR_VIDEOS)
+    assert "(with standard errors)" in method_help(FOR_STILLS)
+    assert "(with" not in method_help(FOR_VIDEOS)
+    assert coupling_help() == "l1; none; total-variation (preconditioned alone)"
+
+
+def test_weights_of_another_coupling_are_left_out():
+    for method in FOR_VIDEOS:
+        for coupling in METHODS[method].video.couplings:
+            check_coupling(method, coupling)
+            settings = settings_for(method, {}, FOR_VIDEOS, coupling)
+            assert ("l1_weight" in settings) == (coupling == "l1")
+    assert {"l1", "none", "total-variation"} == set(COUPLINGS)
+    with pytest.raises(PeriscopyError, match="--l1-weight belongs to --coupling l1"):
+        settings_for("preconditioned", {"l1_weight": 1.0}, FOR_VIDEOS, "none")
+    for method, coupling in (("magic", "l1"), ("noise-aware", "total-variation")):
+        with pytest.raises(PeriscopyError, match=method):
+            check_coupling(method, coupling)

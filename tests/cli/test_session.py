@@ -1,0 +1,277 @@
+"""What commands read through a `Session`, what they leave out, and what they warn of."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.cli import inputs
+from periscopy_sim.cli.session import Session
+from periscopy_sim.errors import PeriscopyError, PhotographError
+
+pytestmark = pytest.mark.usefixtures("jit", "few_lights")
+
+CHAIR = ("chair", "4x5", ["resolution=24"])
+TINY = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+MASK = np.random.default_rng(3).random((24, 24)) > 0.2
+MASK[4:9, 10:18] = False
+LEFT_OUT = int((~MASK).sum())
+GARBAGE = np.resize([1e9, -1e30, np.nan, np.inf, 0.0], (24, 24, 3))
+
+
+@pytest.fixture
+def session(scenario, tmp_path, monkeypatch):
+    """A session of the shared scene, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    session = Session(*CHAIR)
+    session.scenario = scenario
+    return session
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Save arrays as NPY files; return the name of the first."""
+
+    def save(**arrays):
+        for name, array in arrays.items():
+            np.save(tmp_path / f"{name}.npy", array)
+        return tmp_path / f"{next(iter(arrays))}.npy"
+
+    return save
+
+
+# -- the scene -----------------------------------------------------------------------------------
+
+
+def test_scene_is_loaded_once_with_its_parameters():
+    session = Session(*CHAIR, seed=7)
+    assert session.scenario is session.scenario
+    assert session.scenario.transport_shape == (576, 20)
+    record = session.provenance
+    assert record["seed"] == 7 and record["parameters"] == {"resolution": "24"}
+    assert len(session.metadata["scene_sha256"]) == 64
+    assert "load the scene" in session.timed.seconds
+
+
+@pytest.mark.parametrize(
+    ("arguments", "offender"),
+    [
+        (("sofa", "4x5"), "'sofa'"),
+        (("chair", "4"), "'4'"),
+        (("chair", "0x5"), "0x5"),
+        (("chair", "20x29", ["resolution=24"]), "20x29"),
+        (("chair", "4x5", ["resolutio=24"]), "did you mean 'resolution'?"),
+        (("chair", "4x5", ["resolution=fine"]), "resolution=fine"),
+        (("mine.yaml", "4x5"), "periscopy lab mine.yaml"),
+    ],
+)
+def test_scene_that_cannot_be_is_refused_by_name(arguments, offender, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text("wall:\n  distance: 1 m\n")
+    with pytest.raises(PeriscopyError) as error:
+        _ = Session(*arguments).scenario
+    assert offender in str(error.value)
+
+
+def test_scene_without_shadows_is_warned_of(capfd):
+    session = Session("chair", "4x5", ["resolution=24", "occluder_dy=-0.8"])
+    session.check_scene()
+    (line,) = session.warnings
+    assert "no occluder casts a shadow" in line and line in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("hidden", "interchanged"),
+    [((15, 20), 0), ((20, 15), 1), ((10, 20), 0), ((4, 5), 0), ((40, 40), 0)],
+)
+def test_rows_and_columns_that_look_interchanged_are_warned_of(hidden, interchanged):
+    """The monitor is 0.4 m x 0.3 m: 4 to 3, as 20 columns to 15 rows."""
+    rows, columns = hidden
+    scenario = SimpleNamespace(
+        hidden_shape=hidden,
+        patch_across=np.tile([-0.4 / columns, 0, 0], (rows * columns, 1)),
+        patch_up=np.tile([0, 0, 0.3 / rows], (rows * columns, 1)),
+    )
+    lines = inputs.warn_of_long_patches(scenario, "lab.xml")
+    assert len(lines) == interchanged and all("is 15x20 meant?" in line for line in lines)
+
+
+# -- photographs, masks, the monitor off ---------------------------------------------------------
+
+
+def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photographs, tmp_path):
+    Image.fromarray(MASK).save(tmp_path / "mask.png")
+    y = photographs[0]
+    wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)), tmp_path / "mask.png")
+    np.testing.assert_array_equal(wall.values, np.where(MASK[..., None], y, 0))
+    np.testing.assert_array_equal(wall.mask, MASK)
+    assert wall.record["pixels_left_out"] == LEFT_OUT and session.warnings == []
+
+
+def test_defects_are_warned_of_and_a_mask_is_suggested(
+    session, saved, photographs, tmp_path, capfd
+):
+    y = photographs[0].copy()
+    y[11, 3], y[17, 20, 1] = 0, 0
+    y[20, 5] *= 100
+    path = saved(y=y, mask=MASK)
+    for given, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
+        session.warnings.clear()
+        wall = session.wall(path, given, suggested=tmp_path / "mask.png")
+        (line,) = session.warnings
+        assert line in capfd.readouterr().err and f"--mask {tmp_path / 'mask.png'}" in line
+        wall.defects.suggest_mask(tmp_path, session.metadata)
+        expected = used.copy()
+        expected[[11, 17, 20], [3, 20, 5]] = False
+        np.testing.assert_array_equal(ps.read_mask(tmp_path / "mask.png", (24, 24)), expected)
+    session.warnings.clear()
+    session.wall(path, tmp_path / "mask.png")
+    assert session.warnings == []
+
+
+@pytest.mark.parametrize("maskable", [True, False])
+def test_border_that_stands_out_is_left_out_by_methods_that_take_masks(maskable, saved):
+    session = Session("chair", "4x5", ["resolution=40"])
+    A = ps.analytic_transport(session.scenario)
+    signal = (A @ np.random.default_rng(1).uniform(0.1, 1, (20, 3))).reshape(40, 40, 3)
+    y = ps.add_noise(signal / signal.mean(), 60, seed=0)
+    y[0] *= 0.5
+    y[:, 0] *= 1.5
+    inside = np.ones((40, 40), bool)
+    inside[0] = inside[:, 0] = False
+    wall = session.wall(saved(y=y), maskable=maskable)
+    (line,) = session.warnings
+    assert "1 at the top" in line and "1 at the left" in line
+    np.testing.assert_array_equal(wall.defects.sound, inside)
+    if maskable:
+        np.testing.assert_array_equal(wall.mask, inside)
+    else:
+        assert wall.mask is None
+
+
+def test_8_bit_photograph_is_decoded_with_a_warning(session, tmp_path):
+    codes = np.random.default_rng(0).integers(99, 256, (24, 24, 3)).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "y.png")
+    wall = session.wall(tmp_path / "y.png")
+    linear = (codes / 255 + 0.055) / 1.055
+    np.testing.assert_allclose(wall.values / wall.values.max(), linear**2.4, rtol=1e-3)
+    assert "8-bit" in session.warnings[0]
+
+
+ROW = np.arange(24)[:, None, None]
+
+
+@pytest.mark.parametrize(
+    ("values", "problem"),
+    [
+        (np.ones((24, 23, 3)), "24 x 23 pixels"),
+        (np.where(ROW == 7, np.nan, 1.0) * np.ones((24, 24, 3)), "NaN"),
+        (np.zeros((24, 24, 3)), "every value is zero"),
+        (np.full((24, 24, 3), 1e300), "largest value"),
+        (np.ones((24, 24, 2)), "shape"),
+        (np.full((24, 24, 3), "x"), "<U1"),
+    ],
+)
+def test_photograph_that_cannot_be_is_refused_by_name(session, saved, values, problem, tmp_path):
+    path = saved(wrong=values, sound=np.random.default_rng(1).uniform(1, 2, (24, 24, 3)))
+    for photograph, off in ((path, None), (tmp_path / "sound.npy", [path])):
+        with pytest.raises(PhotographError, match=rf"wrong\.npy: .*{problem}"):
+            session.wall(photograph, None, off)
+
+
+def test_monitor_off_photograph_given_twice_is_refused(session, saved):
+    path = saved(y=np.random.default_rng(1).uniform(1, 2, (24, 24, 3)))
+    with pytest.raises(PhotographError, match="--monitor-off"):
+        session.wall(path, None, [path, path])
+
+
+@pytest.mark.parametrize(
+    ("mask", "problem"),
+    [(np.ones((24, 23), bool), "24 x 23"), (np.zeros((24, 24)), "leaves out every pixel")],
+)
+def test_mask_that_cannot_be_is_refused_by_name(session, saved, mask, problem):
+    with pytest.raises(PeriscopyError, match=rf"mask\.npy: .*{problem}"):
+        session.wall(saved(y=np.ones((24, 24, 3))), saved(mask=mask))
+
+
+# -- through the commands ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def reconstruct(succeeds, tmp_path):
+    def run(photo, *options):
+        succeeds("reconstruct", photo, *TINY, *options, "--out", "out")
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        return np.load(tmp_path / "out" / "reconstruction.npy"), summary
+
+    return run
+
+
+def test_image_is_that_of_the_rows_used(
+    reconstruct, saved, photographs, scenario, transport, tmp_path
+):
+    Image.fromarray(MASK).save(tmp_path / "mask.png")
+    saved(y=np.where(MASK[..., None], photographs[0], GARBAGE))
+    image, summary = reconstruct("y.npy", "--mask", "mask.png", "--method", "preconditioned")
+    assert (summary["mask"], summary["pixels_left_out"]) == ("mask.png", LEFT_OUT)
+    used = MASK.ravel()
+    B = ps.point_light_backgrounds(scenario)
+    by_hand = ps.Periscope(transport[used], B[used], hidden_shape=(4, 5), explicit=False)
+    solution = by_hand.solve(photographs[0].reshape(576, 3)[used])
+    np.testing.assert_allclose(image, solution.image, rtol=1e-4, atol=1e-4)
+    # The command's P and R are of single precision, and noise² is ‖y⊥‖² less ‖R f‖², here up to 30
+    # times what is left: four roundings of 6e-8 become 30 × 4 × 6e-8 / 2 = 4e-6 of the noise.
+    np.testing.assert_allclose(summary["noise"], solution.noise, rtol=1e-5)
+
+
+def test_monitor_off_photographs_are_projected_out(
+    reconstruct, saved, photographs, scenario, transport, clip
+):
+    rng = np.random.default_rng(8)
+    lamp = photographs.mean() * rng.uniform(0.5, 1.5, (24, 24, 3))
+    off, other = 3 * lamp + 0.002 * photographs.mean() * rng.normal(size=(2, 24, 24, 3))
+    y = photographs[0] + lamp
+    saved(y=y, off=off, other=other)
+    # By the former name, too.
+    image, summary = reconstruct("y.npy", "--monitor-off", "off.npy", "--background", "other.npy")
+    assert summary["backgrounds"] == ["off.npy", "other.npy"]
+    B = ps.point_light_backgrounds(scenario)
+    method = ps.NoiseAware.for_scene(scenario, transport, B, backgrounds=[off, other])
+    np.testing.assert_allclose(image, method.reconstruct(y), rtol=1e-3, atol=1e-4)
+    without, _ = reconstruct("y.npy")
+    assert ps.psnr(image, clip[0]) > ps.psnr(without, clip[0]) + 3
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("analyze", "chair", *TINY[2:]),
+        ("reconstruct", "y.npy", *TINY, "--method", "differencing"),
+        ("reconstruct", "y.npy", *TINY, "--method", "truncated-svd"),
+    ],
+    ids=lambda command: command[-1],
+)
+def test_monitor_left_on_is_refused_whatever_the_method(
+    command, refused, scenario, saved, photographs
+):
+    # By the matrix that each command renders: the noise of four random rays is no monitor's.
+    strata = "gauss" if command[0] == "analyze" else "jittered"
+    transport = ps.render_transport(scenario, samples=4, strata=strata)
+    lit = (transport.astype(np.float64) @ np.eye(20)[:, 7]).reshape(24, 24, 1)
+    saved(y=photographs[0], lit=lit / lit.mean() + 1e-3 * photographs.mean(axis=0))
+    line = refused(*command, "--monitor-off", "lit.npy", "--out", "out")
+    assert line.startswith("lit.npy: still shows the monitor")
+
+
+def test_analysis_is_that_of_the_rows_used(succeeds, scenario, tmp_path):
+    Image.fromarray(MASK).save(tmp_path / "mask.png")
+    succeeds("analyze", "chair", *TINY[2:], "--mask", "mask.png", "--out", "out")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    transport = ps.render_transport(scenario, samples=4, strata="gauss")
+    A = transport[MASK.ravel()].astype(np.float64)
+    assert summary["condition_A"] == pytest.approx(np.linalg.cond(A), rel=1e-6)
+    without = np.load(tmp_path / "out" / "bounds_without_background.npy").ravel()
+    assert np.allclose(without, np.linalg.norm(np.linalg.pinv(A), axis=1), rtol=1e-6)

@@ -1,0 +1,232 @@
+"""The page's server as an attacker meets it: pages of others, and clients that send anything."""
+
+import json
+import socket
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from experiments.benchmarks import live
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.page import Offered
+from periscopy_sim.live.session import LiveSession
+from periscopy_sim.rendering.scene.load import load_scenario
+from tests.live.conftest import HIDDEN, PHOTOGRAPH
+
+viser = pytest.importorskip("viser")
+msgspec = pytest.importorskip("msgspec")
+websockets = pytest.importorskip("websockets")
+from websockets.sync.client import connect  # noqa: E402
+
+PATIENCE = 60.0
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (0, 0, 1.5),
+    "look_at": (0, 1, 0), "up_direction": (0, 0, 1), "fov": 1.0, "near": 0.01, "far": 1000,
+    "image_height": 600, "image_width": 800,
+}  # fmt: skip
+
+
+class Target:
+    """A session that runs, what it has shown, and what an attacker knows of it."""
+
+    def __init__(self, session):
+        self.session, self.shown, self.saved = session, [], []
+        self.page, self.gate = session.page, session.page.gate
+        self.origin = f"http://127.0.0.1:{self.gate.port}"
+
+    @contextmanager
+    def client(self, token=None, origin=None, host=None):
+        """Connect as a page would; without arguments as the page itself."""
+        host = host or f"127.0.0.1:{self.gate.port}"
+        token = self.gate.token if token is None else token
+        with (
+            socket.create_connection(("127.0.0.1", self.gate.port)) as sock,
+            connect(
+                f"ws://{host}/{token}", sock=sock, origin=origin or self.origin,
+                subprotocols=[f"viser-v{viser.__version__}"], max_size=None,
+            ) as client,
+        ):  # fmt: skip
+            before = set(self.page.server.get_clients())
+            send(client, CAMERA)  # viser heeds a client that has a camera
+            self.until(lambda: set(self.page.server.get_clients()) - before)
+            yield client
+
+    def control(self, label):
+        """Return the name that the page's client gives to a control."""
+        controls = self.page.server.gui._gui_input_handle_from_uuid.items()
+        return next(uuid for uuid, each in controls if each.label == label)
+
+    def until(self, holds):
+        end = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+    def goes_on(self):
+        """Show that a new wish of the page itself is granted."""
+        snr = 30.0 if self.page.choice.snr != 30 else 40.0
+        with self.client() as client:
+            send(client, value_of(self.control("SNR (dB)"), snr))
+            self.until(lambda: self.shown and self.shown[-1].choice.snr == snr)
+
+
+def send(client, message):
+    client.send(message if isinstance(message, str) else msgspec.msgpack.encode(message))
+
+
+def value_of(uuid, value):
+    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}}
+
+
+@pytest.fixture(scope="module")
+def target():
+    offered = Offered(("mushroom", "bars"), ("overcast",), ("noise-aware", "preconditioned"))
+    first = Choice({}, "mushroom", "", 0.5, 60.0, "noise-aware")
+    saved = []
+
+    def save(pictures):
+        saved.append(pictures)
+        return "saved"
+
+    scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
+    with LiveSession(scenario, first, offered, save) as session:
+        made = Target(session)
+        made.saved, show = saved, session.page.show
+
+        def watched(pictures):
+            show(pictures)
+            made.shown.append(pictures)
+
+        session._laboratory._show = watched
+        with live.running(session):
+            made.until(lambda: made.shown)
+            yield made
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        {"origin": "http://evil.example"},
+        {"origin": "http://127.0.0.1:1"},
+        {"origin": "null"},
+        {"host": "evil.example", "origin": "http://evil.example"},
+        {"token": "guessed"},
+        {"token": ""},
+        {"token": "\u00fc"},
+    ],
+)
+def test_pages_of_others_cannot_connect(target, foreign, caplog):
+    with pytest.raises(websockets.InvalidStatus) as refused, target.client(**foreign):
+        pass
+    assert refused.value.response.status_code == 403
+    assert len(caplog.messages) == 1
+    target.goes_on()
+
+
+@pytest.mark.parametrize("headers", [{"Host": "evil.example"}, {"Origin": "http://evil.example"}])
+def test_pages_of_others_cannot_read_the_page(target, headers):
+    for url in (target.gate.url, target.origin):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(urllib.request.Request(url, headers=headers))
+        assert refused.value.code == 403
+        refused.value.close()
+    with urllib.request.urlopen(target.gate.url) as page:
+        assert b"<html" in page.read()
+
+
+def test_only_values_that_a_control_offers_are_accepted(target, tmp_path, caplog):
+    own = tmp_path / "own.py"
+    own.write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n")
+    picture = tmp_path / "private.png"
+    picture.write_bytes(b"")
+    before = target.page.choice
+    method, image = target.control("Method"), target.control("Hidden image")
+    snr, place = target.control("SNR (dB)"), target.control("Ambient light")
+    write = target.control("Write scene and pictures")
+    handle = {"name": "/handles/plate", "owner": ""}
+    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}
+    drag = {"type": "TransformControlsUpdateMessage"} | handle | pose
+    nan = float("nan")
+    attacks = [
+        *(value_of(method, each) for each in (f"{own}:run", "file.py", "iterative", "", None, [])),
+        *(value_of(image, each) for each in (str(picture), "a" * 5000, "not known", {})),
+        *(value_of(place, each) for each in ("window", str(tmp_path / "x.xml"), 1)),
+        *(value_of(snr, each) for each in (-10_000, nan, 1e300, "60", True, None)),
+        *(value_of("nobody", each) for each in (1, "noise-aware")),
+        value_of(write, {"value": 1}),
+        value_of(method, "noise-aware") | {"updates": {"value": "noise-aware", "options": []}},
+        value_of(method, "noise-aware") | {"updates": {"update_cb": []}},
+        value_of(method, "noise-aware") | {"updates": {}},
+        drag | {"position": (nan, 0.0, 0.0)},
+        drag | {"position": (float("inf"), 0.0, 0.0)},
+        drag | {"position": (0.0,)},
+        drag | {"name": "/handles/none"},
+        {"type": "ShareUrlRequest"},
+        {"type": "RunJavascriptMessage", "source": "1"},
+        {"type": "ViewerCameraMessage"},
+        {"type": "Nothing"},
+        {},
+        [1, 2],
+        json.dumps({"type": "ShareUrlRequest"}),
+    ]
+    with target.client() as client:
+        for attack in attacks:
+            send(client, attack)
+        target.until(lambda: len(caplog.messages) >= len(attacks))
+    assert len(caplog.messages) == len(attacks)
+    assert all(len(line) < 250 and "\n" not in line for line in caplog.messages)
+    assert target.page.choice == before
+    assert not (tmp_path / "executed").exists() and not target.saved
+    target.goes_on()
+
+
+def test_bytes_that_are_no_message_end_nothing(target):
+    with target.client() as client:
+        for noise in (b"", b"\xc1", b"\x91" * 10_000, bytes(range(256))):
+            client.send(noise)
+    with target.client() as client:
+        client.send(bytes(2**20))
+        with pytest.raises(websockets.ConnectionClosedError):
+            for _ in client:
+                pass
+    with socket.create_connection(("127.0.0.1", target.gate.port)) as sock:
+        sock.sendall(b"\x00nonsense\r\n\r\n")
+        sock.recv(1000)
+    target.goes_on()
+
+
+def test_what_the_page_offers_is_granted(target):
+    with target.client() as client:
+        send(client, value_of(target.control("Hidden image"), "bars"))
+        target.until(lambda: target.shown[-1].choice.image == "bars")
+        send(client, value_of(target.control("Write scene and pictures"), True))
+        target.until(lambda: target.saved)
+        (name, (handle, _)) = next(iter(target.page._handles.items()))
+        position = handle.center + np.array([0.01, 0, 0])
+        named = {"name": f"/handles/{name}", "owner": ""}
+        send(client, {"type": "TransformControlsDragStartMessage", **named})
+        pose = {"wxyz": (1, 0, 0, 0), "position": position.tolist()}
+        send(client, {"type": "TransformControlsUpdateMessage", **named, **pose})
+        parameter = handle.names[0]
+        target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
+    assert target.saved[0].choice.image == "bars"
+    target.until(lambda: target.page._dragged is None)  # the client left while it dragged
+    target.until(lambda: not target.shown[-1].is_coarse)
+
+
+def test_a_port_that_is_taken_is_rejected():
+    from periscopy_sim.live.gate import Gate
+
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(PeriscopyError, match=str(port)):
+            Gate("127.0.0.1", port)
+    with pytest.raises(PeriscopyError, match=r"192\.0\.2\.1"):
+        Gate("192.0.2.1", 8080)

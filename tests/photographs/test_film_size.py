@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.photographs.film_size import (
+    PIXELS_IN_STEP,
+    advise,
+    films_of_blocks,
+    films_of_marks,
+    films_of_shape,
+    shadow_step,
+)
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return ps.load_scenario("chair", (1, 1), {"resolution": 63})
+
+
+def test_step_of_the_chairs_shadow_is_that_of_similar_triangles(scenario):
+    """Patches of 10.54 mm in height; the chair stands 0.361 to 0.436 m from the wall of 1.03 m."""
+    step = shadow_step(scenario, (29, 36))
+    height = 0.305789 / 29
+    assert height * 0.361 / 0.669 <= step <= height * 0.436 / 0.594
+    assert shadow_step(scenario, (58, 72)) == pytest.approx(step / 2, rel=1e-6)
+
+
+def test_step_does_not_depend_on_the_film(scenario):
+    finer = ps.load_scenario("chair", (1, 1), {"resolution": 126})
+    assert shadow_step(finer, (29, 36)) == pytest.approx(shadow_step(scenario, (29, 36)), rel=0.02)
+
+
+def test_without_a_shadow_in_the_field_of_view_there_is_no_step():
+    away = ps.load_scenario("chair", (1, 1), {"resolution": 63, "occluder_dx": 3})
+    assert shadow_step(away, (29, 36)) is None
+    assert advise(away, (29, 36)).choose([(20, 20), (63, 63), (126, 126)]) == (63, 63)
+
+
+def test_the_coarsest_film_that_is_fine_enough_is_chosen(scenario):
+    advice = advise(scenario, (29, 36))
+    films = list(films_of_blocks((1008, 1008)).values())
+    chosen = advice.choose(films)
+    assert chosen in films and advice.pixels_in_step(chosen) >= PIXELS_IN_STEP
+    coarser = max(film for film in films if film < chosen)
+    assert advice.pixels_in_step(coarser) < PIXELS_IN_STEP
+    assert advice.choose([(8, 8), (9, 9)]) == (9, 9)  # none is: the finest
+
+
+def test_memory_bounds_the_film(scenario, monkeypatch):
+    from periscopy_sim.photographs import film_size
+
+    advice = advise(scenario, (290, 360))
+    films = list(films_of_blocks((1008, 1008)).values())
+    monkeypatch.setattr(film_size, "has_memory", lambda size: size < 3e9)
+    chosen = advice.choose(films)
+    assert advice.fits(chosen) and not advice.fits((2 * chosen[0], 2 * chosen[1]))
+
+
+@pytest.mark.parametrize(
+    ("coverage", "placement", "finest"),
+    [(100, 0.25, 2), (100, 0.5, 1), (100, 3.0, 1), (9, 0.1, 3), (9, 0.0, 3), (0.25, 0.0, 0.5)],
+)
+def test_marks_and_photograph_bound_the_film(coverage, placement, finest):
+    """Placed to half of its pixels at best, but for films as coarse as the scene's own."""
+    films = films_of_marks((60, 80), coverage, placement)
+    assert max(films) == (60 * finest, 80 * finest)
+    assert all(rows * 4 == columns * 3 for rows, columns in films) and (30, 40) in films
+
+
+def test_films_of_blocks_divide_both_sides():
+    films = films_of_blocks((800, 1200))
+    assert films[8] == (100, 150) and films[1] == (800, 1200) and 3 not in films
+    assert all(rows * k == 800 and columns * k == 1200 for k, (rows, columns) in films.items())
+
+
+def test_films_of_a_shape_keep_its_proportions():
+    assert films_of_shape((100, 150), 0.06) == [(2, 3), (4, 6), (6, 9)]
+    assert films_of_shape((7, 5), 2) == [(7, 5), (14, 10)]
+    assert all(np.isclose(r / c, 2 / 3) for r, c in films_of_shape((100, 150), 3))

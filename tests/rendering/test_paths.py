@@ -1,0 +1,305 @@
+"""Light that paths collect, against Mitsuba's own path integrator; the numbers that draw them."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.stats import qmc
+
+from periscopy_sim.rendering import paths
+from periscopy_sim.rendering.ambient.irradiance import rows_of
+from periscopy_sim.rendering.paths import DIMENSIONS, ROULETTE, SURVIVAL, PathNumbers, survivors
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+SEEDS, RAYS = range(24), 1 << 14
+MANY = 1 << 16
+ORIGINS, PARTS = 16, (32, 96)
+COUNT = ORIGINS * sum(PARTS)
+LATER = 2 * DIMENSIONS + 3
+
+WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.7, 0.6]}}
+BSDFS = {
+    "matt": WHITE,
+    "gloss": {"type": "roughconductor", "alpha": 0.2},
+    "mirror": {"type": "conductor"},
+    "glass": {"type": "thindielectric"},
+    "plastic": {"type": "plastic"},
+    "mask": {"type": "mask", "opacity": 0.4, "nested": WHITE},
+    "twosided": {"type": "twosided", "nested": WHITE},
+}
+LAMP = {
+    "type": "rectangle",
+    "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [5, 4, 3]}},
+}
+EMITTERS = {
+    "lamp": {"lamp": LAMP},
+    "bulb": {"bulb": {"type": "point", "position": [0.3, 0.2, 0.8]}},
+    "sun": {"sun": {"type": "directional", "direction": [0.2, 0.1, -1]}},
+    "sky": {"sky": {"type": "constant"}},
+    "daylight": {"daylight": {"type": "sunsky", "sun_direction": [0.3, -0.2, 0.9]}},
+    "spot": {"spot": {"type": "spot", "to_world": "above"}},
+    "slide": {"slide": {"type": "projector", "to_world": "above", "irradiance": "checked"}},
+    "panorama": {"panorama": {"type": "envmap", "bitmap": "uneven"}},
+    "screen": {
+        "lamp": {"type": "rectangle", "emitter": {"type": "area", "radiance": "checked"}},
+    },
+    "all": {
+        "lamp": LAMP,
+        "bulb": {"type": "point", "position": [0.3, 0.2, 0.8]},
+        "sun": {"type": "directional", "direction": [0.2, 0.1, -1]},
+        "sky": {"type": "constant"},
+    },
+}
+
+
+def scene_of(bsdf, emitters):
+    """A floor, a wall to the right, a pane of the BSDF between them and the rays, emitters."""
+    import mitsuba as mi
+
+    T = mi.ScalarTransform4f
+
+    def rectangle(transform, bsdf):
+        return {"type": "rectangle", "to_world": transform, "bsdf": bsdf}
+
+    picture = np.random.default_rng(0).uniform(0, 4, (8, 8, 3)).astype(np.float32) ** 2
+    words = {
+        "above": T().look_at([0.1, 0.2, 1.7], [0.2, 0, 0], [0, 1, 0]),
+        "checked": {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True},
+        "uneven": mi.Bitmap(picture),
+    }
+
+    def meant(value):
+        if isinstance(value, dict):
+            return {key: meant(each) for key, each in value.items()}
+        return words.get(value, value) if isinstance(value, str) else value
+
+    emitters = meant(emitters)
+    if "lamp" in emitters:
+        emitters["lamp"]["to_world"] = (
+            T().translate([0, 0.2, 1.6]).rotate([1, 0, 0], 180).scale(0.3)
+        )
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "floor": rectangle(T().scale(1.5), WHITE),
+            "wall": rectangle(T().translate([1.2, 0, 0.8]).rotate([0, 1, 0], -90), WHITE),
+            "pane": rectangle(
+                T().translate([0.2, 0, 0.6]).rotate([0, 1, 0], 30).scale([0.5, 0.7, 1]),
+                BSDFS[bsdf],
+            ),
+            "ball": {"type": "sphere", "center": [0.5, -0.4, 0.3], "radius": 0.25, "bsdf": WHITE},
+            **emitters,
+        }
+    )
+
+
+def rays_of(sample):
+    """Rays from one point, most of them down."""
+    import mitsuba as mi
+
+    direction = mi.warp.square_to_cosine_hemisphere(sample)
+    return mi.Ray3f(mi.Point3f(-0.2, 0.1, 1.3), mi.Vector3f(direction.x, direction.y, -direction.z))
+
+
+def by_chance(seed):
+    """Numbers that know nothing of each other."""
+    import drjit as dr
+    import mitsuba as mi
+
+    path = dr.arange(mi.UInt32, RAYS)
+    # Of fewer rounds numbers of neighbouring paths are alike.
+    return lambda dimension: mi.sample_tea_float32(
+        path, dr.opaque(mi.UInt32, seed << 12) + dimension, 8
+    )
+
+
+def by_paths(scene, seed, numbers_of=None):
+    import mitsuba as mi
+
+    numbers = (numbers_of or PathNumbers(1, (RAYS,)).shifted)(seed)
+    ray = rays_of(mi.Point2f(*(numbers(k) for k in range(2))))
+    light, _ = paths.trace_paths(scene, numbers, 2, ray)
+    return rows_of(light).mean(axis=0)
+
+
+def by_mitsuba(scene, seed):
+    import mitsuba as mi
+
+    def traced(depth):
+        sampler = mi.load_dict({"type": "independent", "sample_count": RAYS})
+        sampler.set_samples_per_wavefront(RAYS)
+        sampler.seed(seed + 1000, RAYS)
+        ray = rays_of(sampler.next_2d())
+        tracer = mi.load_dict({"type": "path", "max_depth": depth})
+        return rows_of(tracer.sample(scene, sampler, mi.RayDifferential3f(ray))[0])
+
+    return (traced(-1) - traced(1)).mean(axis=0)
+
+
+def compared(scene, same_mean):
+    found, expected = (
+        np.array([estimate(scene, seed) for seed in SEEDS])[:, None]
+        for estimate in (by_paths, by_mitsuba)
+    )
+    assert expected.mean() > 0
+    same_mean(found, expected)
+
+
+@pytest.mark.parametrize("bsdf", BSDFS)
+def test_light_is_that_of_mitsubas_path_integrator_whatever_it_meets(bsdf, same_mean):
+    compared(scene_of(bsdf, EMITTERS["all"]), same_mean)
+
+
+@pytest.mark.parametrize("kind", EMITTERS)
+def test_each_kind_of_emitter_counts_once(kind, same_mean):
+    compared(scene_of("gloss", EMITTERS[kind]), same_mean)
+
+
+def test_numbers_beyond_the_sequence_are_as_good(monkeypatch, same_mean):
+    monkeypatch.setattr(paths, "DIMENSIONS", 5)
+    compared(scene_of("gloss", EMITTERS["all"]), same_mean)
+
+
+def test_numbers_of_low_discrepancy_lower_the_noise():
+    """To a sixth here. Of 24 means either way, were both alike, this would be once in 10,000."""
+    scene = scene_of("matt", EMITTERS["all"])
+    even, chance = (
+        np.var([by_paths(scene, seed, numbers).mean() for seed in SEEDS], ddof=1)
+        for numbers in (None, by_chance)
+    )
+    assert chance > 4.5 * even
+
+
+def test_of_many_emitters_one_is_drawn_with_the_same_mean(monkeypatch, same_mean):
+    monkeypatch.setattr(paths, "FEW", 2)
+    compared(scene_of("gloss", EMITTERS["all"]), same_mean)
+
+
+def test_asking_all_emitters_lowers_the_noise(monkeypatch):
+    """By 2.6 here. Of 200 means either way the ratio is below 1.5 once in 30,000 times.
+
+    Were both alike, it would be above once in 500.
+    """
+    scene = scene_of("matt", EMITTERS["all"])
+    all_asked = np.var([by_paths(scene, seed, by_chance).mean() for seed in range(200)])
+    monkeypatch.setattr(paths, "FEW", 0)
+    one_drawn = np.var([by_paths(scene, seed, by_chance).mean() for seed in range(200)])
+    assert one_drawn > 1.5 * all_asked
+
+
+def test_what_the_rays_first_meet_is_told():
+    import mitsuba as mi
+
+    scene = scene_of("mirror", EMITTERS["lamp"])
+    origins, downward = np.array([[-0.9, 0, 1.0], [0.2, 0, 1.0], [-0.9, 0, 1.0]]), [-1, -1, 1]
+    ray = mi.Ray3f(mi.Point3f(*origins.T), mi.Vector3f(0, 0, mi.Float(downward)))
+    numbers = PathNumbers(3, (1,)).shifted(0)
+    _, (position, normal, is_valid, scatters_alike) = paths.trace_paths(scene, numbers, 0, ray)
+    assert np.array(is_valid).tolist() == [True, True, False]
+    assert np.array(scatters_alike).tolist()[:2] == [True, False]
+    np.testing.assert_allclose(rows_of(position)[:2], [[-0.9, 0, 0], [0.2, 0, 0.6]], atol=1e-5)
+    assert (rows_of(normal)[:2, 2] > 0).all()
+
+
+def numbers_at(seed, dimensions, numbers=None):
+    """(dimensions, paths)."""
+    shifted = (numbers or PathNumbers(ORIGINS, PARTS)).shifted(seed)
+    return np.stack([np.array(shifted(k), float) for k in dimensions])
+
+
+@pytest.mark.parametrize("dimension", [0, 1, DIMENSIONS - 1, DIMENSIONS, LATER])
+def test_every_dimension_fills_its_interval_evenly(dimension):
+    (found,) = numbers_at(3, [dimension])
+    assert found.shape == (COUNT,) and found.min() >= 0 and found.max() < 1
+    # One in each of as many strata: of numbers by chance a third would be empty.
+    assert len(np.unique((found * COUNT).astype(int))) == COUNT
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (2, 3), (DIMENSIONS, DIMENSIONS + 1), (LATER, LATER + 1)])
+def test_pairs_fill_their_square_better_than_chance(pair):
+    points = numbers_at(5, pair).T
+    chance = np.random.default_rng(0).random((COUNT, 2))
+    assert qmc.discrepancy(points) < 0.1 * qmc.discrepancy(chance)
+
+
+def test_paths_of_each_origin_are_even_by_themselves():
+    """Each part is ordered by origin."""
+    found = numbers_at(1, [0, 1])
+    first = found[:, : ORIGINS * PARTS[0]].reshape(2, ORIGINS, PARTS[0])
+    for origin in range(ORIGINS):
+        for dimension in range(2):
+            strata = np.unique((first[dimension, origin] * PARTS[0]).astype(int))
+            # Of numbers by chance 20 of 32 are filled, give or take 2.
+            assert len(strata) > 27
+
+
+@pytest.mark.parametrize("dimension", [0, DIMENSIONS + 1])
+def test_every_path_has_any_number_as_often(dimension):
+    """Of 400 seeds; each of 8 paths by the test of Kolmogorov and Smirnov, all at 1e-4."""
+    numbers = PathNumbers(ORIGINS, PARTS)
+    found = np.stack([numbers_at(seed, [dimension], numbers)[0, ::256] for seed in range(400)])
+    worst = min(stats.kstest(each, "uniform").pvalue for each in found.T)
+    assert worst > 1e-4 / found.shape[1]
+
+
+def test_repeated_dimensions_and_seeds_know_nothing_of_each_other():
+    """Correlations of 2,048 numbers are 1 / sqrt(2,048) by chance; six times that in none of 6."""
+    found = np.concatenate(
+        [numbers_at(7, [0, DIMENSIONS, 2 * DIMENSIONS]), numbers_at(8, [0, DIMENSIONS])]
+    )
+    correlation = np.corrcoef(found[[0, 1, 2, 4]])
+    assert np.abs(correlation - np.eye(4)).max() < 6 / np.sqrt(COUNT)
+    assert not np.array_equal(found[0], found[3])
+
+
+def test_numbers_of_one_path_know_nothing_of_each_other():
+    """Over 400 seeds; all of 28 correlations are below 5 deviations but once in 60,000 times."""
+    numbers, dimensions = PathNumbers(ORIGINS, PARTS), [0, 1, 2, 5, 31, 32, 33, 64]
+    found = np.stack([numbers_at(seed, dimensions, numbers)[:, 1000] for seed in range(400)])
+    correlation = np.corrcoef(found.T) - np.eye(len(dimensions))
+    assert np.abs(correlation).max() < 5 / np.sqrt(len(found))
+
+
+@pytest.mark.parametrize(("origins", "parts"), [(1, (1,)), (3, (5, 7)), (180, (16, 48))])
+def test_any_number_of_paths_is_served(origins, parts):
+    found = numbers_at(0, [0, LATER], PathNumbers(origins, parts))
+    count = origins * sum(parts)
+    assert found.shape == (2, count)
+    assert (found >= 0).all() and (found < 1).all()
+    # Later ones are in another order, and none is left out or comes twice.
+    assert len(np.unique(found[0])) == len(np.unique(found[1])) == count
+
+
+def test_same_seed_gives_the_same_numbers(monkeypatch):
+    once, again = (numbers_at(4, [0, LATER]) for _ in range(2))
+    assert once.tobytes() == again.tobytes()
+    monkeypatch.setattr(paths, "SCRAMBLE", 1)
+    assert not np.array_equal(numbers_at(4, [0, LATER]), once)
+
+
+def after(surface, strength):
+    """Throughput, 0 of paths that ended, of many whose strongest channel has that strength."""
+    import drjit as dr
+    import mitsuba as mi
+
+    numbers = (dr.arange(mi.Float, MANY) + 0.5) / MANY
+    throughput = mi.Color3f(strength / 2, strength, 0) + dr.zeros(mi.Float, MANY)
+    kept, active = survivors(mi.UInt32(surface), throughput, numbers, mi.Bool(True))
+    alive = np.array(active & dr.full(mi.Bool, True, MANY))
+    return np.array(kept.y) * alive, np.array(kept.x) * alive, alive
+
+
+@pytest.mark.parametrize("strength", [0.01, 0.3, 0.9, 1.0, 3.0])
+@pytest.mark.parametrize("surface", [1, ROULETTE - 1, ROULETTE, 20])
+def test_light_in_the_mean_is_what_it_was(surface, strength):
+    strong, weak, alive = after(surface, strength)
+    assert strong.mean() == pytest.approx(strength, rel=2e-3)
+    np.testing.assert_allclose(weak, strong / 2, rtol=1e-5)
+    chance = min(strength, SURVIVAL) if surface >= ROULETTE else 1
+    assert np.mean(alive) == pytest.approx(chance, abs=1e-3)
+
+
+@pytest.mark.parametrize("surface", [1, 20])
+def test_paths_without_light_end(surface):
+    *_, alive = after(surface, 0.0)
+    assert not alive.any()

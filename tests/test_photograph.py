@@ -1,0 +1,43 @@
+"""A photograph carries its mask and monitor-off photographs, checked once."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.photograph import Photograph
+
+SHAPE = (4, 5)
+LIGHT = np.random.default_rng(0).uniform(1, 2, (*SHAPE, 3))
+MASK = np.arange(20).reshape(SHAPE) % 3 > 0
+
+
+def test_arrays_become_one_form_and_are_copied():
+    photograph = Photograph.of(LIGHT[..., 0].astype(np.float32), SHAPE)
+    assert photograph.values.dtype == np.float64 and photograph.shape == SHAPE
+    assert (photograph.values == LIGHT[..., :1].astype(np.float32)).all()
+    photograph.values[:] = 0
+    assert LIGHT.all() and np.shape(np.asarray(photograph)) == (*SHAPE, 3)
+
+
+def test_pixels_outside_the_mask_are_neither_checked_nor_used():
+    spoilt = np.where(MASK[..., None], LIGHT, np.nan)
+    photograph = Photograph.of(spoilt, mask=MASK, monitor_off={"off.npy": spoilt / 2})
+    np.testing.assert_array_equal(photograph.used, LIGHT[MASK])
+    np.testing.assert_array_equal(photograph.monitor_off["off.npy"], spoilt / 2)
+    assert photograph.mask is MASK and "nan" not in repr(photograph)
+    np.testing.assert_array_equal(Photograph.of(LIGHT).used, LIGHT.reshape(-1, 3))
+
+
+@pytest.mark.parametrize(
+    ("given", "offender"),
+    [
+        ({"values": LIGHT[:3], "shape": SHAPE}, "photograph"),
+        ({"values": -LIGHT, "name": "y.exr"}, "y.exr"),
+        ({"values": LIGHT, "mask": MASK.T}, "mask"),
+        ({"values": LIGHT, "monitor_off": {"off.npy": LIGHT[:3]}}, r"off\.npy"),
+        ({"values": LIGHT, "monitor_off": {"off.npy": np.nan * LIGHT}}, r"off\.npy"),
+    ],
+)
+def test_the_array_that_is_no_photograph_is_named(given, offender):
+    with pytest.raises(PhotographError, match=offender):
+        Photograph.of(**given)
