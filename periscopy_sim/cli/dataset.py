@@ -64,8 +64,8 @@ def make(
     ] = False,
 ) -> None:
     """Make what is missing of a data set ('make' may be left out)."""
-    from periscopy_sim.dataset.configuration.document import EXAMPLE, load_configuration
-    from periscopy_sim.dataset.making.make import make_dataset
+    from periscopy_sim.dataset.configuration import EXAMPLE, load_configuration
+    from periscopy_sim.dataset.make import make_dataset
 
     if example:
         print(EXAMPLE.read_text("utf-8"), end="")
@@ -124,7 +124,7 @@ def info(
     """Print how large a data set is, and what it holds."""
     import json
 
-    from periscopy_sim.dataset.archive.reading import describe
+    from periscopy_sim.dataset.reading import describe
 
     description = describe(data)
     if as_json:
@@ -140,7 +140,7 @@ def verify(data: Archive) -> None:
 
     Every checksum is compared, and every chunk decoded.
     """
-    from periscopy_sim.dataset.archive.reading import verify_dataset
+    from periscopy_sim.dataset.reading import verify_dataset
 
     with counted_progress("verifying", "blocks") as report:
         whole, damaged = verify_dataset(data, report)
@@ -165,8 +165,8 @@ def export(
     ] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
-    from periscopy_sim.dataset.archive.export import export_samples
-    from periscopy_sim.dataset.archive.reading import open_dataset
+    from periscopy_sim.dataset.export import export_samples
+    from periscopy_sim.dataset.reading import open_dataset
     from periscopy_sim.storage.outputs.staging import staged_folder
 
     count = open_dataset(data, incomplete=True).sizes["sample"]

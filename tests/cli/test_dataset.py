@@ -10,7 +10,7 @@ import yaml
 from PIL import Image
 
 from periscopy_sim.cli.dataset import parse_indices
-from periscopy_sim.dataset.configuration.document import EXAMPLE
+from periscopy_sim.dataset.configuration import EXAMPLE
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.formats.exr import read_exr
 

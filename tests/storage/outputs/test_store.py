@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from periscopy_sim.dataset.archive.layout import Layout, read_head
+from periscopy_sim.dataset.layout import Layout, read_head
 from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.storage.outputs import store
 from periscopy_sim.storage.outputs.store import (

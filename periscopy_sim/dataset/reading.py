@@ -12,16 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive.layout import BOUNCED_ERROR, Layout, read_head
+from periscopy_sim.dataset.layout import BOUNCED_ERROR, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.store import (
-    Block,
-    checksum,
-    is_recorded,
-    read_record,
-    record_file,
-)
+from periscopy_sim.storage.outputs.store import Block, checksum, is_recorded, read_record
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,14 +27,14 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     Parameters
     ----------
     path
-        What `periscopy dataset` wrote.
+        The archive that `periscopy dataset` wrote.
     incomplete
         Whether to open one in the making: the samples up to the first that is missing.
 
     Returns
     -------
     xarray.Dataset
-        Variables with labelled dimensions, units and, as attributes, all they were made of. The
+        Variables with labelled dimensions, units and, as attributes, all that they depend on. The
         variables of one text or number for each sample are coordinates:
         ``data.sel(sample=data.split == "train")``.
 
@@ -49,7 +43,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     DatasetError
         If the path holds no data set, or one in the making unless `incomplete`.
     PeriscopyError
-        If what the extra ``dataset`` brings is not installed.
+        If a package of the extra ``dataset`` is not installed.
     """
     require_all()
     import xarray as xr
@@ -70,6 +64,8 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
             data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
+    if lost := set(layout.variables()) - set(data.variables):
+        raise DatasetError(f"{path}: has lost its variable '{min(lost)}'; make it again")
     labels = [
         str(name) for name, values in data.data_vars.items()
         if values.dims in (("sample",), ("geometries",))
@@ -79,7 +75,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class Damage:
-    """Neighbouring blocks that are not what was written."""
+    """Neighbouring blocks that are missing or damaged, for one reason."""
 
     samples: tuple[int, int]  # their first, and the one after their last
     reason: str
@@ -90,22 +86,25 @@ def verify_dataset(
 ) -> tuple[int, list[Damage]]:
     """Check every file of a data set against its checksum, and decode every chunk.
 
-    Return the number of whole samples, and what is damaged or missing. `progress` is called with
-    the blocks checked and their number.
+    Return the number of whole samples, and the damage. `progress` is called with the blocks
+    checked and their number.
     """
+    import zarr
+
     path = Path(path)
     _, layout, digest = read_head(path)
-    group, reason = _opened(path, layout)
-    if reason:
-        return 0, [Damage((0, layout.count), reason)]
+    try:
+        data = open_dataset(path, incomplete=True)
+        for name, values in data.variables.items():
+            if "sample" not in values.dims and not (path / str(name) / "c" / "0").is_file():
+                raise DatasetError(f"{name}: its file is missing")
+        group: Any = zarr.open_group(path, mode="r", zarr_format=3)
+    except DatasetError as error:
+        return 0, [Damage((0, layout.count), str(error))]
 
     def fault(block: Block) -> str:
-        if not record_file(path, block.number).is_file():
-            found = "missing"
-        elif not is_recorded(path, digest, block):
-            found = "its record is damaged, or of another count or configuration"
-        else:
-            found = _fault(path, group, block)
+        recorded = is_recorded(path, digest, block)
+        found = _fault(path, group, block) if recorded else "missing, or of another configuration"
         if progress is not None:
             progress(block.number + 1, layout.blocks)
         return found
@@ -122,69 +121,37 @@ def verify_dataset(
 
 
 def _fault(path: Path, group: Any, block: Block) -> str:
-    """Return what is wrong with a block; empty where nothing is."""
-    record = read_record(path, block.number)
-    for name, expected in record["crc32c"].items():
+    """Return the first fault of a block's files; empty where there is none."""
+    for name, expected in read_record(path, block.number)["crc32c"].items():
         try:
             if checksum(path / block.files[name]) != expected:
                 return f"{name}: another checksum"
-        except OSError as error:
-            return f"{name}: {error.strerror}"
-        try:
             values = np.asarray(group[name][block.place["sample"]])
-        except Exception as error:  # whatever a codec says of bytes it cannot decode
+        except Exception as error:  # of any kind, if a codec cannot decode the bytes
             return f"{name}: {type(error).__name__}: {error}"
         if values.dtype.kind == "f" and name != "sbr" and not np.isfinite(values).all():
             return f"{name}: holds NaN or infinity"
     return ""
 
 
-def _opened(path: Path, layout: Layout) -> tuple[Any, str]:
-    """Open the archive and read what is not of samples; say what is wrong, if anything is."""
-    import zarr
-
-    name = "zarr.json"
-    try:
-        group: Any = zarr.open_group(path, mode="r", zarr_format=3)
-        for name, array in group.arrays():
-            if array.metadata.dimension_names[0] != "sample":
-                if not (path / name / "c" / "0").is_file():
-                    return None, f"{name}: its file is missing"
-                np.asarray(array[:])
-            elif array.shape[0] != layout.count:
-                return None, f"{name}: has {array.shape[0]} samples, not {layout.count}"
-        missing = [each for each in layout.variables() if each not in group]
-    except Exception as error:  # whatever a codec says of bytes it cannot decode
-        return None, f"{name}: {type(error).__name__}: {error}"
-    return group, f"{missing[0]}: is missing" if missing else ""
-
-
 def describe(path: str | Path) -> dict[str, Any]:
-    """Return a data set's sizes, what is done of it, and what its samples are, of JSON's types."""
+    """Return a data set's sizes, its progress, and a summary of its samples, of JSON's types."""
     path = Path(path)
     attributes, layout, digest = read_head(path)
+    data = open_dataset(path, incomplete=True)
     blocks = map(layout.block, range(layout.blocks))
-    finished = sum(block.size for block in blocks if is_recorded(path, digest, block))
-    size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": finished,
+        "finished": sum(block.size for block in blocks if is_recorded(path, digest, block)),
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
-        "bytes": size,
+        "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),
         "seed": attributes["configuration"]["seed"],
         "versions": attributes["versions"],
     }
-    data = open_dataset(path, incomplete=True)
-    missing = [name for name in layout.variables() if name not in data.variables]
-    if missing:
-        raise DatasetError(f"{path}: its variable '{missing[0]}' is lost; make it again")
     for name in ("split", "hidden_kind", "ambient"):
-        description[name] = dict(Counter(str(text) for text in data[name].values).most_common())
-    bounced = (BOUNCED_ERROR,) if layout.bounced_error else ()
-    for name in ("sbr", "snr", "exposure", *bounced):
-        values = data[name].values
-        if len(values):
-            description[name] = [float(values.min()), float(values.max())]
-    description["geometries"] = data.sizes["geometries"]
-    return description
+        description[name] = dict(Counter(map(str, data[name].values)).most_common())
+    for name in ("sbr", "snr", "exposure", BOUNCED_ERROR):
+        if name in data and data.sizes["sample"]:
+            description[name] = [float(data[name].min()), float(data[name].max())]
+    return {**description, "geometries": data.sizes["geometries"]}

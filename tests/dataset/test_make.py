@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.making import make as making
-from periscopy_sim.dataset.making.make import make_dataset
+from periscopy_sim.dataset import make as making
+from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.rendering.transport import bounced

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive.reading import open_dataset
+from periscopy_sim.dataset.reading import open_dataset
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require
 
@@ -23,7 +23,7 @@ class TorchDataset:
     Parameters
     ----------
     path
-        What `periscopy dataset` wrote.
+        The archive that `periscopy dataset` wrote.
     split
         ``train``, ``validation`` or ``test``; None for all.
     variables
@@ -74,17 +74,11 @@ class TorchDataset:
     def __getitems__(self, indices: Sequence[int]) -> list[Any]:
         """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
         group = self._archive()
-        wanted = self.samples[np.asarray(indices)]
-        order = np.argsort(wanted, kind="stable")
-        columns = {}
-        for name in self.variables:
-            array = group[name]
-            values = np.empty((len(wanted), *array.shape[1:]), array.dtype)
-            values[order] = array.oindex[wanted[order]]
-            columns[name] = values
+        wanted, places = np.unique(self.samples[np.asarray(indices)], return_inverse=True)
+        columns = {name: group[name].oindex[wanted][places] for name in self.variables}
         samples = [
             {name: _tensor(values[k]) for name, values in columns.items()}
-            for k in range(len(wanted))
+            for k in range(len(places))
         ]
         return samples if self.transform is None else [self.transform(each) for each in samples]
 
@@ -93,7 +87,7 @@ class TorchDataset:
         return {**self.__dict__, "_opened": None}
 
     def _archive(self) -> Any:
-        # What was opened before a fork waits for threads that the fork has left behind.
+        # An archive opened before a fork waits for threads that the fork has left behind.
         if self._opened is None or self._opened[0] != os.getpid():
             import zarr
 
@@ -105,8 +99,6 @@ def _tensor(value: Any) -> Any:
     """Return a picture as a tensor, channels first, a number as one, text as it is."""
     import torch
 
-    if isinstance(value, np.ndarray) and value.ndim == 3:
-        return torch.from_numpy(np.ascontiguousarray(np.moveaxis(value, -1, 0)))
     if isinstance(value, str):
         return value
-    return torch.as_tensor(value)
+    return torch.as_tensor(np.ascontiguousarray(np.moveaxis(value, -1, 0)) if value.ndim else value)

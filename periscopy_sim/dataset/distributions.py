@@ -1,8 +1,9 @@
-"""Parts of a configuration: numbers, fixed or drawn anew each time, and what is drawn by weight."""
+"""Parts of a configuration: numbers, fixed or drawn anew each time, and sources drawn by weight."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -25,21 +26,17 @@ class Distribution(Strict):
     @model_validator(mode="before")
     @classmethod
     def _from_number(cls, given: Any) -> Any:
-        if isinstance(given, cls | dict):
-            return given
-        if isinstance(given, bool) or not isinstance(given, int | float | str):
-            raise ValueError(
-                "give a number, or one of uniform: [low, high], log_uniform: [low, high], "
-                "normal: [mean, standard deviation], choice: [numbers]"
-            )
-        return {"value": given}
+        return given if isinstance(given, cls | dict) else {"value": given}
 
     @model_validator(mode="after")
     def _is_one(self) -> Self:
         if sum(given is not None for _, given in self) != 1:
-            raise ValueError("give one of value, uniform, log_uniform, normal and choice")
-        interval = self.uniform or self.log_uniform
-        if interval is not None and interval[0] > interval[1]:
+            raise ValueError(
+                "give a number, or one of uniform: [low, high], log_uniform: [low, high], "
+                "normal: [mean, standard deviation], choice: [numbers]"
+            )
+        interval = self.uniform or self.log_uniform or (0, 0)
+        if interval[0] > interval[1]:
             raise ValueError(f"the interval {list(interval)} runs backwards")
         if self.log_uniform is not None and self.log_uniform[0] <= 0:
             raise ValueError("a log_uniform interval must lie above 0")
@@ -78,9 +75,17 @@ class Distribution(Strict):
 
 
 class Source(Strict):
-    """What all sources have: how often each is drawn, relative to the others."""
+    """An entry of a list that is drawn from by weight, relative to the others."""
 
     weight: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+
+    def located(self, folder: Path) -> Self:  # noqa: ARG002
+        """Return the source with absolute paths, from a configuration's folder; they must exist."""
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """Return entries that replace paths in an archive: names, and digests of contents."""
+        return {}
 
 
 def within(low: float, high: float) -> Any:

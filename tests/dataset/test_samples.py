@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.configuration.distributions import Distribution
-from periscopy_sim.dataset.making.draws import draw_clip
-from periscopy_sim.dataset.making.geometry import as_json, geometry_of, view_digest
-from periscopy_sim.dataset.making.samples import make_samples
+from periscopy_sim.dataset.distributions import Distribution
+from periscopy_sim.dataset.draws import draw_clip
+from periscopy_sim.dataset.geometry import as_json, geometry_of, view_digest
+from periscopy_sim.dataset.samples import make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.transport import bounced_transport
 

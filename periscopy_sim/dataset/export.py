@@ -1,4 +1,4 @@
-"""Samples as files that people look at."""
+"""Samples of a data set as pictures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.dataset.archive.reading import open_dataset
+from periscopy_sim.dataset.reading import open_dataset
 from periscopy_sim.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -37,9 +37,8 @@ def export_samples(
 
     data = open_dataset(path, incomplete=True)
     count = data.sizes["sample"]
-    for index in indices:
-        if not 0 <= index < count:
-            raise DatasetError(f"{path}: has no sample {index}; it has 0 to {count - 1}")
+    if beyond := [index for index in indices if not 0 <= index < count]:
+        raise DatasetError(f"{path}: has no sample {beyond[0]}; it has 0 to {count - 1}")
     labels = [name for name, values in data.variables.items() if values.dims == ("sample",)]
     written, titles = [], []
     sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}
@@ -48,7 +47,8 @@ def export_samples(
         notes = {str(name): str(sample[name].item()) for name in labels}
         for name, pictures in sheet.items():
             image, stem = sample[name].values.astype(np.float32), f"{index:08d}_{name}"
-            shown = _shown(image, 1.0 if name == "hidden" else None)
+            white = 1.0 if name == "hidden" else max(image.max(), 1e-12)
+            shown = np.clip(image / white, 0, 1).astype(np.float64)
             write_exr(folder / f"{stem}.exr", image, notes)
             write_enlarged(folder / f"{stem}.png", shown, notes)
             written += [f"{stem}.exr", f"{stem}.png"]
@@ -64,13 +64,6 @@ def export_samples(
     return [*written, "sheet.png"]
 
 
-def _shown(image: Any, white: float | None) -> Any:
-    light = np.maximum(np.asarray(image, np.float64), 0)
-    return np.clip(light / (white or max(light.max(), 1e-12)), 0, 1)
-
-
 def _title(sample: xr.Dataset, index: int) -> str:
-    ambient = str(sample["ambient"].item())
-    light = ambient if len(ambient) < 30 else f"{ambient[:27]}..."
-    ratio = f"SBR {sample['sbr'].item():.2g}, " if np.isfinite(sample["sbr"].item()) else ""
-    return f"{index}: {sample['hidden_kind'].item()}\n{light}\n{ratio}{sample['split'].item()}"
+    kind, light, split = (str(sample[name].item()) for name in ("hidden_kind", "ambient", "split"))
+    return f"{index}: {kind}\n{light[:30]}\nSBR {sample['sbr'].item():.2g}, {split}"

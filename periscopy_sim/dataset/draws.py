@@ -1,7 +1,7 @@
-"""What is random in a data set: each draw follows from the seed and a number alone.
+"""Random draws of a data set: each follows from the seed and a number alone.
 
-So any sample can be made by itself, in any order, on any machine. Geometries, clips and noise have
-streams of their own: that one takes more draws than before leaves the others as they are.
+Any sample can be made by itself, in any order, on any machine. Geometries, clips and noise have
+streams of their own: one that takes more draws than before leaves the others as they are.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.dataset.configuration.distributions import Distribution, Source
-from periscopy_sim.dataset.configuration.document import SPLITS, Configuration
-from periscopy_sim.dataset.configuration.light_sources import Conditions, Darkness, Lamps
+from periscopy_sim.dataset.configuration import SPLITS, Conditions, Configuration, Darkness, Lamps
+from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.scenario import Array
 
 GEOMETRY, CLIP, NOISE, RENDERING, SPLIT = range(5)
@@ -42,14 +41,14 @@ class AmbientDraw:
     """
 
     source: int
-    label: str  # lamps, none, or the names of what is mixed
+    label: str  # lamps, none, or the names of the mixed pictures
     lamps: tuple[Array, Array] | None = None  # (L, 3) places and (L, 3) powers
     mixture: tuple[tuple[int, float, bool, bool], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class ClipDraw:
-    """What the frames of a clip have in common."""
+    """The hidden frames of a clip, and the light that they share."""
 
     number: int  # of the data set's clips, from 0
     hidden: Array  # (frames, R, C, 3) linear light
@@ -63,6 +62,11 @@ class ClipDraw:
 def generator(configuration: Configuration, stream: int, number: int) -> np.random.Generator:
     """Return the random generator of one of the streams above and a number in it."""
     return np.random.default_rng([configuration.seed, stream, number])
+
+
+def random_seed(configuration: Configuration, stream: int, number: int) -> int:
+    """Return a seed of 31 bits to one of the streams above and a number in it."""
+    return int(generator(configuration, stream, number).integers(2**31))
 
 
 def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
@@ -85,12 +89,11 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
         largest = int(sizes.argmax())
         place = (edges[largest] - sizes[largest] / 2 + number * GOLDEN) % 1
     else:
-        # By its file's name, not by where that lies: the same data set on every machine.
+        # By the file's name, not its folder: the same data set on every machine.
         identity = (Path(scene.scene).name, sorted(parameters.items()))
-        pose = zlib.crc32(repr(identity).encode())
-        place = generator(configuration, SPLIT, pose).random()
-    split = int(np.searchsorted(edges, place, side="right"))
-    return GeometryDraw(number, source, parameters, SPLITS[min(split, len(SPLITS) - 1)])
+        place = generator(configuration, SPLIT, zlib.crc32(repr(identity).encode())).random()
+    split = min(int(np.searchsorted(edges, place, side="right")), len(SPLITS) - 1)
+    return GeometryDraw(number, source, parameters, SPLITS[split])
 
 
 def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
@@ -101,13 +104,8 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     ambient = _draw_ambient(configuration, rng)
     measured = (configuration.sbr, configuration.snr, configuration.exposure)
     sbr, snr, exposure = (distribution.draw(rng) for distribution in measured)
-    dark = isinstance(configuration.ambient[ambient.source], Darkness)
+    dark = ambient.lamps is None and not ambient.mixture
     return ClipDraw(number, hidden, source.kind, ambient, np.inf if dark else sbr, snr, exposure)
-
-
-def random_seed(configuration: Configuration, stream: int, index: int) -> int:
-    """Return a seed of 31 bits to one of the streams above and a number in it."""
-    return int(generator(configuration, stream, index).integers(2**31))
 
 
 def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> AmbientDraw:

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.archive.layout import read_head
-from periscopy_sim.dataset.archive.reading import Damage, describe, verify_dataset
-from periscopy_sim.dataset.making.make import make_dataset
+from periscopy_sim.dataset.layout import read_head
+from periscopy_sim.dataset.make import make_dataset
+from periscopy_sim.dataset.reading import Damage, describe, verify_dataset
 from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.storage.outputs.store import record_file
 
@@ -101,7 +101,7 @@ def test_data_set_that_grows_never_passes_for_whole_before_it_is(data, configure
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("periscopy_sim.dataset.making.make.BlockStore.write", stop)
+    monkeypatch.setattr("periscopy_sim.dataset.make.BlockStore.write", stop)
     with pytest.raises(KeyboardInterrupt):
         make_dataset(configured(), data, count=50)
     with pytest.raises(DatasetError, match="not finished, 40 of 50"):

@@ -1,4 +1,4 @@
-"""What the hidden monitor shows: generators of images and short videos, and folders of pictures.
+"""Images and short videos on the hidden monitor: generators, and folders of pictures.
 
 Each source is an entry of the configuration and draws clips, (frames, R, C, 3) of linear light in
 [0, 1] with some light in every frame, from a random generator alone.
@@ -6,15 +6,16 @@ Each source is an entry of the configuration and draws clips, (frames, R, C, 3) 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
 
-from periscopy_sim.dataset.configuration.distributions import Distribution, Source, within
+from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Array
 
@@ -135,9 +136,19 @@ class Folder(Source):
     """Pictures of a folder and of those within it."""
 
     kind: Literal["folder"]
-    folder: str  # as seen from the configuration's own
+    folder: str  # relative to the configuration's own
     flip: bool = False  # half of them, left to right
     version: str = ""  # digest of the pictures, filled in when a data set is made
+
+    def located(self, folder: Path) -> Self:
+        """Return the source with an absolute path and the digest of its pictures."""
+        place = str((folder / self.folder).resolve())
+        pictures_in.cache_clear()
+        return self.model_copy(update={"folder": place, "version": sha256_of(pictures_in(place))})
+
+    def identity(self) -> dict[str, Any]:
+        """Return the name of the folder; `version` tells its pictures."""
+        return {"folder": Path(self.folder).name}
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, at rest; the folder is an absolute path by now."""
@@ -160,10 +171,19 @@ def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: AR
     found = (file for file in Path(folder).rglob("*") if file.suffix.lower() in known)
     files = tuple(sorted(file for file in found if not file.name.startswith(".")))
     if not files:
-        raise ConfigurationError(
-            f"folder '{folder}' holds no pictures ({', '.join(known)}); check its path"
-        )
+        raise ConfigurationError(f"folder '{folder}' holds no pictures ({', '.join(known)})")
     return files
+
+
+def sha256_of(files: Iterable[Path]) -> str:
+    """Return the digest of the contents of files, in their order."""
+    digest = hashlib.sha256()
+    for file in files:
+        try:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+        except OSError as error:
+            raise ConfigurationError(f"{file}: {error.strerror}; check the path") from error
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=512)

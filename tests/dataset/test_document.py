@@ -4,7 +4,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from periscopy_sim.dataset.configuration.document import EXAMPLE, Configuration, load_configuration
+from periscopy_sim.dataset.configuration import EXAMPLE, Configuration, load_configuration
 from periscopy_sim.errors import ConfigurationError
 
 LEAST = """

@@ -3,7 +3,7 @@ import pytest
 from pydantic import ValidationError
 from scipy import stats
 
-from periscopy_sim.dataset.configuration.distributions import Distribution, within
+from periscopy_sim.dataset.distributions import Distribution, within
 from periscopy_sim.storage.formats.yaml_document import Strict
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.making.make import make_dataset
+from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.errors import DatasetError
 
 pytestmark = pytest.mark.torch

@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 from pydantic import TypeAdapter
 
-from periscopy_sim.dataset.configuration.hidden_sources import HiddenSource, _polygon, pictures_in
+from periscopy_sim.dataset.hidden_sources import HiddenSource, _polygon, pictures_in
 from periscopy_sim.errors import ConfigurationError
 
 KINDS = ["shapes", "moving", "text", "digits", "gratings", "smooth"]

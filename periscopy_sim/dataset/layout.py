@@ -1,4 +1,4 @@
-"""What a data set's archive is made of: its variables and their sizes."""
+"""The layout of a data set's archive: its variables and their sizes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ import numpy as np
 
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.storage.outputs.store import Block, attributes_of, digest_of
-
-KIND = "periscopy data set"
 
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
@@ -50,6 +48,7 @@ class Layout:
     """The sizes of a data set, a `StoreLayout`."""
 
     what: ClassVar[str] = "data set"
+    kind: ClassVar[str] = "periscopy data set"
 
     count: int  # samples
     block_size: int  # samples in a block
@@ -57,7 +56,19 @@ class Layout:
     hidden_shape: tuple[int, int]  # (R, C)
     photograph_type: str
     keep_background: bool
-    bounced_error: bool = False  # whether there is that label; archives once had none
+    bounced_error: bool = False  # whether there is that label
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Return the sizes without the count, of JSON's types, as `read_head` reads them."""
+        sizes = {
+            "block": self.block_size,
+            "photograph_shape": list(self.photograph_shape),
+            "hidden_shape": list(self.hidden_shape),
+            "photograph_type": self.photograph_type,
+            "keep_background": self.keep_background,
+        }
+        return sizes | ({BOUNCED_ERROR: True} if self.bounced_error else {})
 
     @property
     def blocks(self) -> int:
@@ -103,7 +114,7 @@ class Layout:
     @staticmethod
     def recognizes(attributes: Mapping[str, Any]) -> bool:
         """Return whether attributes are those of a data set."""
-        return attributes.get("kind") == KIND and isinstance(attributes.get("count"), int)
+        return attributes.get("kind") == Layout.kind and isinstance(attributes.get("count"), int)
 
     def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
         """Return those of `LABELS` that there are."""
@@ -117,19 +128,13 @@ class Layout:
 
 
 def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
-    """Return what a data set was made of, its layout, and the digest that its records bear.
+    """Return the attributes of a data set, its layout, and the digest that its records bear.
 
-    A `DatasetError` tells that there is none or that its head is damaged.
+    A path without a data set, or one whose head is damaged, is a `DatasetError`.
     """
-    file = path / "zarr.json"
-    if not file.is_file():
-        what = "is no data set" if path.exists() else "no such data set"
-        raise DatasetError(f"{path}: {what}; name a folder that 'periscopy dataset' has written")
     attributes = attributes_of(path)
     if not Layout.recognizes(attributes):
-        raise DatasetError(
-            f"{file}: is damaged, or of no data set; run 'periscopy dataset' into another folder"
-        )
+        raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
     sizes = attributes["layout"]
     layout = Layout(
         attributes["count"], sizes["block"], tuple(sizes["photograph_shape"]),

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.analytic.point_light import point_light_response
-from periscopy_sim.dataset.making.lamp_light import lamp_light
+from periscopy_sim.dataset.samples import lamp_light
 
 
 def wall(count=57, seed=0):
