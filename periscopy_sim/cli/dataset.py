@@ -54,7 +54,7 @@ def make(
         ),
     ] = None,
     count: Annotated[
-        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1)
+        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1, max=10**8)
     ] = None,
     scheduler: Annotated[
         str | None, option("ADDRESS", "A Dask scheduler; without it, this machine.")

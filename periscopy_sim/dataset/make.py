@@ -24,6 +24,7 @@ from periscopy_sim.dataset.layout import Layout
 from periscopy_sim.dataset.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
 from periscopy_sim.storage.outputs.resume import alone_in
@@ -99,7 +100,8 @@ def make_dataset(
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
-        scenario_of(settings, draw)  # an error of any scene comes before anything is written
+        # An error of any scene comes before anything is written.
+        _check_shape(draw.number, scenario_of(settings, draw), first.photograph_shape)
     given = given_light(settings, first)
     layout = Layout(
         settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
@@ -154,13 +156,17 @@ def make_block(
     """
     settings = Configuration.model_validate_json(configuration)
     ready = geometry_of(configuration, geometry)
-    if ready.scenario.photograph_shape != photograph_shape:
-        raise ConfigurationError(
-            f"geometry {geometry} has photographs of {ready.scenario.photograph_shape} pixels, "
-            f"geometry 0 of {photograph_shape}; give all scenes films of one size"
-        )
+    _check_shape(geometry, ready.scenario, photograph_shape)
     start = block * settings.samples_per_shard
     return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
+
+
+def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
+    if scenario.photograph_shape != expected:
+        raise ConfigurationError(
+            f"geometry {geometry} has photographs of {scenario.photograph_shape} pixels, "
+            f"geometry 0 of {expected}; give all scenes films of one size"
+        )
 
 
 def _made(

@@ -124,7 +124,7 @@ def test_lists_of_samples_are_read(text, expected):
         (["config.yaml"], "name a configuration and --out"),
         (["--out", "d.zarr"], "name a configuration and --out"),
         (["none.yaml", "--out", "d.zarr"], "none.yaml: No such file"),
-        (["info", "none.zarr"], "no such data set"),
+        (["info", "none.zarr"], "none.zarr: is no data set"),
     ],
 )
 def test_mistakes_are_told_and_nothing_is_left(refused, configuration, arguments, message):

@@ -9,7 +9,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.dataset.distributions import Distribution
 from periscopy_sim.dataset.draws import draw_clip
-from periscopy_sim.dataset.geometry import as_json, geometry_of, view_digest
+from periscopy_sim.dataset.geometry import geometry_of, view_digest
 from periscopy_sim.dataset.samples import make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.transport import bounced_transport
@@ -20,7 +20,7 @@ INTERVAL = 4.9
 
 @pytest.fixture(scope="module")
 def geometry(configured):
-    return geometry_of(as_json(configured()), 0)
+    return geometry_of(configured().model_dump_json(), 0)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monk
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
     light = {"kind": "bounced", "samples": 4}
     configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
-    geometry = geometry_of(as_json(configuration), 0)
+    geometry = geometry_of(configuration.model_dump_json(), 0)
     block = make_samples(configuration, geometry, {}, 0, 4)
     assert (block["bounced_error"] == geometry.transport.bounced.relative_error).all()
     for photograph, hidden in zip(block["photograph"], block["hidden"], strict=True):
@@ -178,7 +178,7 @@ def test_path_traced_photographs_agree_with_the_transport_matrix(configured):
     photographs = []
     for light in (traced, direct):
         configuration = configured(light=light, **settings)
-        geometry = geometry_of(as_json(configuration), 0)
+        geometry = geometry_of(configuration.model_dump_json(), 0)
         photographs.append(make_samples(configuration, geometry, {}, 0, 4)["photograph"])
     for one, other in zip(*photographs, strict=True):
         assert np.linalg.norm(one - other) < 0.03 * np.linalg.norm(other)
