@@ -16,7 +16,7 @@ PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
 
 _EXPOSED = "mean of a photograph of exposure 1"
-PICTURES: dict[str, tuple[str, str | None]] = {  # long name and units
+PICTURES = {  # long name and units
     "photograph": ("photograph of the wall, linear light", _EXPOSED),
     "hidden": ("hidden image, linear light", "white of the monitor"),
     "background": ("ambient light of the photograph, without noise", _EXPOSED),
@@ -84,29 +84,27 @@ class Layout:
         return Block(number, {"sample": samples}, files)
 
     def variables(self) -> dict[str, dict[str, Any]]:
-        """Return how each variable that every sample has is laid out."""
+        """Return the layout of each variable that every sample has."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
         laid_out: dict[str, dict[str, Any]] = {}
         for name, (shape, dimensions, dtype) in self._stacks().items():
-            # Shuffled bits compress what noise leaves alike: signs and exponents.
+            # Noise leaves signs and exponents alike: shuffled bits compress them.
+            size = np.dtype(dtype).itemsize
             blosc = BloscCodec(
-                cname="zstd", clevel=1, shuffle="bitshuffle",
-                typesize=np.dtype(dtype).itemsize, blocksize=0,
-            )  # fmt: skip
-            long_name, units = PICTURES[name]
+                cname="zstd", clevel=1, shuffle="bitshuffle", typesize=size, blocksize=0
+            )
             laid_out[name] = {
                 "shape": (self.count, *shape), "chunks": (1, *shape),
                 "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
-                "attributes": {"long_name": long_name, "units": units},
+                "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
             }  # fmt: skip
         for name, (dtype, long_name, units) in self._labels().items():
             fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
             laid_out[name] = {
                 "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
-                "fill_value": fill, "dimension_names": ("sample",),
-                "compressors": [Crc32cCodec()],
+                "fill_value": fill, "dimension_names": ("sample",), "compressors": [Crc32cCodec()],
                 "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
             }  # fmt: skip
         return laid_out

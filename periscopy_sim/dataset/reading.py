@@ -5,17 +5,14 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import groupby, takewhile
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from periscopy_sim.dataset.layout import BOUNCED_ERROR, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.store import Block, checksum, is_recorded, read_record
+from periscopy_sim.storage.outputs.store import is_complete, is_recorded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,65 +70,30 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     return data.isel(sample=slice(ready)).set_coords(labels)
 
 
-@dataclass(frozen=True)
-class Damage:
-    """Neighbouring blocks that are missing or damaged, for one reason."""
-
-    samples: tuple[int, int]  # their first, and the one after their last
-    reason: str
-
-
 def verify_dataset(
     path: str | Path, progress: Callable[[int, int], None] | None = None
-) -> tuple[int, list[Damage]]:
-    """Check every file of a data set against its checksum, and decode every chunk.
+) -> list[tuple[int, int]]:
+    """Compare every file of a data set with its checksum.
 
-    Return the number of whole samples, and the damage. `progress` is called with the blocks
-    checked and their number.
+    Return the samples that are missing or damaged, as ranges (first, one after the last).
+    `progress` is called with the blocks checked and their number.
     """
-    import zarr
-
     path = Path(path)
     _, layout, digest = read_head(path)
-    try:
-        data = open_dataset(path, incomplete=True)
-        for name, values in data.variables.items():
-            if "sample" not in values.dims and not (path / str(name) / "c" / "0").is_file():
-                raise DatasetError(f"{name}: its file is missing")
-        group: Any = zarr.open_group(path, mode="r", zarr_format=3)
-    except DatasetError as error:
-        return 0, [Damage((0, layout.count), str(error))]
-
-    def fault(block: Block) -> str:
-        recorded = is_recorded(path, digest, block)
-        found = _fault(path, group, block) if recorded else "missing, or of another configuration"
+    data = open_dataset(path, incomplete=True)
+    for name, values in data.variables.items():
+        if "sample" not in values.dims and not (path / str(name) / "c" / "0").is_file():
+            raise DatasetError(f"{path}: has lost the values of '{name}'; make it again")
+    damaged: list[tuple[int, int]] = []
+    for block in map(layout.block, range(layout.blocks)):
+        first, after = block.place["sample"].start, block.place["sample"].stop
+        if not is_complete(path, digest, block):
+            if damaged and damaged[-1][1] == first:
+                first = damaged.pop()[0]
+            damaged.append((first, after))
         if progress is not None:
             progress(block.number + 1, layout.blocks)
-        return found
-
-    damaged, whole = [], 0
-    for reason, neighbours in groupby(map(layout.block, range(layout.blocks)), fault):
-        samples = [block.place["sample"] for block in neighbours]
-        first, after = samples[0].start, samples[-1].stop
-        if reason:
-            damaged.append(Damage((first, after), reason))
-        else:
-            whole += after - first
-    return whole, damaged
-
-
-def _fault(path: Path, group: Any, block: Block) -> str:
-    """Return the first fault of a block's files; empty where there is none."""
-    for name, expected in read_record(path, block.number)["crc32c"].items():
-        try:
-            if checksum(path / block.files[name]) != expected:
-                return f"{name}: another checksum"
-            values = np.asarray(group[name][block.place["sample"]])
-        except Exception as error:  # of any kind, if a codec cannot decode the bytes
-            return f"{name}: {type(error).__name__}: {error}"
-        if values.dtype.kind == "f" and name != "sbr" and not np.isfinite(values).all():
-            return f"{name}: holds NaN or infinity"
-    return ""
+    return damaged
 
 
 def describe(path: str | Path) -> dict[str, Any]:

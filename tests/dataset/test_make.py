@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -117,23 +116,6 @@ def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, 
     assert contents(tmp_path / "d.zarr") == contents(undisturbed)
 
 
-@pytest.mark.thorough
-def test_splits_share_no_geometry(configured, tmp_path):
-    settings = configured(
-        count=60, samples_per_geometry=4, samples_per_shard=2,
-        splits={"train": 0.5, "validation": 0.25, "test": 0.25},
-    )  # fmt: skip
-    make_dataset(settings, tmp_path / "d.zarr")
-    data = ps.open_dataset(tmp_path / "d.zarr")
-    splits = {}
-    for geometry, split in zip(data.geometry.values, data.split.values, strict=True):
-        assert splits.setdefault(int(geometry), split) == split
-    assert Counter(splits.values()).keys() == {"train", "validation", "test"}
-    assert [splits[g] for g in range(15)] == data.geometry_split.values.tolist()
-    poses = data.parameter_occluder_dx.values
-    assert len(set(poses.tolist())) == 15 and (np.abs(poses) <= 0.05).all()
-
-
 def test_scenes_of_other_film_sizes_are_refused(configured, tmp_path):
     scenes = [{"scene": "chair", "parameters": {"resolution": {"choice": [12, 16]}}}]
     settings = configured(scenes=scenes, count=400)
@@ -162,23 +144,6 @@ def test_what_does_not_exist_is_refused_before_anything_is_written(
 
 
 def test_other_pictures_under_the_same_name_are_another_data_set(configured, tmp_path):
-    def picture(value):
-        (tmp_path / "pictures").mkdir(exist_ok=True)
-        image = np.full((4, 4, 3), value, np.uint8)
-        Image.fromarray(image).save(tmp_path / "pictures/a.png")
-
-    settings = configured(
-        hidden_images=[{"kind": "folder", "folder": "pictures"}], count=2
-    ).model_copy(update={"folder": tmp_path})
-    picture(255)
-    make_dataset(settings, tmp_path / "d.zarr")
-    assert make_dataset(settings, tmp_path / "d.zarr").made == 0
-    picture(200)
-    with pytest.raises(OutputError, match="another data set"):
-        make_dataset(settings, tmp_path / "d.zarr")
-
-
-def test_other_pictures_under_the_same_name_are_shown_in_another_data_set(configured, tmp_path):
     settings = configured(
         hidden_images=[{"kind": "folder", "folder": "pictures"}], count=2
     ).model_copy(update={"folder": tmp_path})
@@ -189,6 +154,9 @@ def test_other_pictures_under_the_same_name_are_shown_in_another_data_set(config
         make_dataset(settings, tmp_path / f"{value}.zarr")
         hidden = ps.open_dataset(tmp_path / f"{value}.zarr").hidden.values
         assert (hidden[..., 0] == 1).all() and (hidden[..., 1] == value / 255).all()
+    assert make_dataset(settings, tmp_path / "0.zarr").made == 0
+    with pytest.raises(OutputError, match="255.zarr holds another data set"):
+        make_dataset(settings, tmp_path / "255.zarr")
 
 
 def test_every_scene_is_tried_before_anything_is_made(configured, tmp_path):

@@ -6,11 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-import periscopy_sim as ps
 from periscopy_sim.dataset.distributions import Distribution
 from periscopy_sim.dataset.draws import draw_clip
 from periscopy_sim.dataset.geometry import geometry_of, view_digest
-from periscopy_sim.dataset.samples import make_samples
+from periscopy_sim.dataset.samples import lamp_light, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.transport import bounced_transport
 
@@ -113,13 +112,6 @@ def test_photographs_are_clipped_where_they_saturate(configured, geometry):
     np.testing.assert_array_equal(found, np.minimum(free, np.float32(level)))
 
 
-def test_half_precision_rounds_photographs_alone(configured, geometry):
-    single = make_samples(configured(), geometry, {}, 0, 2)
-    half = make_samples(configured(photograph_type="float16"), geometry, {}, 0, 2)
-    np.testing.assert_array_equal(half["photograph"], single["photograph"].astype(np.float16))
-    assert half["hidden"].dtype == np.float32
-
-
 def test_pictures_of_ambient_light_are_mixed_turned_and_coloured(configured, geometry):
     scenario = geometry.scenario
     shape = (*scenario.photograph_shape, 3)
@@ -142,15 +134,15 @@ def test_pictures_of_ambient_light_are_mixed_turned_and_coloured(configured, geo
     assert len(turned) == 4
 
 
-def test_lamps_light_by_eq_4(configured, geometry):
-    entry = {"kind": "lamps", "number": 1, "across": 0.4, "away": 2.0, "up": -0.3, "tint": 0}
-    block = make_samples(configured(ambient=[entry]), geometry, {}, 0, 2)
-    expected = ps.point_light_backgrounds(geometry.scenario, np.array([[0.4, 2.0, -0.3]]))
-    found = block["background"][0].reshape(-1, 3)
-    for channel in found.T:
-        np.testing.assert_allclose(
-            channel / channel.mean(), expected[:, 0] / expected.mean(), rtol=1e-5
-        )
+def test_lamps_add_up_by_their_powers_and_are_dark_behind_the_wall():
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(-1, 1, 57), np.zeros(57), rng.uniform(-1, 1, 57)], 1)
+    normals = np.tile([0.0, 1, 0], (57, 1))
+    lamps, powers = np.array([[0.0, 2, 0], [1, 1, 1], [0, -50, 0]]), rng.random((3, 3))
+    ways = lamps[:2, None] - points
+    response = ways[..., 1] / np.linalg.norm(ways, axis=2) ** 3  # Eq. 4
+    expected = np.einsum("lm,lc->mc", response / response.mean(axis=1)[:, None], powers[:2])
+    np.testing.assert_allclose(lamp_light(lamps, powers, points, normals), expected, rtol=1e-10)
 
 
 def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monkeypatch):
