@@ -25,6 +25,8 @@ from .evaluation.sweep import Sweep, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
+from .model.uncertain_transport import UncertainTransport
+from .photograph import Photograph
 from .photographs.border import bad_border
 from .photographs.defects import defective_pixels
 from .photographs.develop import develop
@@ -34,17 +36,13 @@ from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
 from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
 from .reconstruction.learned.still import Learned
-from .reconstruction.noise_aware.joint_evenness import joint_evenness
-from .reconstruction.noise_aware.portable import PortableNoiseAware
-from .reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from .reconstruction.noise_aware.still import NoiseAware
+from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
 from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.preconditioned.repair import repair
 from .reconstruction.preconditioned.still import Periscope, Reconstruction
 from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
-from .reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from .rendering.ambient.background import Background, render_background
 from .rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from .rendering.photograph import render_photograph
@@ -74,7 +72,7 @@ __all__ = [
     "NoiseAwareVideo",
     "Periscope",
     "PeriscopyError",
-    "PortableNoiseAware",
+    "Photograph",
     "Preconditioner",
     "Prepared",
     "Reconstruction",
@@ -105,7 +103,6 @@ __all__ = [
     "flips",
     "form_preconditioner",
     "gain_matched",
-    "joint_evenness",
     "load_configuration",
     "load_scenario",
     "make_dataset",

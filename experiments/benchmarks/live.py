@@ -49,7 +49,9 @@ def live(_: Setting) -> Section:
     before = os.getloadavg()[0]
     with (
         chromium() as browser,
-        LiveSession(ps.load_scenario("chair", SMALL), first, offered, lambda _: "") as session,
+        LiveSession(
+            ps.load_scenario("chair", SMALL), first, offered, lambda _: "", lambda _: []
+        ) as session,
         running(session),
     ):
         page = visit(session, browser)

@@ -43,7 +43,7 @@ class Samples:
     ----------
     rows, curvatures
         Of the scene that the method was given.
-    axes, data, weights, errors, start
+    data, weights, errors, start
         (n, ...) of each photograph.
     truth
         (n, 3, R, C) hidden image, over the image's scale.
@@ -53,7 +53,6 @@ class Samples:
 
     rows: NDArray[np.float32]
     curvatures: NDArray[np.float32]
-    axes: NDArray[np.float32]
     data: NDArray[np.float32]
     weights: NDArray[np.float32]
     errors: NDArray[np.float32]
@@ -109,7 +108,7 @@ def solved(
     # In the scene as it is, the data set's lamps leave hardly a gain or light beyond range(B) to be
     # found: of 40 images 35 are the same without looking for them, none is off by more than 0.2 %.
     method = ps.NoiseAware.for_scene(
-        scene, A, ps.point_light_backgrounds(scene), wall_gain=displaced, ambient_prior=displaced
+        scene, A, ps.point_light_backgrounds(scene), corrections=None if displaced else ()
     )
     problems: list[Problem] = []
     truths = []
@@ -125,7 +124,7 @@ def solved(
         truths.append((np.moveaxis(truth, -1, 0) / problem.scale).astype(np.float32))
     stacks = {
         name: np.stack([getattr(each, name) for each in problems])
-        for name in ("axes", "data", "weights", "errors", "start")
+        for name in ("data", "weights", "errors", "start")
     }
     basis = method._basis
     return Samples(

@@ -26,9 +26,9 @@ from torch.nn.utils import clip_grad_norm_
 from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.resuming import digest_of
 from experiments.learned.samples import HIDDEN, Samples
+from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
 from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
 from periscopy_sim.storage.outputs.staging import staged_file
 
 BATCH = 16
@@ -80,17 +80,18 @@ class Geometry:
         self.right = right
         rows_K = (samples.rows @ laplacian(HIDDEN)).astype(np.float32)
         self.patterns = [torch.from_numpy(v) for v in (samples.rows, samples.curvatures, rows_K)]
-        stacks = samples.axes, samples.data, samples.weights, samples.errors[:, None], samples.start
+        stacks = samples.data, samples.weights, samples.errors[:, None], samples.start
         self.stacks = [torch.from_numpy(each) for each in stacks]
         self.truth = torch.from_numpy(samples.truth)
 
     def problems(self, chosen: Any, colours: Any = None) -> tuple[Problems, torch.Tensor]:
         """Return chosen photographs and their truths, the colours in another order if given."""
-        axes, data, weights, errors, start = (each[chosen] for each in self.stacks)
+        data, weights, errors, start = (each[chosen] for each in self.stacks)
         truth = self.truth[chosen]
         if colours is not None:
-            axes, start, truth = axes[:, :, colours], start[:, colours], truth[:, colours]
-        return Problems(*self.patterns, axes, data, weights, errors, start), truth
+            data, weights = data[:, colours], weights[:, colours]
+            start, truth = start[:, colours], truth[:, colours]
+        return Problems(*self.patterns, data, weights, errors, start), truth
 
 
 def validation(network: torch.nn.Module | None, geometries: list[Geometry]) -> float:

@@ -30,7 +30,7 @@ from experiments.paper.background_models import (
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import GLASS, SNR, Setting
 from periscopy_sim.evaluation.metrics import shifted
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
+from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 Array = NDArray[np.float64]

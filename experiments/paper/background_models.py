@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]

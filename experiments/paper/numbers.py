@@ -16,7 +16,7 @@ from periscopy_sim.evaluation.diagnostics import (
     rank_row,
     residual_background,
 )
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
+from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from experiments.published.setting import PublishedSetting
 from experiments.published.stills import psnrs
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import FittedScene
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.model.ambient import background_basis
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from experiments.published.layout import BLOCKS, Placement, place_of
 from experiments.published.setting import PublishedSetting
 from experiments.report import Picture, Section, Table
 from experiments.setting import FittedScene
-from periscopy_sim.reconstruction.background_subspace import background_basis
+from periscopy_sim.model.ambient import background_basis
 
 Array = NDArray[np.float64]
 

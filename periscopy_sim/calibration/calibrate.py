@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.calibrate_levels import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import (
     uncertain_parameters,
@@ -27,15 +26,12 @@ from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
-from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.background_photographs import (
+from periscopy_sim.model.observation import (
     Backgrounds,
     named,
+    observation_of,
 )
-from periscopy_sim.reconstruction.background_subspace import background_basis
-from periscopy_sim.reconstruction.monitor_left_on import COARSE, check_monitor_off
-from periscopy_sim.reconstruction.observation import observation_of
-from periscopy_sim.reconstruction.residual.orientations import AS_IT_IS, FLIPPED, Orientation
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.shadow_check import LEAST, hidden_part, shadow_doubt
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -151,18 +147,18 @@ def calibrate(
     with threadpool_limits(1):
         off = []
         if backgrounds is not None and len(backgrounds):
-            small = load_scenario(path, fitted(hidden, COARSE), ruled)
+            small = load_scenario(path, fitted(hidden, 12), ruled)
             off = _monitor_off(backgrounds, y, small, mask, seed)
 
-        def level(resolution: Resolution, seen: Orientation = AS_IT_IS) -> ResolutionLevel:
+        def level(resolution: Resolution) -> ResolutionLevel:
             return ResolutionLevel(
                 path,
                 given,
                 names,
                 prior,
-                y[seen],
-                [light[seen] for light in off],
-                None if mask is None else mask[seen],
+                y,
+                off,
+                mask,
                 hidden,
                 resolution,
                 seed,
@@ -171,13 +167,11 @@ def calibrate(
             )
 
         levels = [level(resolution) for resolution in resolutions]
-        flipped = {name: level(resolutions[0], seen) for name, seen in FLIPPED.items()}
         if not all(each.has_areas(start) for each in levels):
             levels = [each.by_rays() for each in levels]
-            flipped = {name: each.by_rays() for name, each in flipped.items()}
         levels[0].background(start)  # too few pixels are told of before anything is rendered
         shift = ImageShift.of(path, levels[-1].hidden_shape, ruled, names, prior)
-        return calibrate_levels(levels, start, held, progress, shift=shift, flipped=flipped)
+        return calibrate_levels(levels, start, held, progress, shift=shift)
 
 
 def finest(samples: int) -> Resolution:
@@ -206,8 +200,6 @@ def _monitor_off(
         off = Photograph.of(photograph, shape, mask=mask, monitor_off=given).monitor_off
         observation = observation_of(A, hidden, scenario.channel_gain, mask, shape, off)
         observation.vectorized(photograph)  # which is none of them
-        smooth = background_basis(observation.used(point_light_backgrounds(scenario)))
-        check_monitor_off(A, smooth, observation)
     except ValueError as error:
         raise PhotographError(str(error)) from None
     return list(off.values())

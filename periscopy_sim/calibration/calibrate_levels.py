@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +59,6 @@ def calibrate_levels(
     progress: Callable[[float], None] | None = None,
     *,
     shift: ImageShift | None = None,
-    flipped: Mapping[str, ResolutionLevel] = MappingProxyType({}),
 ) -> Calibration:
     """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
 
@@ -75,7 +73,7 @@ def calibrate_levels(
     steps = np.minimum(scales, prior.errors)
     ruled = bool(np.isfinite(prior.errors).all())
     log = Progress(len(start), ruled, ITERATIONS, progress)
-    search = _Search(coarse, fine, start, steps, spreads, shift, flipped, ruled, log)
+    search = _Search(coarse, fine, start, steps, spreads, shift, ruled, log)
     found = search.from_ruler() if ruled else search.of_box()
     values, level, best = found.values, found.best.level, found.best
     # A ruler's error bounds how far another's may drag a parameter; the linear theory has no bound.
@@ -152,7 +150,6 @@ class _Search:
     steps: Values
     spreads: Values
     shift: ImageShift
-    flipped: Mapping[str, ResolutionLevel]
     ruled: bool
     log: Progress
 
@@ -283,7 +280,6 @@ class _Search:
         middles = start if about is None else about
         why = (
             *doubts(names, values, middles, self.spreads, prior, gained, known, misfit, negative),
-            *_doubted_orientation(self.coarse, values, self.flipped, start),
         )
         return _Found(values, seen, best, gained, set_back, why)
 
@@ -317,34 +313,6 @@ def _require_shadows(level: ResolutionLevel, values: Values) -> None:
             "the photograph shows no shadows of this scene, wherever its parameters are; nothing "
             "can be learned from it"
         )
-
-
-def _doubted_orientation(
-    level: ResolutionLevel,
-    values: Values,
-    flipped: Mapping[str, ResolutionLevel],
-    start: Values,
-) -> tuple[str, ...]:
-    """Return a doubt if a flipped photograph is explained better than the one as it is.
-
-    The values were found for the level's photograph as it is; one that is flipped may be explained
-    at the start, too.
-    """
-    if not flipped:
-        return ()
-
-    def evidence(seen: ResolutionLevel, *places: Values) -> float:
-        plain = seen.as_it_comes().of_nonnegative_images()
-        try:
-            return min(plain.explain(place).evidence for place in places)
-        except PeriscopyError:  # a mask that leaves too little of it
-            return np.inf
-
-    found = {name: evidence(each, start, values) for name, each in flipped.items()}
-    name = min(found, key=lambda each: found[each])
-    if not found[name] < evidence(level, values) - SHOWN:
-        return ()
-    return (f"the photograph may be {name}: so it is explained better than as it is",)
 
 
 def _covariances(

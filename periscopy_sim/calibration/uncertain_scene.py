@@ -16,8 +16,8 @@ from periscopy_sim.calibration.constraints import InFront
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, VariantError
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import available_memory, has_memory
-from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -27,9 +27,6 @@ from periscopy_sim.scenario import Array, Scenario
 STEPS = 1.0, 0.5, 0.25
 """Parts of a standard error by which a scene is moved, the first to both sides of which it can."""
 
-SETS = 2
-"""Of rays, where the scene is looked for; its errors alone are counted with one, as by areas."""
-
 
 def uncertain_transport(
     scenario: Scenario,
@@ -37,7 +34,6 @@ def uncertain_transport(
     *,
     samples: int = 16,
     seed: int = 0,
-    linear: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> UncertainTransport:
     """Render what errors of a scene's parameters do to A, as `NoiseAware` takes it.
@@ -50,9 +46,6 @@ def uncertain_transport(
         Standard errors of ``<default>``s, independent of each other, by name.
     samples, seed
         Of A, see `render_transport`: the scene elsewhere is rendered with the same rays.
-    linear
-        Whether A changes in proportion, rather than be rendered anew where the scene is found: for
-        an A that `render_transport` did not make, with these samples and this seed.
     progress
         Called with the fraction done.
 
@@ -77,16 +70,14 @@ def uncertain_transport(
             raise SceneError(f"standard error {error:g} of '{name}': give a positive number")
     renderer = _Renderer(scenario, tuple(errors), samples, seed)
     directions = np.diag(list(errors.values()))
-    sets = 1 if renderer.by_area else SETS
-    changes = renderer.changes(values, directions, sets, progress)
-    for name, change in zip(errors, changes[0], strict=True):
+    changes = renderer.changes(values, directions, progress)
+    for name, change in zip(errors, changes, strict=True):
         if not change.any():
             raise SceneError(
                 f"the photograph does not show an error of {errors[name]:g} of '{name}'; leave it "
                 "out"
             )
-    render = None if linear else renderer.matrix
-    return UncertainTransport(tuple(errors), values, directions, changes, render)
+    return UncertainTransport(tuple(errors), values, directions, changes)
 
 
 def calibrated_transport(
@@ -99,18 +90,15 @@ def calibrated_transport(
 ) -> UncertainTransport | None:
     """Render what the errors that a calibration left do to A; None if nothing.
 
-    The photograph has had its say there: the scene stays, see `UncertainTransport.held`. Parameters
-    and errors are those of `uncertain_transport`.
+    Parameters and errors are those of `uncertain_transport`.
     """
     renderer = _Renderer(scenario, known.names, samples, seed)
     directions = known.directions
-    changes = renderer.changes(known.values, directions, 1, progress)
-    seen = changes[0].any(axis=(1, 2))
-    if not seen.any():
+    changes = renderer.changes(known.values, directions, progress)
+    shown = changes.any(axis=(1, 2))
+    if not shown.any():
         return None
-    return UncertainTransport(
-        known.names, known.values, directions[:, seen], changes[:, seen], held=True
-    )
+    return UncertainTransport(known.names, known.values, directions[:, shown], changes[shown])
 
 
 class _Renderer:
@@ -132,35 +120,29 @@ class _Renderer:
         self,
         values: Array,
         directions: Array,
-        sets: int,
         progress: Callable[[float], None] | None,
     ) -> NDArray[np.float32]:
-        """Return the changes of A along directions, (P, K), (sets, K, M, N).
+        """Return the changes of A along directions, (P, K), as (K, M, N).
 
         Each is half of the difference between the two sides, by the same rays if not by areas.
         """
         count = directions.shape[1]
         pixels, patches = self._scenario.transport_shape
-        size = 4.0 * sets * count * pixels * patches
+        size = 4.0 * count * pixels * patches
         if not has_memory(size):
             raise PeriscopyError(
-                f"{sets * count} matrices of {pixels} pixels x {patches} patches, of what errors "
+                f"{count} matrices of {pixels} pixels x {patches} patches, of what errors "
                 f"of {len(self._names)} parameters do, need {size / 1e9:.1f} GB of memory, where "
                 f"{(available_memory() or 0) / 1e9:.1f} GB can be had; name fewer by --uncertain "
                 "(or none), or average pixels by periscopy prepare --bin"
             )
-        changes = np.empty((sets, count, pixels, patches), np.float32)
+        changes = np.empty((count, pixels, patches), np.float32)
         for k, direction in enumerate(directions.T):
             part, sides = self._sides(values, direction)
-            for s in range(sets):
-                changes[s, k] = self._difference(sides, s) / (2 * part)
-                if progress is not None:
-                    progress((k + (s + 1) / sets) / count)
+            changes[k] = self._difference(sides) / (2 * part)
+            if progress is not None:
+                progress((k + 1) / count)
         return changes
-
-    def matrix(self, values: Array) -> NDArray[np.float32]:
-        """Return A at some values, (P,), by the rays that it is rendered with; or a SceneError."""
-        return render_transport(self._at(values), samples=self._samples, seed=self._seed)
 
     def _sides(self, values: Array, direction: Array) -> tuple[float, list[Scenario]]:
         """Return by what part of a direction the scene can be moved to both sides, and these."""
@@ -183,13 +165,13 @@ class _Renderer:
         self._check(scenario)
         return scenario
 
-    def _difference(self, sides: list[Scenario], s: int) -> NDArray[np.float32]:
-        """Return by how much A differs, by areas or by a set of rays."""
+    def _difference(self, sides: list[Scenario]) -> NDArray[np.float32]:
+        """Return by how much A differs, by areas or by rays."""
         if self.by_area:
             with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
                 ahead, behind = (area_transport(side) for side in sides)
                 return np.asarray(ahead - behind)
-        seed = self._seed + 1 + s  # none of A's own rays, whose noise the image has followed
+        seed = self._seed + 1  # none of A's own rays, whose noise the image has followed
         ahead, behind = (self._penumbrae(side, seed) for side in sides)
         return np.asarray(ahead - behind)
 

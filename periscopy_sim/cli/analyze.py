@@ -6,15 +6,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.light import LightModel as AskedPrototypes
-from periscopy_sim.cli.light import TransportRequest as AskedTransport
-from periscopy_sim.cli.light import check_memory
-from periscopy_sim.cli.options import BouncesOption, Model, ModelOption, option, parse_bounces
-from periscopy_sim.cli.options import LightModelOption as PrototypesOption
-from periscopy_sim.cli.output import fixable, progress, say, told_folder, write_json
-from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
+from periscopy_sim.cli.options import Model, option, parse_bounces
+from periscopy_sim.cli.output import fixable, progress, say, told_folder
+from periscopy_sim.cli.session import Session
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
@@ -32,51 +28,45 @@ MEANINGS = {
 
 
 def analyze(
-    scene: arguments.SceneArgument,
-    hidden: arguments.Hidden,
-    out: arguments.Out,
-    samples: arguments.Samples = 16,
-    model: ModelOption = Model.rendered,
-    bounces: BouncesOption = "direct",
+    scene: options.SceneArgument,
+    hidden: options.Hidden,
+    out: options.Out,
+    samples: options.Samples = 16,
+    model: options.ModelOption = Model.rendered,
+    bounces: options.BouncesOption = "direct",
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
-    background: arguments.MonitorOffOption = None,
-    backgrounds: PrototypesOption = None,
-    mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    monitor_off: options.MonitorOffOption = None,
+    light_model: options.LightModelOption = None,
+    mask: options.MaskOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Say how well a scene determines its hidden image.
 
     By condition numbers, angles, residual background and Cramer-Rao bounds.
     """
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
-    from periscopy_sim.reconstruction.background_subspace import background_basis
-    from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
-    from periscopy_sim.reconstruction.observation import observation_of
+    from periscopy_sim.model.observation import observation_of
     from periscopy_sim.rendering.transport.bounced_transport import channels_mean
 
-    asked = AskedTransport(samples, seed, model, parse_bounces(bounces), strata="gauss")
-    prototypes = AskedPrototypes.of(backgrounds, seed)
+    request = TransportRequest(samples, seed, model, parse_bounces(bounces), strata="gauss")
+    lights = LightModel.of(light_model, seed)
+    session = Session(scene, hidden, define, seed)
     with told_folder(out) as folder:
-        scenario = inputs.load(scene, hidden, define)
-        unseen = inputs.warn_without_shadows(scenario, scene)
-        unseen += inputs.warn_of_long_patches(scenario, scene)
+        session.check_scene()
+        scenario = session.scenario
         used = inputs.read_mask(mask, scenario)
-        dark = inputs.read_backgrounds(background, scenario, used)
+        dark = inputs.read_backgrounds(monitor_off, scenario, used)
         check_memory(scenario)
-        A = channels_mean(asked.matrix(scenario))
-        lights = prototypes.matrix(scenario)
+        A = channels_mean(request.matrix(scenario))
+        columns = lights.matrix(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
-            if dark:
-                smooth = observed.used(point_light_backgrounds(scenario))
-                check_monitor_off(A, background_basis(smooth), observed)
-            B = observed.joined(lights)
+            B = observed.joined(columns)
             used = observed.mask  # dark spots of a textured wall are left out, too
             found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)
@@ -85,7 +75,6 @@ def analyze(
             for number, tolerance in enumerate(TOLERANCES, 1):
                 table.append(diagnostics.rank_row(seen, modelled, tolerance))
                 report(0.4 + 0.6 * number / len(TOLERANCES))
-        provenance = inputs.provenance_of(scenario, seed)
         np.save(folder / "bounds.npy", found.bounds)
         np.save(folder / "bounds_without_background.npy", found.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
@@ -98,23 +87,21 @@ def analyze(
             ],
             "standard error of a patch, white = 1",
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
-            metadata=as_text(provenance),
+            metadata=session.metadata,
         )
         numbers: dict[str, Any] = {name: getattr(found, name) for name in MEANINGS}
-        record = {
-            "photograph_shape": scenario.photograph_shape,
-            "hidden_shape": scenario.hidden_shape,
-            **asked.origin,
-            **prototypes.origin,
-            "rank_tolerance": rank_tolerance,
-            **inputs.mask_record(mask, used),
-            "backgrounds": list(dark),
-            "warnings": unseen,
-            **numbers,
-            "rank_table": table,
-            "provenance": provenance,
-        }
-        write_json(folder / "summary.json", record)
+        session.write_summary(
+            folder / "summary.json",
+            {
+                **request.origin,
+                **lights.origin,
+                "rank_tolerance": rank_tolerance,
+                **inputs.mask_record(mask, used),
+                "backgrounds": list(dark),
+                **numbers,
+                "rank_table": table,
+            },
+        )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")
     say("what is kept of B at each rank tolerance, what P lets pass of it, what noise costs:")

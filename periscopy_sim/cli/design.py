@@ -10,19 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.light import LightModel as AskedPrototypes
-from periscopy_sim.cli.light import check_memory
-from periscopy_sim.cli.options import LightModelOption as PrototypesOption
-from periscopy_sim.cli.options import (
-    Model,
-    ModelOption,
-    option,
-    parse_definitions,
-    parse_list,
-    parse_size,
-)
+from periscopy_sim.cli import options
+from periscopy_sim.cli.light import LightModel, check_memory
+from periscopy_sim.cli.options import Model, number, option, parse_definitions, parse_list
 from periscopy_sim.cli.output import (
     counted_progress,
     say,
@@ -31,9 +21,8 @@ from periscopy_sim.cli.output import (
     warn,
     write_json,
 )
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import (
     alone_in,
     check_settings,
@@ -80,7 +69,7 @@ class Equal(StrEnum):
 
 
 def design(
-    scene: arguments.SceneArgument,
+    scene: options.SceneArgument,
     vary: Annotated[
         str,
         option(
@@ -130,13 +119,12 @@ def design(
     ] = Equal.level,
     sbr: Annotated[
         float,
-        option(
-            "RATIO",
+        number(
             "Signal-to-background ratio of the scene as it stands; inf: there is no ambient light.",
-            callback=arguments.not_nan,
+            form="RATIO",
         ),
     ] = 0.5,
-    snr: arguments.Snr = 60.0,
+    snr: options.Snr = 60.0,
     images: Annotated[
         str,
         option(
@@ -144,11 +132,11 @@ def design(
             "Images, by comma, that the noise-aware method recovers; none leaves its errors out.",
         ),
     ] = "mushroom,still_life,letters",
-    samples: arguments.Samples = 36,
-    model: ModelOption = Model.rendered,
-    backgrounds: PrototypesOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    samples: options.Samples = 36,
+    model: options.ModelOption = Model.rendered,
+    light_model: options.LightModelOption = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Find where to look, which occluder to take, and how long.
 
@@ -160,8 +148,8 @@ def design(
     from periscopy_sim.evaluation.sweep import image_sha256
     from periscopy_sim.figures.design import draw_design
 
-    inputs.refuse_measurements(scene)
-    path, given, size = find_scene(scene), parse_definitions(define), parse_size(hidden)
+    session = Session(scene, hidden, define, seed)
+    path, given, size = session.path, session.definitions, options.parse_size(hidden)
     ranges = _ranges(vary, path, given)
     if grid is not None and draws is not None:
         raise PeriscopyError("--grid and --draws both set the points; give one of them")
@@ -173,8 +161,7 @@ def design(
     shown = [] if images == "none" else parse_list("--images", images)
     if by is By.told and not shown:
         raise PeriscopyError("--by told needs images; leave --images out")
-    prototypes = AskedPrototypes.of(backgrounds, seed)
-    standing = inputs.load(scene, hidden, define)
+    prototypes = LightModel.of(light_model, seed)
     whole = Design(
         path=path,
         hidden=size,
@@ -183,10 +170,10 @@ def design(
         comparison=comparison,
         transport=lambda scenario: _transport(scenario, samples, model, seed),
         prototypes=prototypes.matrix,
-        images={name: inputs.hidden_image(name, size) for name in shown},
+        images={name: session.hidden_image(name) for name in shown},
     )
-    check_memory(standing)
-    provenance = inputs.provenance_of(standing, seed)
+    check_memory(session.scenario)
+    provenance = session.provenance
     settings = {
         **{name: value for name, value in provenance.items() if name not in ("command", "scene")},
         "hidden_shape": list(size),
@@ -212,7 +199,7 @@ def design(
         best = order[0] if order else None
         caption = _caption(comparison, hidden)
         with staged_file(out / PICTURE) as file:
-            draw_design(file, rows, best, grid, caption=caption, metadata=as_text(provenance))
+            draw_design(file, rows, best, grid, caption=caption, metadata=session.metadata)
         if best is None:
             (out / BEST).unlink(missing_ok=True)  # of another --by
         else:

@@ -13,20 +13,16 @@ from numpy.typing import NDArray
 
 from periscopy_sim.cli.options import parse_definitions, parse_size
 from periscopy_sim.cli.output import fixable, warn
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.errors import PhotographError
 
 if TYPE_CHECKING:
     from periscopy_sim.photograph import Photograph
     from periscopy_sim.photographs.defects import DefectivePixels
-    from periscopy_sim.reconstruction.residual.residual import Residual
     from periscopy_sim.scenario import Array, Scenario
 
 Mask = NDArray[np.bool_]
 SUGGESTED = "mask.png"
 """Where a command that finds defective pixels writes a mask that leaves them out."""
-
-LONG = 1.5
-"""Ratio of a patch's sides from which rows and columns may be interchanged."""
 
 
 def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
@@ -34,18 +30,7 @@ def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
     from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.shipped import find_scene
 
-    refuse_measurements(name)
     return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
-
-
-def refuse_measurements(name: str) -> None:
-    """Reject measurements in the place of the scene that `periscopy lab` makes of them."""
-    path = Path(name)
-    if path.suffix.lower() in (".yaml", ".yml") and path.is_file():
-        raise PeriscopyError(
-            f"{path}: measurements are no scene yet; make one of them: periscopy lab {path} --out "
-            f"{path.with_suffix('.xml').name}"
-        )
 
 
 def provenance_of(scenario: Scenario, seed: int | None) -> dict[str, Any]:
@@ -60,24 +45,6 @@ def provenance_of(scenario: Scenario, seed: int | None) -> dict[str, Any]:
 
 
 # -- doubts about a scene ------------------------------------------------------------------------
-
-
-def warn_of_long_patches(scenario: Scenario, name: str) -> list[str]:
-    """Warn where rows and columns look interchanged; return that line, if any."""
-    rows, columns = scenario.hidden_shape
-    across, up = (
-        float(np.linalg.norm(edges, axis=1).mean())
-        for edges in (scenario.patch_across, scenario.patch_up)
-    )
-    ratio, turned = across / up, across * columns**2 / (up * rows**2)
-    if max(ratio, 1 / ratio) < LONG or abs(np.log(turned)) > abs(np.log(ratio)) / 2:
-        return []
-    line = (
-        f"{name}: --hidden {rows}x{columns} makes patches of {1e3 * across:.3g} mm across and "
-        f"{1e3 * up:.3g} mm up; rows come first: is {columns}x{rows} meant?"
-    )
-    warn(line)
-    return [line]
 
 
 def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
@@ -113,7 +80,7 @@ def hidden_image(name: str, hidden_shape: tuple[int, int]) -> NDArray[np.float64
 
 def read_mask(path: Path | None, scenario: Scenario) -> Mask | None:
     """Read the mask that a command was given, (rows, columns); None if it was given none."""
-    from periscopy_sim.reconstruction.observation import checked_mask
+    from periscopy_sim.model.observation import checked_mask
     from periscopy_sim.storage import photographs
 
     if path is None:
@@ -156,12 +123,6 @@ class Defects:
     """(rows, columns), what is used and has no defect."""
     warnings: Sequence[str]
     """A line of each kind, if there are any."""
-
-    def else_warned(self, residual: Residual | None) -> str:
-        """Return a residual's warning, unless these pixels are its likeliest cause; or nothing."""
-        if residual is None or (self.pixels.any_kind.any() and residual.likeliest == "pixels"):
-            return ""
-        return residual.warning
 
     def suggest_mask(self, folder: Path, text: Mapping[str, str]) -> None:
         """Write a mask that leaves them out too, if any are used."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
     from periscopy_sim.scenario import Array, Scenario
     from periscopy_sim.storage.transport_matrix import Transport
-
-REPORTED_MEMORY = 2e9
-"""Bytes from which a command prints how much memory A needs."""
 
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
@@ -157,18 +153,16 @@ def _is_file(source: str) -> bool:
 
 
 def check_memory(scenario: Scenario, method: str | None = None) -> None:
-    """Print how much memory A and a method fitted to it need; a PeriscopyError if too much."""
+    """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
     from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
     from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
     pixels, patches = scenario.transport_shape
     entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
     needed = transport_memory(pixels, patches, 4 if method is None else entry.bytes_per_entry)
-    need = f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory"
     if not has_memory(needed):
         raise PeriscopyError(
-            f"{need}, where {(available_memory() or 0) / 1e9:.1f} GB are available; average pixels "
-            "by periscopy prepare --bin, or ask for fewer patches by --hidden"
+            f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory, "
+            f"where {(available_memory() or 0) / 1e9:.1f} GB are available; average pixels by "
+            "periscopy prepare --bin, or ask for fewer patches by --hidden"
         )
-    if needed > REPORTED_MEMORY:
-        print(f"periscopy: {need}", file=sys.stderr, flush=True)

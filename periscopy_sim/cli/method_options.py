@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from periscopy_sim.cli.options import EXPERT, SOLVER, number
@@ -30,15 +30,6 @@ def method_help(offered: Offered) -> str:
         certainty = entry.certainty if offered is FOR_STILLS else ""
         words.append(f"{name}: {entry.help}" + (f" (with {certainty})" if certainty else ""))
     return "; ".join(words)
-
-
-def coupling_help() -> str:
-    """Return the help of ``--coupling``: each coupling, and the methods that alone take it."""
-    owners = {each: [name for name in _COUPLINGS if each in _COUPLINGS[name]] for each in COUPLINGS}
-    return "; ".join(
-        each + ("" if len(names) == len(FOR_VIDEOS) else f" ({_either(names)} alone)")
-        for each, names in owners.items()
-    )
 
 
 def takes_options_of(offered: Offered) -> Callable[[Command], Command]:
@@ -81,7 +72,7 @@ def settings_for(
         owners = _by_name(offered)[name]
         if name not in options:
             belongs = next(iter(owners.values())).coupling
-            other = f"--coupling {belongs}" if belongs else f"--method {_either(owners)}"
+            other = f"--coupling {belongs}" if belongs else f"--method {' or '.join(owners)}"
             raise PeriscopyError(
                 f"{flag} belongs to {other}, not to {coupling if belongs else method}; leave it out"
             )
@@ -96,10 +87,10 @@ def settings_for(
 def check_coupling(method: str, coupling: str) -> None:
     """Check that a method recovers videos and knows a coupling."""
     if method not in FOR_VIDEOS:
-        raise PeriscopyError(f"no method '{method}' for videos; use {_either(FOR_VIDEOS)}")
+        raise PeriscopyError(f"no method '{method}' for videos; use {' or '.join(FOR_VIDEOS)}")
     if coupling not in _COUPLINGS[method]:
         raise PeriscopyError(
-            f"--coupling {coupling}: method {method} takes {_either(_COUPLINGS[method])}"
+            f"--coupling {coupling}: method {method} takes {' or '.join(_COUPLINGS[method])}"
         )
 
 
@@ -132,9 +123,3 @@ def _argument(taken: Mapping[str, Option]) -> Any:
             show_default=False,
         ),
     ]
-
-
-def _either(names: Iterable[str]) -> str:
-    """Return names as an alternative: a, b or c."""
-    *others, last = names
-    return f"{', '.join(others)} or {last}" if others else last

@@ -58,47 +58,25 @@ def number(words: str, *, form: str = "NUMBER", group: str | None = None, **more
     return option(form, words, group=group, callback=not_nan, **more)
 
 
-# -- scene ---------------------------------------------------------------------------------------
+# -- scene, photograph ---------------------------------------------------------------------------
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
+_PATCHES = "Patches of the hidden image, such as 29x36."
+_SET = "Set one of the scene's <default>s; repeatable."
+_PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
+_MASK = "A picture of the photograph's size: bright where the wall is used, black where it is not."
+_OFF = "A photograph of the same wall with the monitor off, which is projected out; repeatable."
+
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE, rich_help_panel=SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
-Hidden = Annotated[
-    str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.", group=SCENE)
-]
-Define = Annotated[
-    list[str] | None,
-    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
-]
-
-# -- photograph ----------------------------------------------------------------------------------
-
+Hidden = Annotated[str, option("ROWSxCOLUMNS", _PATCHES, group=SCENE)]
+Define = Annotated[list[str] | None, option("NAME=VALUE", _SET, "-D", group=SCENE)]
 PhotoArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="PHOTO",
-        help="EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw.",
-        rich_help_panel=PHOTOGRAPH,
-    ),
+    Path, typer.Argument(metavar="PHOTO", help=_PHOTO, rich_help_panel=PHOTOGRAPH)
 ]
-MaskOption = Annotated[
-    Path | None,
-    option(
-        "FILE",
-        "A grey picture of the photograph's size (PNG, TIFF, JPEG, EXR, NPY or NPZ with key mask): "
-        "bright where the wall is used, black where it is left out.",
-        group=PHOTOGRAPH,
-    ),
-]
+MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
 MonitorOffOption = Annotated[
-    list[Path] | None,
-    option(
-        "FILE",
-        "A photograph of the same wall with the monitor off, of the photograph's size; repeatable. "
-        "Its light, and what the wall's paint does to it, is projected out.",
-        "--monitor-off",
-        group=PHOTOGRAPH,
-    ),
+    list[Path] | None, option("FILE", _OFF, "--monitor-off", group=PHOTOGRAPH)
 ]
 
 # -- light ---------------------------------------------------------------------------------------
@@ -111,63 +89,40 @@ class Model(StrEnum):
     analytic = "analytic"
 
 
+_SAMPLES = "Samples of a patch for each wall point."
+_MODEL = "A by shadow rays, or in closed form (planar scenes, convex parts)."
+_BOUNCES = "The monitor's light in A: direct, reflected by all surfaces, or at most N times."
+_MATRIX = "Take A from this NPY file rather than render it."
+_LIGHT_MODEL = (
+    "What ambient light may be made of: Eq. 4's point lights (grid), the columns of a file, "
+    "(pixels, lights), or the emitters of a scene; repeatable: all of them. Default: grid."
+)
+
 # More samples would be hours in one kernel, which nothing can interrupt.
-Samples = Annotated[
-    int, option("NUMBER", "Samples of a patch for each wall point.", group=LIGHT, min=1, max=65536)
-]
-ModelOption = Annotated[
-    Model,
-    typer.Option(
-        help="A by shadow rays, or in closed form (planar scenes, convex parts).",
-        rich_help_panel=LIGHT,
-    ),
-]
-BouncesOption = Annotated[
-    str,
-    option(
-        "direct|all|N",
-        "The monitor's light in A: what goes straight to the wall, what all surfaces send on, or "
-        "what is reflected at most N times.",
-        group=LIGHT,
-    ),
-]
-MatrixOption = Annotated[
-    Path | None,
-    option("FILE", "Take A from this NPY file rather than render it.", "--transport", group=LIGHT),
-]
+Samples = Annotated[int, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
+ModelOption = Annotated[Model, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
+BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
+MatrixOption = Annotated[Path | None, option("FILE", _MATRIX, "--transport", group=LIGHT)]
 LightModelOption = Annotated[
-    list[str] | None,
-    option(
-        "grid|FILE.npy|SCENE",
-        "What ambient light may be made of: Eq. 4's point lights (grid), the columns of a file, "
-        "(pixels, lights), or the emitters of a scene, large ones by panes; repeatable: all of "
-        "them. Default: grid.",
-        "--light-model",
-        group=LIGHT,
-    ),
+    list[str] | None, option("grid|FILE.npy|SCENE", _LIGHT_MODEL, "--light-model", group=LIGHT)
 ]
 
-# -- output and noise ----------------------------------------------------------------------------
+# -- output, noise -------------------------------------------------------------------------------
 
-Out = Annotated[
-    Path, option("FOLDER", "Folder to write; appears complete or not at all.", group=OUTPUT)
-]
-OutFile = Annotated[
-    Path, option("FILE", "File to write; appears complete or not at all.", group=OUTPUT)
-]
+_COMPLETE = "to write; appears complete or not at all."
+_SNR = (
+    "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB; the signal is the root mean "
+    "square of the whole photograph, ambient light included."
+)
+
+Out = Annotated[Path, option("FOLDER", f"Folder {_COMPLETE}", group=OUTPUT)]
+OutFile = Annotated[Path, option("FILE", f"File {_COMPLETE}", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
 Seed = Annotated[
     int, option("NUMBER", "Seed of every random draw.", group=EXPERT, min=0, max=2**31 - 1)
 ]
-_snr = number(
-    "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB; the signal is the root mean "
-    "square of the whole photograph, ambient light included.",
-    form="DB",
-    min=-100,
-    max=300,
-)
-Snr = Annotated[float, _snr]
-OptionalSnr = Annotated[float | None, _snr]
+Snr = Annotated[float, number(_SNR, form="DB", min=-100, max=300)]
+OptionalSnr = Annotated[float | None, number(_SNR, form="DB", min=-100, max=300)]
 
 # -- forms of values -----------------------------------------------------------------------------
 

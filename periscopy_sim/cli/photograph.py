@@ -109,7 +109,6 @@ def photograph(
         shown = session.hidden_image(image)
         background = None if ambient is None else _ambient_light(ambient, session)
         y = session.synthetic_photograph(shown, samples)
-        inputs.warn_of_long_patches(session.scenario, scene)
         grain, added = _grain(session.scenario, y), math.inf
         with fixable("photograph"):
             if background is not None and sbr is not None:
@@ -147,12 +146,12 @@ def _grain(scenario: Scenario, photograph: Array) -> float:
 
     Neighbouring pixels give it; those of a textured wall differ anyway, and it is 0 there.
     """
-    from periscopy_sim.reconstruction.residual.camera_noise import camera_noise
+    from periscopy_sim.model.noise import camera_noise
 
     noise = camera_noise(np.moveaxis(photograph, 2, 0))
     if noise is None or scenario.wall_texture is not None:
         return 0.0
-    return float(np.sqrt(np.mean(noise.σ**2)))
+    return float(np.sqrt(np.mean(noise**2)))
 
 
 def _grainy(grain: float, added: float, photograph: Array, samples: int) -> str:

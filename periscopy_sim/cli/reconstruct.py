@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.inputs import SUGGESTED, Defects, Mask
+from periscopy_sim.cli.inputs import SUGGESTED
 from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.messages import (
+    assumptions,
+    residual_summary,
+    residual_warning,
+    sentences,
+)
 from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
 from periscopy_sim.cli.options import SCENE, SOLVER, option
 from periscopy_sim.cli.output import as_json, fixable, progress, say, told_folder, warn
@@ -26,9 +31,9 @@ NOTHING = "none"
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.reconstruction.method import Method
-    from periscopy_sim.reconstruction.residual.residual import Residual
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+    from periscopy_sim.reconstruction.report import Report
     from periscopy_sim.scenario import Array, Scenario
 
 
@@ -77,7 +82,7 @@ def reconstruct(
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
-    from periscopy_sim.figures.residual import draw_residual
+    from periscopy_sim.reconstruction.report import Report
 
     find_method(method)
     settings = settings_for(method, numbers, FOR_STILLS)
@@ -94,11 +99,10 @@ def reconstruct(
         known = None if truth is None else session.hidden_image(truth)
         with timed("uncertain scene") if doubted or uncertain else nullcontext():
             moved, untold = _uncertain_transport(
-                doubted, uncertain, method, scenario, scene, samples, seed,
-                linear=not request.is_rendered,
-            )  # fmt: skip
+                doubted, uncertain, method, scenario, scene, samples, seed
+            )
         session.warnings += untold
-        fitted, A = session.fit(method, settings, request, lights, wall, moved)
+        fitted, _ = session.fit(method, settings, request, lights, wall, moved)
         text = session.metadata
         with (
             timed("reconstruct"),
@@ -107,21 +111,16 @@ def reconstruct(
         ):
             image, solved = _recovered(fitted, wall.values, scenario.hidden_shape)
         with own_errors(method, f"failed on {photo}"):
-            told = _told(fitted, wall.values, solved, scenario, wall.defects)
-            left = told.residual
-            explicable = left and left.likeliest not in ("", "object")
-            otherwise = left and (left.better_orientation or left.better_encoding)
-            if left and explicable and not (wall.monitor_off or told.doubt or otherwise):
-                told = replace(told, doubt=_doubt(scenario, A, wall.mask, wall.values))
-        doubts = list(filter(None, (told.doubt, told.misfit)))
-        _write_told(folder, told, image, wall.values, text)
-        if told.residual is not None:
-            draw_residual(folder / "residual.png", wall.values, told.residual, text)
+            report = Report() if solved is None else fitted.report(wall.values, solved)
+            as_json(report.numbers)
+        warning = residual_warning(report.residual)
+        warnings = [*sentences(report.warnings), *filter(None, [warning])]
+        _write_report(folder, report, image, wall.values, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         wall.defects.suggest_mask(folder, text)
         panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
         compared = None if known is None else _compare(folder, image, known, wall.values, text)
-        session.warnings += doubts
+        session.warnings += warnings
         session.write_summary(
             folder / "summary.json",
             {
@@ -131,16 +130,18 @@ def reconstruct(
                 **request.origin,
                 **lights.origin,
                 **settings,
-                **told.numbers,
+                **report.numbers,
                 **wall.record,
                 "truth": truth,
                 **(compared or {}),
             },
         )
-    for doubt in doubts:
-        warn(f"{photo}: {doubt}")
-    for remark in told.remarks:
-        say(remark)
+    for line in warnings:
+        warn(f"{photo}: {line}")
+    if report.residual is not None:
+        say(residual_summary(report.residual))
+    for line in sentences(report.notes):
+        say(line)
     if compared:
         limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
         say(
@@ -175,21 +176,19 @@ def _uncertain_transport(
     scene: str,
     samples: int,
     seed: int,
-    *,
-    linear: bool,
 ) -> tuple[UncertainTransport | None, list[str]]:
-    """Render what errors of parameters do, as asked or as a calibrated scene carries them.
+    """Render derivatives by uncertain parameters, as asked or as a calibrated scene carries them.
 
-    Also returned is, a line each, what a user is warned of: that what is carried does not hold.
+    The warnings, a line each, say that what the scene carries does not hold.
     """
     from periscopy_sim.calibration.scene_covariance import scene_covariance
     from periscopy_sim.calibration.uncertain_scene import calibrated_transport, uncertain_transport
 
-    label = "rendering what errors of the scene do"
+    label = "rendering the scene's parameter derivatives"
     if errors:
         with progress(label) as report:
             found = uncertain_transport(
-                scenario, errors, samples=samples, seed=seed, linear=linear, progress=report
+                scenario, errors, samples=samples, seed=seed, progress=report
             )
         return found, []
     able = method in METHODS and METHODS[method].uncertain
@@ -197,7 +196,7 @@ def _uncertain_transport(
     if known is None:
         return None, []
     if not known.names:
-        distrust = f"{scene}: its silhouette is not to be trusted, so neither is the image"
+        distrust = f"{scene}: its silhouette did not converge, so the image is unreliable"
         warn(distrust)
         return None, [distrust]
     warnings, carried = [], None
@@ -221,7 +220,7 @@ def _uncertain_transport(
     elif not known.trusted:
         warnings.append(
             f"{scene}: its calibration is not to be trusted, so neither are the image's place and "
-            "its standard errors, though they count what the calibration left uncertain"
+            "its standard errors"
         )
     for warning in warnings:
         warn(warning)
@@ -242,86 +241,25 @@ def _recovered(
     return promised(method.reconstruct(photograph), hidden_shape).astype(np.float64), None
 
 
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What a method knows beside the image: pictures (R, C, 3), doubts, what a summary keeps."""
-
-    stages: Sequence[tuple[str, Array]] = ()
-    standard_errors: Array | None = None
-    residual: Residual | None = None
-    remarks: Sequence[str] = ()
-    doubt: str = ""
-    misfit: str = ""
-    numbers: Mapping[str, Any] = field(default_factory=dict)
-
-
-def _told(
-    method: Any,
-    photograph: Array,
-    found: Any,
-    scenario: Scenario,
-    defects: Defects,
-) -> _Told:
-    """Ask a method of a solution, and hold it to what `StillMethod` promises; ValueError if not."""
-    from periscopy_sim.calibration.scene_covariance import is_calibrated
-    from periscopy_sim.evaluation.methods import promised
-    from periscopy_sim.figures.panels import displayable
-
-    if found is None:
-        return _Told()
-    shape = scenario.hidden_shape
-    errors = method.standard_errors(found)
-    stages = list(method.stages(found))
-    for _, image in stages:
-        promised(image, shape)
-    residual = method.residual(photograph, found)
-    if residual and residual.causes:
-        residual = replace(residual, is_calibrated=is_calibrated(scenario))
-    numbers = {**method.told(found), **(residual.told() if residual else {})}
-    as_json(numbers)
-    remarks = residual.remark if residual else "", str(method.remark(found))
-    return _Told(
-        [(str(title), displayable(image)) for title, image in stages],
-        None if errors is None else np.reshape(errors, (*shape, 3)).astype(np.float64),
-        residual,
-        tuple(filter(None, remarks)),
-        str(method.doubt(found)),
-        defects.else_warned(residual),
-        numbers,
-    )
-
-
-def _doubt(scenario: Scenario, A: Any, mask: Mask | None, seen: Array) -> str:
-    """Return why a photograph may show no monitor, though the scene does not explain it."""
-    from periscopy_sim.analytic.point_light import point_light_backgrounds
-    from periscopy_sim.reconstruction.background_subspace import background_basis
-    from periscopy_sim.reconstruction.monitor_left_on import monitor_doubt
-    from periscopy_sim.reconstruction.observation import observation_of
-
-    sizes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
-    observed = observation_of(A, *sizes)
-    smooth = background_basis(observed.used(point_light_backgrounds(scenario)))
-    return monitor_doubt(A, smooth, observed, seen)
-
-
-def _write_told(
-    folder: Path, told: _Told, image: Array, photograph: Array, text: dict[str, str]
+def _write_report(
+    folder: Path, report: Report, image: Array, photograph: Array, text: dict[str, str]
 ) -> None:
-    """Draw the stages and the standard errors, where there are any."""
+    """Draw the stages, the standard errors and the residual, where there are any."""
     from periscopy_sim.figures import panels
+    from periscopy_sim.figures.residual import draw_residual
 
-    if told.stages:
-        shown = [("photograph", panels.displayable(photograph)), *told.stages]
+    if report.stages:
+        stages = [(title, panels.displayable(stage)) for title, stage in report.stages]
+        shown = [("photograph", panels.displayable(photograph)), *stages]
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
-    if told.standard_errors is not None:
-        np.save(folder / "standard_error.npy", told.standard_errors.astype(np.float32))
-        panels.draw_certainty(
-            folder / "certainty.png",
-            image,
-            told.standard_errors,
-            told.numbers.get("standard_errors_assume", ""),
-            text,
-        )
+    if report.standard_errors is not None:
+        np.save(folder / "standard_error.npy", report.standard_errors.astype(np.float32))
+        counted = assumptions(report.numbers.get("standard_errors_count", ()))
+        file = folder / "certainty.png"
+        panels.draw_certainty(file, image, report.standard_errors, counted, text)
+    if report.residual is not None:
+        caption = residual_summary(report.residual)
+        draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
 
 
 def _compare(

@@ -20,33 +20,19 @@ from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+    from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.scenario import Array, Scenario
 
 
 @dataclass(frozen=True, eq=False)
 class WallInput:
-    """A photograph of the wall as a command uses it.
+    """A photograph of the wall, black where its mask leaves the wall out, and its companions."""
 
-    Attributes
-    ----------
-    values : (rows, columns, 3) float64
-        Linear light; black where the mask leaves the wall out.
-    mask : (rows, columns) bool, optional
-        Where the wall is used; None for all of it.
-    monitor_off : dict of (rows, columns, 3) float64
-        Photographs with the monitor off, by the names of their files.
-    defects : Defects
-        What was found in the photograph.
-    record : dict
-        The entries of a summary.
-    """
-
-    values: Array
-    mask: Mask | None
-    monitor_off: Mapping[str, Array]
+    values: Array  # (rows, columns, 3), linear light
+    mask: Mask | None  # (rows, columns); None where all of the wall is used
+    monitor_off: Mapping[str, Array]  # (rows, columns, 3) each, by the names of their files
     defects: Defects
-    record: Mapping[str, Any]
+    record: Mapping[str, Any]  # the entries of a summary
 
 
 class Session:
@@ -74,7 +60,6 @@ class Session:
     def __init__(
         self, scene: str, hidden: str = "1x1", define: list[str] | None = None, seed: int = 0
     ) -> None:
-        inputs.refuse_measurements(scene)
         parse_size(hidden)
         self.name, self.path, self.seed = scene, find_scene(scene), seed
         self.definitions = parse_definitions(define)
@@ -105,7 +90,6 @@ class Session:
         if method is not None:
             check_able(method, self.scenario.hidden_shape)
         self.warnings += inputs.warn_without_shadows(self.scenario, self.name)
-        self.warnings += inputs.warn_of_long_patches(self.scenario, self.name)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""

@@ -15,10 +15,10 @@ from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
-from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.resume import (
     alone_in,
     check_settings,
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from periscopy_sim.scenario import Array, Scenario
 
 RENDERED = ("A.npy", "photograph.exr", "ambient")
+RUN = ("command", "scene", "seed")
+"""Provenance that differs from run to run."""
 STORE = "sweep.zarr"
 RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
 VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
@@ -107,8 +109,9 @@ def sweep(
     for name in names:
         find_method(name)
     prototypes = LightModel.of(light_model, seed, names)
-    scenario = inputs.load(scene, hidden, define)
-    shown = inputs.hidden_image(truth or hidden_image or "", scenario.hidden_shape)
+    session = Session(scene, hidden, define, seed)
+    scenario = session.scenario
+    shown = session.hidden_image(truth or hidden_image or "")
     used = inputs.read_mask(mask, scenario)
     dark = inputs.read_backgrounds(monitor_off, scenario, used)
     signal = None
@@ -120,7 +123,7 @@ def sweep(
         for name, path in lights.items()
     }
     settings = {
-        **_versions_and_scene(scenario),
+        **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
         "bounces": request.origin["bounces"],
@@ -184,17 +187,9 @@ def sweep(
         with progress("sweeping") as report:
             results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
         with staged_file(out / "sweep.png") as file:
-            text = as_text(inputs.provenance_of(scenario, seed))
-            panels.draw_sweep(file, results, metadata=text)
+            panels.draw_sweep(file, results, metadata=session.metadata)
     _say_means(results)
     say_written(*(out / name for name in RESULTS))
-
-
-def _versions_and_scene(scenario: Scenario) -> dict[str, Any]:
-    """Provenance without what differs from run to run."""
-    record = inputs.provenance_of(scenario, None)
-    left_out = ("command", "scene", "seed")
-    return {name: value for name, value in record.items() if name not in left_out}
 
 
 def _background(path: Path, scenario: Scenario, used: inputs.Mask | None, flips: bool) -> Array:

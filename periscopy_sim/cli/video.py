@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.messages import residual_summary, residual_warning, sentences
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
     FOR_VIDEOS,
     check_coupling,
-    coupling_help,
     method_help,
     settings_for,
     takes_options_of,
@@ -30,7 +30,7 @@ from periscopy_sim.errors import OutputError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.reconstruction.report import Report
 
 
 @takes_options_of(FOR_VIDEOS)
@@ -60,7 +60,7 @@ def video(
         str,
         option(
             "NAME",
-            f"How each frame is tied to the one before it: {coupling_help()}.",
+            f"How each frame is tied to the one before it: {', '.join(COUPLINGS)}.",
             group=SOLVER,
             autocompletion=lambda: list(COUPLINGS),
         ),
@@ -110,9 +110,12 @@ def video(
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.figures import video as drawing
+    from periscopy_sim.figures.animation import require_encoder
     from periscopy_sim.figures.residual import draw_residual
 
-    formats = _formats(also)
+    for ending in also or ():
+        require_encoder(ending)
+    formats = ["png", *dict.fromkeys(also or ())]
     check_coupling(method, coupling)
     settings = settings_for(method, numbers, FOR_VIDEOS, coupling)
     entry = METHODS[method]
@@ -127,9 +130,10 @@ def video(
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
         still, _ = session.fit(method, for_stills, request, lights, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
-        images, records, residual, rates = _recover(
+        images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
         )
+        residual = report.residual
         text = session.metadata
         with session.timed("draw"):
             white = drawing.white_of(images)
@@ -139,16 +143,22 @@ def video(
                     folder / "frames_sheet.png", clip.photographs, clip.truth, images,
                     [record["mean_squared_error"] for record in records], text,
                 )  # fmt: skip
-            with progress("drawing the frames") as report:
-                drawing.draw_frames(folder / "frames", images, white, text, report)
+            with progress("drawing the frames") as drawn:
+                drawing.draw_frames(folder / "frames", images, white, text, drawn)
             for ending in formats:
-                with progress(f"drawing the animation as {ending}") as report:
+                with progress(f"drawing the animation as {ending}") as drawn:
                     drawing.draw_video(
                         folder / f"video.{ending}",
-                        *(clip.photographs, images, clip.truth, white, rate, text, report),
+                        *(clip.photographs, images, clip.truth, white, rate, text, drawn),
                     )
         if residual is not None:
-            draw_residual(folder / "residual.png", clip.photographs[0], residual, text)
+            draw_residual(
+                folder / "residual.png",
+                clip.photographs[0],
+                residual,
+                residual_summary(residual),
+                text,
+            )
         clip.wall.defects.suggest_mask(folder, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
@@ -159,8 +169,7 @@ def video(
             **lights.origin,
             "method": method,
             **settings,
-            **still.fitted(),
-            "first_frame": {} if residual is None else residual.told(),
+            "first_frame": report.numbers,
             "coupling": coupling,
             "batch": batch,
             "rate": rate,
@@ -173,7 +182,7 @@ def video(
         }
         session.write_summary(folder / "summary.json", summary)
     if residual is not None:
-        say(f"first frame, {residual.remark}")
+        say(f"first frame, {residual_summary(residual)}")
     say(
         f"{len(clip.names)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
         f"{rates['live']:.1f} one at a time"
@@ -230,22 +239,22 @@ def _read_clip(
 
 def _recover(
     session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
-) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Residual | None, dict[str, float]]:
-    """Recover the frames into an NPY file; warn of frames that show nothing.
+) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
+    """Recover the frames into an NPY file; warn where the first shows nothing or does not fit.
 
-    Return the frames, (frames, R, C, 3), a row of the table for each, the residual of the first,
+    Return the frames, (frames, R, C, 3), a row of the table for each, the report of the first,
     and frames a second.
     """
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.reconstruction.report import Report
     from periscopy_sim.storage.formats.arrays import mapped_stack
     from periscopy_sim.storage.sequences import npy_writer
 
     count, shape = len(clip.names), session.scenario.hidden_shape
     records: list[dict[str, Any]] = []
-    doubts: dict[str, str] = {}
-    residual = None
+    report = Report()
     # Products this small gain little from threads, which wait for each other on a busy machine.
     with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
         with session.timed("rehearse"):
@@ -259,27 +268,14 @@ def _recover(
             for k, (solution, seconds) in enumerate(solved):
                 write(solution.image)
                 if k == 0:
-                    residual = still.residual(clip.photographs[0], solution)
-                if doubt := still.doubt(solution):
-                    doubts[clip.names[k]] = doubt
-                records.append(video_metrics.record_of(k, clip.names[k], seconds, solution.told()))
+                    report = still.report(clip.photographs[0], solution)
+                numbers = solution.numbers()
+                records.append(video_metrics.record_of(k, clip.names[k], seconds, numbers))
                 frame_done(k + 1, count)
-    for name, doubt in list(doubts.items())[:1]:
-        others = f" (likewise {len(doubts) - 1} more)" if len(doubts) > 1 else ""
-        session.warn(f"{clip.name}, frame {name}: {doubt}{others}")
-    if warning := clip.wall.defects.else_warned(residual):
+    for warning in filter(None, (*sentences(report.warnings), residual_warning(report.residual))):
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
-    return mapped_stack(file), records, residual, rates
-
-
-def _formats(also: list[str] | None) -> list[str]:
-    """Return the suffixes of the animation's files; check that each can be written."""
-    from periscopy_sim.figures.animation import require_encoder
-
-    for ending in also or []:
-        require_encoder(ending)
-    return ["png", *dict.fromkeys(also or [])]
+    return mapped_stack(file), records, report, rates
 
 
 def _check_left_over(folder: Path, names: list[str]) -> None:

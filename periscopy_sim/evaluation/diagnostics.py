@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
+from periscopy_sim.model.ambient import RANK_TOLERANCE
+from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
-from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_level
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
-from periscopy_sim.reconstruction.observation import observation_of
+from periscopy_sim.model.observation import observation_of
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario
 

@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
+from periscopy_sim.model.observation import Backgrounds, observation_of
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.reconstruction.method import Method
-from periscopy_sim.reconstruction.observation import observation_of
 from periscopy_sim.reconstruction.registry import METHODS
-from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]

@@ -14,17 +14,23 @@ from periscopy_sim.scenario import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from periscopy_sim.reconstruction.residual.residual import Residual
+    from periscopy_sim.model.residual import Residual
 
 LEAST_RANGE = 4.0
 """Standard deviations of noise that the colours reach at least: noise alone then looks pale."""
 
 
 def draw_residual(
-    path: Path, photograph: Array, residual: Residual, metadata: Mapping[str, str] | None = None
+    path: Path,
+    photograph: Array,
+    residual: Residual,
+    caption: str = "",
+    metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw a photograph, (rows, columns, 3), linear, beside its residual; see `Residual`."""
-    residual_figure(photograph, residual).savefig(path, dpi=200, metadata=dict(metadata or {}))
+    residual_figure(photograph, residual, caption).savefig(
+        path, dpi=200, metadata=dict(metadata or {})
+    )
 
 
 def residual_map(residual: Residual) -> tuple[Array, float, str]:
@@ -34,17 +40,18 @@ def residual_map(residual: Residual) -> tuple[Array, float, str]:
     noise is not known, in percent of the photograph's root mean square. Masked pixels are NaN.
     """
     mean = residual.light.mean(axis=2)
-    if residual.noise is None or not residual.noise.σ.any():
+    if not residual.noise_alone:
         level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1)
         mean, unit = 100 * mean / (level or 1), "% of the photograph's root mean square"
         least = 0.0
     else:
-        mean = mean / (np.sqrt(np.sum(residual.noise.σ**2)) / 3)
+        level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1)
+        mean = mean / (residual.noise_alone * level / np.sqrt(3))
         least, unit = LEAST_RANGE, "standard deviations of noise"
     return mean, max(least, float(np.nanpercentile(np.abs(mean), 99))) or 1.0, unit
 
 
-def residual_figure(photograph: Array, residual: Residual) -> Figure:
+def residual_figure(photograph: Array, residual: Residual, caption: str = "") -> Figure:
     """Return the figure that `draw_residual` saves."""
     from matplotlib.figure import Figure
 
@@ -54,5 +61,5 @@ def residual_figure(photograph: Array, residual: Residual) -> Figure:
     axes = figure.subplots(1, 2)
     show_light(axes[0], "photograph", photograph)
     show_signed(axes[1:], {"unexplained": mean}, bound, unit)
-    figure.supxlabel(residual.remark, fontsize=8)
+    figure.supxlabel(caption, fontsize=8)
     return figure

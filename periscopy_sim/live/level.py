@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from periscopy_sim.live.choice import Choice
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
 from periscopy_sim.scenario import Array, Scenario
@@ -70,9 +70,8 @@ class LivePictures:
 
     `scenario` has the values of the choice, which the method believes. `used`, (rows, columns), is
     where the mask keeps the wall, None for everywhere. `is_dark` says that the ambient light has
-    not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden image is unknown,
-    `standard_errors`, (R, C, 3), where the method reports none, and `residual`, the unexplained
-    light, of a synthetic photograph.
+    not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden image is unknown;
+    `report` is the method's, of a given photograph with its residual.
     """
 
     choice: Choice
@@ -84,10 +83,7 @@ class LivePictures:
     is_dark: bool
     image: NDArray[np.float32]
     psnr: float | None
-    standard_errors: Array | None = None
-    residual: Residual | None = None
-    remark: str = ""
-    doubt: str = ""
+    report: Report
     seconds: float = 0.0
 
 
@@ -157,25 +153,21 @@ class Level:
             lambda: fit_method(choice.method, scenario, A, B, used),
         )  # fmt: skip
         unless_overtaken()
-        more: dict[str, Any] = {}
+        report = Report()
         with own_errors(choice.method, "failed"):
             if isinstance(method, StillMethod):
                 solution = method.solve(shot.values)
                 image = np.asarray(solution.image, np.float32)
-                errors = method.standard_errors(solution)
-                more = {
-                    "standard_errors": None if errors is None else errors.reshape(image.shape),
-                    "remark": str(method.remark(solution)),
-                    "doubt": str(method.doubt(solution)),
-                    "residual": self._shot and method.residual(shot.values, solution),
-                }
+                report = method.report(shot.values, solution)
+                if self._shot is None:
+                    report = replace(report, residual=None)
             else:
                 image = image_by(method, shot.values, self.hidden_shape)
         unless_overtaken()
         return LivePictures(
             choice, scenario, self.is_coarse, truth, shot.values, used, is_dark, image,
             None if truth is None else psnr(image, truth),
-            **more, seconds=time.perf_counter() - begun,
+            report, seconds=time.perf_counter() - begun,
         )  # fmt: skip
 
     def _keep(self, name: str, key: object, make: Callable[[], Any]) -> Any:

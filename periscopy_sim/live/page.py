@@ -21,6 +21,7 @@ from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.movable import Handle, Movable
 from periscopy_sim.live.room import Room
 from periscopy_sim.live.sheet import draw_sheet
+from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.scenario import Scenario
 
 SLIDING, DRAGGING = 0.3, 1.0
@@ -48,7 +49,8 @@ class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
     It calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `server` is viser's, behind `gate`. A PeriscopyError says
+    `save` when its button is pressed. `describe` returns a report's sentences. `server` is
+    viser's, behind `gate`. A PeriscopyError says
     that the extra is not installed, or the port is taken.
     """
 
@@ -63,7 +65,9 @@ class Page:
         first: Choice,
         *,
         is_given: bool,
+        describe: Callable[[Report], Sequence[str]],
     ) -> None:
+        self._describe = describe
         viser = require("viser")
         from periscopy_sim.live.gate import Gate
 
@@ -108,7 +112,7 @@ class Page:
         self.server.flush()
         size = "coarse" if pictures.is_coarse else "full"
         pace = f"{size} pictures in {pictures.seconds:.2g} s"
-        notes = [each for each in (pictures.doubt, pictures.remark, pace) if each]
+        notes = [*self._describe(pictures.report), pace]
         self._notes.content = "  \n".join(notes)
 
     def tell(self, text: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Self
 
@@ -13,6 +13,7 @@ from periscopy_sim.live.level import Level, LivePictures, Shot, coarse_sizes
 from periscopy_sim.live.light import AmbientLight
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.scenario import Scenario
 
 
@@ -31,6 +32,7 @@ class LiveSession:
         first: Choice,
         offered: Offered,
         save: Callable[[LivePictures], str],
+        describe: Callable[[Report], Sequence[str]],
         *,
         shot: Shot | None = None,
         host: str = "127.0.0.1",
@@ -46,7 +48,15 @@ class LiveSession:
         movables, handles = find_movables(path, given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
         self.page = Page(
-            host, port, scenario, movables, handles, offered, first, is_given=shot is not None
+            host,
+            port,
+            scenario,
+            movables,
+            handles,
+            offered,
+            first,
+            is_given=shot is not None,
+            describe=describe,
         )
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
         self.page.want = self._want

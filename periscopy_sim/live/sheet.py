@@ -56,7 +56,7 @@ def draw_sheet(pictures: LivePictures) -> tuple[Pixels, str]:
 def _photograph(pictures: LivePictures) -> Tile:
     choice, (rows, columns) = pictures.choice, pictures.photograph.shape[:2]
     caption = f"**Photograph** {rows} x {columns}"
-    if pictures.residual is None:
+    if pictures.report.residual is None:
         if choice.place:
             caption += ", light comes" if pictures.is_dark else f", SBR {choice.sbr:g}"
         caption += f", {choice.snr:g} dB"
@@ -72,7 +72,7 @@ def _reconstruction(pictures: LivePictures) -> Tile:
 
 def _third(pictures: LivePictures) -> Tile:
     """Return the residual of a given photograph, or else the hidden image."""
-    residual = pictures.residual
+    residual = pictures.report.residual
     if residual is None:
         known = pictures.truth is not None
         return "**Hidden image**", monitor_pixels(pictures) if known else None
@@ -84,7 +84,7 @@ def _third(pictures: LivePictures) -> Tile:
 
 
 def _errors(pictures: LivePictures) -> Tile:
-    errors = pictures.standard_errors
+    errors = pictures.report.standard_errors
     if errors is None:
         return f"**Standard error** {pictures.choice.method} reports none", None
     white = float(np.percentile(pictures.image, 99)) or 1.0

@@ -7,11 +7,8 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-PARTS = 8
-"""Parts of a side, each of which must show the stripe."""
-
-DEEPEST = 0.03
-"""Largest depth of a stripe, as a fraction of the photograph's rows or columns."""
+PARTS = 8  # of a side, each of which must show the stripe
+DEEPEST = 0.03  # depth of a stripe at most, as a fraction of the photograph's rows or columns
 
 GROSS = 0.1
 """Least step of a stripe, as a fraction of a channel's mean light. The borders of three real
@@ -21,8 +18,7 @@ STEEPER = 3.0
 """Least step of a stripe over the steepest inside. At 2, two of 1,920 closed-form photographs of
 displaced scenes have a stripe, the edge of a board along a whole side."""
 
-SMALLEST = 32
-"""Fewest rows and columns of a photograph that is searched."""
+SMALLEST = 32  # rows and columns of a photograph that is searched
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ DETACHED = 1 / 8
 BRIGHTER = 0.1
 """Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
 
-BAND = 1 << 20
+BAND = 1 << 18
 """Pixels examined together for dead and hot ones; it bounds the memory."""
 
 REACH = 4  # rows beyond a band that its own depend on

@@ -44,10 +44,8 @@ class FilmAdvice:
         no mesh casts a shadow into the field of view.
     pixel
         Metres of the scene's own pixels on the wall, along their longer side.
-    shape
-        (rows, columns) of the scene's own film.
-    patches
-        Patches of the hidden image.
+    shape, patches
+        (rows, columns) of the scene's own film, and the number of patches of the hidden image.
     """
 
     step: float | None

@@ -118,5 +118,5 @@ def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
 def _coverage(corners: Array) -> float:
     """Return the median area of quadrilaterals, half the cross product of their diagonals."""
     falling, rising = corners[1:, 1:] - corners[:-1, :-1], corners[:-1, 1:] - corners[1:, :-1]
-    areas = np.abs(falling[..., 0] * rising[..., 1] - falling[..., 1] * rising[..., 0]) / 2
-    return float(np.median(areas))
+    cross = falling[..., 0] * rising[..., 1] - falling[..., 1] * rising[..., 0]
+    return float(np.median(np.abs(cross)) / 2)

@@ -1,7 +1,6 @@
 """One picture of a sensor: linear in light, and where the sensor was saturated.
 
-A camera's counts are linear in light above its black level and below its saturation. Arrays have
-single precision, which holds the counts of every sensor exactly: photographs may be large.
+Arrays have single precision, which holds the counts of every sensor exactly.
 """
 
 from __future__ import annotations

@@ -55,43 +55,37 @@ def find_tags(
     found = {family: _detected(picture, family) for family in FAMILIES}
     wanted = {int(number) for number in ids}
     family = max(FAMILIES, key=lambda name: len(wanted & set(found[name][0])))
-    numbers, corners = found[family]
+    numbers, corners, modules = found[family]
     if twice := [number for number in sorted(wanted) if numbers.count(number) > 1]:
         raise PhotographError(f"the photograph shows tag {twice[0]} twice; cover all but one")
     places = [place for place, number in enumerate(ids) if int(number) in numbers]
     if len(places) < FEWEST:
-        shown = [f"{sorted(n)} ({name})" for name, (n, _) in found.items() if n]
+        shown = [f"{sorted(n)} ({name})" for name, (n, *_) in found.items() if n]
         raise PhotographError(
             f"the photograph shows {len(places)} of the tags {sorted(wanted)}, of {FEWEST} needed, "
             f"and {', '.join(shown) or 'none of any family'}: check their numbers, the light on "
             "them, and that each has a white border"
         )
-    modules = _dictionary(family).markerSize + 2
     rough = [corners[numbers.index(int(ids[place]))] for place in places]
     return np.array(places), np.array([_refined(grey, each, modules) for each in rough])
 
 
-def _detected(picture: NDArray[np.uint8], family: str) -> tuple[list[int], list[Array]]:
-    """Return numbers and corners of a family's tags, to a pixel or so."""
-    detector = require("cv2").aruco.ArucoDetector(_dictionary(family))
-    corners, numbers, _ = detector.detectMarkers(picture)
-    if numbers is None:
-        return [], []
+def _detected(picture: NDArray[np.uint8], family: str) -> tuple[list[int], list[Array], int]:
+    """Return numbers and corners, to a pixel or so, of a family's tags, and modules a side."""
+    aruco = require("cv2").aruco
+    dictionary = aruco.getPredefinedDictionary(getattr(aruco, f"DICT_{family}"))
+    corners, numbers, _ = aruco.ArucoDetector(dictionary).detectMarkers(picture)
     # OpenCV's first pixel has its centre at (0, 0).
     places = [np.asarray(c, np.float64).reshape(4, 2) + 0.5 for c in corners]
-    return np.ravel(numbers).tolist(), places
-
-
-def _dictionary(family: str) -> Any:
-    aruco = require("cv2").aruco
-    return aruco.getPredefinedDictionary(getattr(aruco, f"DICT_{family}"))
+    numbers = [] if numbers is None else np.ravel(numbers).tolist()
+    return numbers, places, dictionary.markerSize + 2
 
 
 def _refined(grey: Array, corners: Array, modules: int) -> Array:
     """Return a tag's corners, (4, 2), where lines through its four edges meet.
 
-    OpenCV's own refinement is half a pixel off. Across each edge, linear light is sampled from
-    within the black border to the white one; the integral of its rise locates the step, whatever
+    OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge,
+    from the black border to the white one; the integral of its rise locates the step, whatever
     the blur of the lens, if that is even. `corners` are known to a pixel or so; `modules` squares
     of the tag's grid lie along its side, border included.
     """

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.explained import Explained
-from periscopy_sim.reconstruction.observation import Mask, observation_of
-
-if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-    from periscopy_sim.reconstruction.residual.residual import Residual
+from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
+from periscopy_sim.model.residual import Residual, residual_of
+from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.reconstruction.report import Note, Report
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -30,7 +26,7 @@ class Method(Protocol):
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
 
 
-class Seen(Protocol):
+class SceneSizes(Protocol):
     """The sizes and the wall's colour of a scene, as a `Scenario` has them."""
 
     @property
@@ -71,16 +67,30 @@ class Solution(Generic[Precision]):
         noise, weight = (float(np.mean(number)) for number in (self.noise, self.weight))
         return f"{type(self).__name__}({rows}x{columns}, noise {noise:.3g}, weight {weight:.3g})"
 
-    def told(self) -> dict[str, Any]:
-        """Return the numbers that a summary or a table keeps, by name."""
+    def numbers(self) -> dict[str, Any]:
+        """Return the numbers that a summary or a table records, by name."""
         return {"noise": self.noise, "lambda": self.weight}
+
+
+SIGNIFICANT = 3.0
+"""Standard errors by which a hidden image's light exceeds what noise alone would make of one."""
+
+
+class Observed(TypedDict, total=False):
+    """What every method is told of the photographs; see `StillMethod`."""
+
+    hidden_shape: tuple[int, int]
+    channel_gain: Image | None
+    photograph_shape: tuple[int, int] | None
+    mask: Mask | None
+    backgrounds: Backgrounds | None
 
 
 class StillMethod(ABC, Generic[Precision]):
     """A method fitted to one scene, which recovers each photograph's hidden image on its own.
 
-    What a method knows beside the image, it says in `told`, `remark`, `doubt`, `stages`
-    and `standard_errors`; each takes what `solve` returned.
+    `solve` returns the image and the numbers that came with it, `report` what the method knows
+    beside them.
 
     Parameters
     ----------
@@ -104,7 +114,7 @@ class StillMethod(ABC, Generic[Precision]):
     backgrounds
         Photographs of the same wall with the monitor off, (rows, columns, 3) each, in any unit, of
         any exposure; None for none. Each channel of each is one more column of B, also for methods
-        that do not use B; see `background_photographs`.
+        that do not use B.
 
     Attributes
     ----------
@@ -116,8 +126,7 @@ class StillMethod(ABC, Generic[Precision]):
     ValueError
         If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite
         where it is used, the wall reflects nothing in a channel, a number is out of range, or a
-        background photograph is of another size, not finite where it is used, without light, or
-        shows the monitor (see `monitor_left_on`; of methods that use B).
+        background photograph is of another size, not finite where it is used, or without light.
     """
 
     precision: type[np.floating[Any]] = np.float64
@@ -131,20 +140,12 @@ class StillMethod(ABC, Generic[Precision]):
             )
         return super().__new__(cls)
 
-    def __init__(
-        self,
-        A: Any,
-        hidden_shape: tuple[int, int],
-        channel_gain: Image | None,
-        photograph_shape: tuple[int, int] | None,
-        mask: Mask | None,
-        backgrounds: Backgrounds | None,
-    ) -> None:
-        self.observation = observation_of(
-            A, hidden_shape, channel_gain, mask, photograph_shape, backgrounds
-        )
-        self.hidden_shape = hidden_shape
-        self.photograph_shape = photograph_shape
+    def __init__(self, A: Any, **observed: Unpack[Observed]) -> None:
+        if "hidden_shape" not in observed:
+            raise TypeError("give hidden_shape, (R, C)")
+        self.observation = observation_of(A, **observed)
+        self.hidden_shape = self.observation.hidden_shape
+        self.photograph_shape = self.observation.photograph_shape
 
     def __repr__(self) -> str:
         """Return its sizes on one line."""
@@ -153,7 +154,7 @@ class StillMethod(ABC, Generic[Precision]):
         return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
 
     @classmethod
-    def for_scene(cls, scene: Seen, A: Any, B: Any = None, **settings: Any) -> Self:
+    def for_scene(cls, scene: SceneSizes, A: Any, B: Any = None, **settings: Any) -> Self:
         """Fit to a scenario: its sizes and the colour of its wall are taken from it.
 
         Parameters
@@ -167,7 +168,7 @@ class StillMethod(ABC, Generic[Precision]):
             The class's other parameters.
         """
         construct: Any = cls
-        # Rows may come as they are needed; what else is no array has one.
+        # Objects with `row_blocks` stream the rows of A; anything else is converted to an array.
         matrix = A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A)
         fitted: Self = construct(
             matrix,
@@ -212,96 +213,59 @@ class StillMethod(ABC, Generic[Precision]):
         """
         return self.solve(photograph).image
 
-    def evenness(self, photograph: Image) -> Array:
-        """Return what a photograph is multiplied by to show an even wall of one colour.
-
-        Background photographs show the wall's fine unevenness, if the photograph, (rows, columns,
-        3) or (M, 3), agrees; see `unevenness`. The result is (3, M'), of the M' pixels used; ones
-        where none is found, no background photographs were given, or the method does not use B.
-        Methods for stills find it for each photograph, those for videos for the first.
-        """
-        plane = self.observation.planar(np.asarray(photograph)[None])[0]
-        even = self._evenness(plane)
-        return np.ones(plane.shape) if even is None else even
-
-    def _evenness(self, planes: Array) -> Array | None:  # noqa: ARG002
-        """Return the evenness of a photograph's (3, M') planes; None where it is not known."""
-        return None
-
-    def _planes(self, photographs: Image, evenness: Array | None = None) -> Array:
-        """Return photographs' (K, 3, M') planes on an even wall; None: each by its own."""
-        planes = self.observation.planar(photographs)
-        for plane in planes:
-            even = self._evenness(plane) if evenness is None else evenness
-            if even is not None:
-                plane *= even
-        return planes
-
-    def fitted(self) -> dict[str, Any]:
-        """Return what fitting to the scene settled, for a summary."""
-        return {}
-
-    def explained(self, found: Any) -> Explained | None:  # noqa: ARG002
-        """Return how well the scene and a solution explain the photograph; None if not known."""
-        return None
-
-    def residual(self, photograph: Image, found: Any) -> Residual | None:
-        """Return what scene and solution leave of a photograph, and whether it is noise.
-
-        The photograph is taken as an even wall would have shown it, see `evenness`.
+    def report(self, photograph: Image, solution: Any) -> Report:
+        """Return what the method knows of a solution beside its image.
 
         Parameters
         ----------
         photograph
             As `solve` took it.
-        found
+        solution
             What `solve` returned.
-
-        Returns
-        -------
-        Residual or None
-            None where the method does not know A, or the photograph's rows and columns.
 
         Raises
         ------
         ValueError
             As `reconstruct`.
         """
-        from periscopy_sim.reconstruction.residual.residual import residual_of
+        warnings = []
+        transport = self.projected_transport()
+        if transport is not None:
+            signal = self._light(transport, solution)
+            if _is_noise(transport.reject_background(signal), transport, solution.noise):
+                warnings.append(Note("no_hidden_image"))
+        residual = self.residual(photograph, solution)
+        numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
+        return Report(numbers=numbers, warnings=warnings, residual=residual)
 
-        transport, shape = self.projected_transport(), self.observation.rows_and_columns
-        if transport is None or shape is None:
+    def residual(self, photograph: Image, solution: Any) -> Residual | None:
+        """Return what the scene and a solution leave of a photograph, and whether it is noise.
+
+        The photograph is the corrected one. None where the method does not know A, or the
+        photograph's rows and columns. Arguments and errors are those of `report`.
+        """
+        transport = self.projected_transport()
+        if transport is None or self.observation.rows_and_columns is None:
             return None
-        y = self._planes(np.asarray(photograph)[None])[0].T
-        signal, place = self._signal(transport, found), self.observation.placed
-        left = residual_of(y, signal, transport, place)
-        return replace(left, has_backgrounds=bool(self.observation.backgrounds))
+        y, signal = self.corrected(photograph, solution), self._light(transport, solution)
+        given = self.observation.vectorized(photograph)
+        return residual_of(y, signal, transport, self.observation.placed, given)
+
+    def _light(self, transport: TransportOperator, solution: Any) -> Array:
+        """Return the light A f̂ of a solution, (M', 3)."""
+        return transport.light(np.asarray(solution.image, np.float64).reshape(-1, 3))
+
+    def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
+        """Return the photograph that A f + B b + e describes, (M', 3), in the pixels used."""
+        return self.observation.vectorized(photograph)
 
     def projected_transport(self) -> TransportOperator | None:
         """Return A⊥ of the pixels used; None where the method does not know it."""
         return None
 
-    def _signal(self, transport: TransportOperator, found: Any) -> Array:
-        """Return the light A f̂ of a solution, (M', 3), as the method models it."""
-        return transport.light(np.asarray(found.image, np.float64).reshape(-1, 3))
 
-    def told(self, found: Any) -> dict[str, Any]:
-        """Return the numbers that a summary keeps of a solution, by name."""
-        return {**self.fitted(), **found.told()}
-
-    def remark(self, found: Any) -> str:  # noqa: ARG002
-        """Return a sentence for the user about a solution, or nothing."""
-        return ""
-
-    def doubt(self, found: Any) -> str:
-        """Return why a solution may show nothing of the hidden scene; empty where it may not."""
-        explained = self.explained(found)
-        return "" if explained is None else explained.doubt
-
-    def stages(self, found: Any) -> Sequence[tuple[str, Image]]:  # noqa: ARG002
-        """Return titles and images, (R, C, 3), of what led to a solution; none by default."""
-        return ()
-
-    def standard_errors(self, found: Any) -> Array | None:  # noqa: ARG002
-        """Return the standard error of each patch, (R, C, 3); None where they are not known."""
-        return None
+def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
+    """Return whether an image's light A⊥ f̂, (M', 3), is no more than what noise makes of images."""
+    energy = np.sum((light / np.maximum(noise, 1e-100)) ** 2)
+    count = 3 * min(transport.shape)
+    return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

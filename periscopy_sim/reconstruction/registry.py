@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.model.observation import Backgrounds, Mask
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.method import Seen, StillMethod
-from periscopy_sim.reconstruction.observation import Mask
-from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Matrix = NDArray[np.floating[Any]]
@@ -63,7 +62,7 @@ class MethodEntry:
     options: tuple[Option, ...] = ()  # what users can set
     certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
-    backgrounds: bool = True  # whether it is told the prototype backgrounds
+    backgrounds: bool = True  # whether it takes the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     video: VideoEntry | None = None  # None if it recovers no videos
     needs: str = ""  # a library that an extra brings; empty for none
@@ -72,7 +71,7 @@ class MethodEntry:
 
     def __call__(
         self,
-        scene: Seen,
+        scene: SceneSizes,
         A: Matrix,
         B: Matrix,
         mask: Mask | None = None,
@@ -164,8 +163,8 @@ DEFAULT = "noise-aware"
 _ENTRIES = (
     MethodEntry(
         DEFAULT,
-        "the noise taken where it is white, in the photograph",
-        "noise_aware.still:NoiseAware",
+        "models the noise in the photograph, where it is white",
+        "noise_aware.noise_aware:NoiseAware",
         bytes_per_entry=BYTES_PER_ENTRY,
         options=(
             replace(

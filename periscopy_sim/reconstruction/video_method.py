@@ -66,13 +66,6 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         self.previous: NDArray[Precision] | None = None
-        self._evenness: NDArray[np.float64] | None = None
-
-    def evenness(self, photographs: Image) -> NDArray[np.float64]:
-        """Return the evenness of the wall as the first photograph tells it; see `StillMethod`."""
-        if self._evenness is None:
-            self._evenness = self.still.evenness(np.asarray(photographs)[0])
-        return self._evenness
 
     @abstractmethod
     def begun(self, photographs: Image) -> Iterator[Callable[[], Found]]:

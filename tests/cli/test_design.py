@@ -140,7 +140,7 @@ def test_folder_of_another_design_is_refused(succeeds, refused):
         (("--vary", "occluder_dx=0:1", "--images", "none", "--by", "told"), "--by told needs"),
         (("--vary", "occluder_dx=0:1", "--images", "nothing"), "nothing"),
         (("--vary", "occluder_dx=0:1", "--sbr", "0"), "positive"),
-        (("--vary", "occluder_dx=0:1", "-D", "occluder_dy=0.43"), "hides it"),
+        (("--vary", "occluder_dx=0:1", "-D", "occluder_dy=0.43"), "miss the wall"),
         (("--vary", "occluder_dx=0:1", "-D", "occluder_dx=-0.25", "-D", "occluder_dy=-0.63"),
          "stands in the monitor"),
     ],

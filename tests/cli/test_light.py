@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from periscopy_sim.photographs.film.size import FilmAdvice
 
 import periscopy_sim as ps
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
 from periscopy_sim.cli.options import parse_bounces
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
+from periscopy_sim.photographs.film_size import FilmAdvice
 from periscopy_sim.rendering.transport import bounced, bounced_transport
 from periscopy_sim.storage.transport_matrix import read_transport
 

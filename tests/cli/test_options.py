@@ -9,7 +9,6 @@ from periscopy_sim.cli.method_options import (
     FOR_STILLS,
     FOR_VIDEOS,
     check_coupling,
-    coupling_help,
     method_help,
     settings_for,
     takes_options_of,
@@ -152,12 +151,11 @@ def test_command_takes_each_name_once_with_the_widest_bounds():
     assert option.help == "How much. Default: 1 by first (in kg); 3 by second."
 
 
-def test_help_names_methods_and_couplings():
+def test_help_names_methods():
     assert all(f"{name}: {METHODS[name].help}" in method_help(FOR_STILLS) for name in METHODS)
     assert "iterative" not in method_help(FOR_VIDEOS)
     assert "(with standard errors)" in method_help(FOR_STILLS)
     assert "(with" not in method_help(FOR_VIDEOS)
-    assert coupling_help() == "l1; none; total-variation (preconditioned alone)"
 
 
 def test_weights_of_another_coupling_are_left_out():

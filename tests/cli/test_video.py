@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import periscopy_sim as ps
 from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
@@ -64,7 +64,7 @@ def test_frames_are_those_of_the_coupling_asked_for(
     frames, summary, _ = video("y.npy", *options, "--batch", "2")
     expected = next_frames(few_photographs, fitted(transport, scenario), **settings)
     assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
-    assert summary["explicit"] is True
+    assert summary["first_frame"]["explicit"] is True
     assert {name: summary[name] for name in settings} == settings
     weight = {"total-variation": {"temporal_weight"}, "l1": {"l1_weight"}, "none": set()}
     assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
@@ -180,6 +180,76 @@ def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
     assert len(frames) == summary["frames"] == len(table) == 1
 
 
+# -- pictures and errors -------------------------------------------------------------------------
+
+
+def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
+    av = pytest.importorskip("av")
+    np.save(tmp_path / "y.npy", photographs)
+    _, summary, _ = video("y.npy", "--also", "webm", "--also", "mp4", "--rate", 8)
+    assert summary["formats"] == ["png", "webm", "mp4"]
+    with Image.open(tmp_path / "out" / "video.png") as picture:
+        shown = [np.asarray(each.convert("RGB")) for each in ImageSequence.Iterator(picture)]
+    for ending in ("mp4", "webm"):
+        with av.open(str(tmp_path / "out" / f"video.{ending}")) as container:
+            frames = [each.to_ndarray(format="rgb24") for each in container.decode(video=0)]
+            assert float(container.streams.video[0].average_rate) == 8
+        assert len(frames) == len(shown) == 9
+        for frame, picture in zip(frames, shown, strict=True):
+            rows, columns, _ = picture.shape
+            assert np.median(abs(frame[:rows, :columns].astype(int) - picture)) < 4
+
+
+def test_video_without_its_extra_is_refused_with_what_to_install(refused, tiny, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    line = refused("video", "y.npy", *tiny, "--also", "mp4", "--out", "out")
+    assert "'.[video]'" in line
+
+
+def own_metrics(frames, truth):
+    errors = []
+    for image, wanted in zip(np.maximum(frames.astype(np.float64), 0), truth, strict=True):
+        matched = np.empty_like(image)
+        for c in range(3):
+            x, y = image[..., c].ravel(), wanted[..., c].ravel()
+            gain = np.linalg.lstsq(x[:, None], y, rcond=None)[0]
+            matched[..., c] = np.clip(gain * image[..., c], 0, 1)
+        errors.append(np.mean((matched - wanted) ** 2))
+    return np.array(errors)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("given", ["clip.npy", "folder", "bars"])
+def test_truth_adds_metrics_and_a_contact_sheet(
+    given, photographs, succeeds, clip, tiny, results, tmp_path
+):
+    np.save(tmp_path / "y.npy", photographs)
+    np.save(tmp_path / "clip.npy", clip)
+    (tmp_path / "folder").mkdir()
+    codes = np.random.default_rng(0).integers(0, 256, (9, 4, 5, 3)).astype(np.uint8)
+    for k, code in enumerate(codes):
+        Image.fromarray(code).save(tmp_path / "folder" / f"{k}.png")
+    shown = codes / 255
+    bars = ps.read_hidden_image(ps.find_image("bars"), (4, 5))
+    truth = {
+        "clip.npy": clip,
+        "folder": np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4),
+        "bars": np.stack([bars] * 9),
+    }[given]
+    out = succeeds("video", "y.npy", *tiny, "--truth", given, "--out", "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("frames", "frames.npy", "frames_sheet.png"),
+        *("metrics.csv", "residual.png", "summary.json", "video.png"),
+    }
+    frames, summary, table = results(tmp_path / "out")
+    errors = own_metrics(frames, truth)
+    assert np.allclose(column(table, "mean_squared_error"), errors, rtol=1e-4)
+    assert np.allclose(column(table, "psnr"), -10 * np.log10(errors), atol=1e-3)
+    assert summary["median"]["psnr"] == pytest.approx(np.median(-10 * np.log10(errors)), abs=1e-3)
+    assert summary["truth"] == given
+    assert f"median gain-matched PSNR {summary['median']['psnr']:.2f} dB" in out
+
+
 # -- warnings ------------------------------------------------------------------------------------
 
 
@@ -196,19 +266,14 @@ def test_what_holds_for_many_photographs_is_said_once(periscopy, tiny, results, 
     assert gamma.endswith(" (likewise 4 more)")
     _, summary, _ = results(tmp_path / "out")
     said = [f"periscopy: warning: {warning}" for warning in summary["warnings"]]
-    assert said == [left_out, gamma, doubt] and "frame 0.png: " in doubt
+    assert said == [left_out, gamma, doubt] and "first frame: " in doubt
 
 
-def test_frames_that_show_nothing_are_told_by_one_line(
-    periscopy, photographs, tiny, results, tmp_path
-):
-    clip = np.ones((4, 24, 24, 3)) * np.arange(1, 5)[:, None, None, None]
-    clip[1] = photographs[0]
-    np.save(tmp_path / "y.npy", clip)
+def test_first_frame_that_shows_nothing_is_warned_of(periscopy, tiny, results, tmp_path):
+    np.save(tmp_path / "y.npy", np.ones((3, 24, 24, 3)))
     outcome = periscopy("video", "y.npy", *tiny, "--method", "noise-aware", "--out", "out")
     (line,) = outcome.err.splitlines()
-    assert outcome.code == 0 and line.startswith("periscopy: warning: y.npy, frame 0: ")
-    assert "hidden image: " in line and line.endswith(" (likewise 2 more)")
+    assert outcome.code == 0 and "y.npy, first frame: " in line and "hidden image" in line
     assert results(tmp_path / "out")[1]["warnings"] == [line.partition("warning: ")[2]]
 
 

@@ -155,7 +155,7 @@ def test_other_pictures_under_the_same_name_are_another_data_set(configured, tmp
         hidden = ps.open_dataset(tmp_path / f"{value}.zarr").hidden.values
         assert (hidden[..., 0] == 1).all() and (hidden[..., 1] == value / 255).all()
     assert make_dataset(settings, tmp_path / "0.zarr").made == 0
-    with pytest.raises(OutputError, match="255.zarr holds another data set"):
+    with pytest.raises(OutputError, match="holds another data set"):
         make_dataset(settings, tmp_path / "255.zarr")
 
 

@@ -32,7 +32,9 @@ def session():
         saved.append(pictures)
         return "saved it"
 
-    with LiveSession(load_scenario("chair", (29, 36)), first, offered, save) as opened:
+    with LiveSession(
+        load_scenario("chair", (29, 36)), first, offered, save, lambda _: []
+    ) as opened:
         opened.saved, opened.shown = saved, []
         show = opened.page.show
 

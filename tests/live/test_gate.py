@@ -94,7 +94,7 @@ def target():
         return "saved"
 
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
-    with LiveSession(scenario, first, offered, save) as session:
+    with LiveSession(scenario, first, offered, save, lambda _: []) as session:
         made = Target(session)
         made.saved, show = saved, session.page.show
 

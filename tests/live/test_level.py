@@ -15,7 +15,7 @@ def never():
 def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
     pictures = level().pictures(choice, never)
     assert pictures.photograph.shape == (24, 24, 3)
-    assert pictures.image.shape == pictures.standard_errors.shape == (6, 8, 3)
+    assert pictures.image.shape == pictures.report.standard_errors.shape == (6, 8, 3)
     assert pictures.psnr == ps.psnr(pictures.image, pictures.truth) > 20
     moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
     there = level().pictures(moved, never)
@@ -70,7 +70,7 @@ def test_scene_that_explains_a_photograph_leaves_less_of_it(level, choice):
         there = replace(unknown, values={**choice.values, "occluder_dx": dx})
         pictures = laboratory.pictures(there, never)
         assert pictures.truth is None and pictures.psnr is None
-        left[dx] = pictures.residual.unexplained
+        left[dx] = pictures.report.residual.unexplained
     assert left[0.01] < 0.5 * min(left[0.0], left[-0.01])
 
 
@@ -116,7 +116,7 @@ def test_a_users_own_method_gives_its_image(level, choice, tmp_path):
         "    def reconstruct(self, photograph): return np.full((*self.shape, 3), 0.5)\n"
     )
     pictures = level().pictures(replace(choice, method=f"{own}:Grey"), never)
-    assert np.all(pictures.image == 0.5) and pictures.standard_errors is None
+    assert np.all(pictures.image == 0.5) and pictures.report.standard_errors is None
 
 
 @pytest.mark.parametrize("size", [(126, 126), (100, 400), (20, 20)])

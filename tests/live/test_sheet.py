@@ -18,7 +18,7 @@ def test_every_picture_is_on_the_sheet(level, choice):
         for columns in (slice(half), slice(half, None)):
             assert len(np.unique(sheet[rows, columns].reshape(-1, 3), axis=0)) > 20
     assert f"{pictures.psnr:.1f} dB" in captions
-    without = draw_sheet(replace(pictures, standard_errors=None))
+    without = draw_sheet(replace(pictures, report=replace(pictures.report, standard_errors=None)))
     assert without[0].shape == sheet.shape
 
 

@@ -68,20 +68,21 @@ def test_option_reaches_its_parameter(name):
 
 
 @pytest.mark.parametrize("name", ALONE)
-def test_what_a_method_tells_of_its_certainty_is_what_the_entry_says(name):
+def test_report_has_the_certainty_that_the_entry_promises(name):
     method = METHODS[name](Scene(), A, B)
-    found = method.solve(Y)
-    errors = method.standard_errors(found)
+    solution = method.solve(Y)
+    report = method.report(Y, solution)
+    errors = report.standard_errors
     assert (errors is not None) == bool(METHODS[name].certainty)
     assert errors is None or errors.shape == (2, 3, 3)
-    assert all(image.shape == (2, 3, 3) for _, image in method.stages(found))
-    assert isinstance(method.remark(found), str)
-    assert {"noise", "lambda"} <= method.told(found).keys()
-    assert np.array_equal(method.reconstruct(Y), found.image)
+    assert all(image.shape == (2, 3, 3) for _, image in report.stages)
+    assert {"noise", "lambda"} <= report.numbers.keys()
+    assert all(note.code.isidentifier() for note in (*report.notes, *report.warnings))
+    np.testing.assert_array_equal(method.reconstruct(Y), solution.image)
 
 
 @pytest.mark.parametrize("name", VIDEOS)
-def test_every_coupling_recovers_frames_and_tells_of_them(name):
+def test_every_coupling_recovers_frames(name):
     entry = METHODS[name]
     for coupling in entry.video.couplings:
         given = {o.name: 3.0 for o in entry.video.options if o.coupling == coupling}
@@ -90,7 +91,7 @@ def test_every_coupling_recovers_frames_and_tells_of_them(name):
         assert all(getattr(video, option) == 3.0 for option in given)
         found = video.solve_next(Y)
         assert found.image.shape == (2, 3, 3)
-        assert {"noise", "lambda"} <= found.told().keys()
+        assert {"noise", "lambda"} <= found.numbers().keys()
 
 
 def test_method_for_stills_alone_makes_no_video():
@@ -106,7 +107,7 @@ def test_a_new_method_is_one_entry():
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_scene_in_the_place_of_the_matrix_is_told_what_takes_one(name):
+def test_a_scene_in_the_place_of_the_matrix_is_rejected(name):
     method = _class(METHODS[name].of)
     with pytest.raises(TypeError, match=rf"to fit to a scene, {method.__name__}\.for_scene"):
         method(Scene(), A, B)

@@ -40,6 +40,6 @@ def test_what_stands_in_the_wall_is_named():
     try:
         scene = ps.load_scenario("plant", (3, 4), values)
     except ps.PeriscopyError as error:  # refused before: it hides the wall
-        assert "hides" in str(error)
+        assert "miss the wall" in str(error)
         return
     assert pierced(scene).endswith("stands in the wall")

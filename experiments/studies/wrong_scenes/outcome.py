@@ -16,7 +16,7 @@ from experiments.studies.wrong_scenes.subjects import Photographed
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.calibration.uncertain_scene import calibrated_transport
 from periscopy_sim.errors import SceneError
-from periscopy_sim.reconstruction.uncertain_scene.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.explanation.image_fit import Filter, ImageFit, fit_image
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
-from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import SPREAD
+from periscopy_sim.model.wall_gain import SPREAD
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.explanation.evidence import Explanation
-from periscopy_sim.reconstruction.residual.overdispersion import overdispersion_of
+from periscopy_sim.model.overdispersion import overdispersion_of
 
 
 def overdispersion(explanation: Explanation, used: NDArray[np.bool_], seed: int) -> float:

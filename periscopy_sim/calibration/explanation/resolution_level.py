@@ -21,10 +21,10 @@ from periscopy_sim.calibration.explanation.last_matrices import LastMatrices
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
+from periscopy_sim.model.ambient import background_basis, joined_basis
+from periscopy_sim.model.observation import Observation
+from periscopy_sim.model.paint import Unevenness
 from periscopy_sim.photograph import blackened
-from periscopy_sim.reconstruction.background_subspace import background_basis, joined_basis
-from periscopy_sim.reconstruction.observation import Observation
-from periscopy_sim.reconstruction.unevenness import Unevenness
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
 from periscopy_sim.rendering.transport.shadow_rays import require_light

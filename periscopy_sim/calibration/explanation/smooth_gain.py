@@ -24,7 +24,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import (
+from periscopy_sim.model.wall_gain import (
     BOUNDS,
     DEGREE,
     SPREAD,

@@ -66,8 +66,8 @@ from periscopy_sim.calibration.silhouette.search.opacity_descent import (
     smooth_mask,
 )
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
+from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.background_photographs import Backgrounds, named
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array

@@ -95,7 +95,6 @@ def _finite(value: float) -> float | None:
 def say_found(found: Calibration, *, has_backgrounds: bool) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
     from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
-    from periscopy_sim.reconstruction.residual.causes import ADVICE
 
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):
@@ -128,12 +127,12 @@ def say_found(found: Calibration, *, has_backgrounds: bool) -> None:
             "monitor's falloff with angle makes it"
         )
     if found.discrepancy > STRUCTURED:
-        likely = "" if has_backgrounds else f"likely {ADVICE['paint']}; "
+        likely = "" if has_backgrounds else "perhaps uneven paint (--monitor-off); "
         say(
             "not all of that is noise: at some scale it is "
             f"{found.discrepancy:.0f} times as strong as noise, for which values and errors allow: "
             f"{likely}"
-            "periscopy reconstruct with this scene maps it (residual.png) and names likely causes"
+            "periscopy reconstruct with this scene maps it (residual.png)"
         )
     else:
         say(f"nothing in that is more than {found.discrepancy:.1f} times as strong as noise")

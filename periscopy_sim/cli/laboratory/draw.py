@@ -31,7 +31,6 @@ def draw(
 
     with staged_file(out) as staged:
         use_variant()
-        inputs.refuse_measurements(scene)
         scenario = load_scenario(
             find_scene(scene),
             options.parse_size(PATCHES[is_vectorized()]),

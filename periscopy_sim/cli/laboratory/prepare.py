@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.options import option
+from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli.options import number, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
@@ -47,15 +46,11 @@ Photos = Annotated[
 
 def prepare(
     photos: Photos,
-    scene: arguments.SceneOption,
-    out: arguments.OutFile,
+    scene: options.SceneOption,
+    out: options.OutFile,
     black: Annotated[
         float,
-        option(
-            "VALUE",
-            "The camera's black level, subtracted. Raw files know theirs.",
-            callback=arguments.not_nan,
-        ),
+        number("The camera's black level, subtracted. Raw files know theirs.", form="VALUE"),
     ] = 0.0,
     dark: Annotated[
         list[Path] | None,
@@ -70,10 +65,8 @@ def prepare(
     ] = None,
     white: Annotated[
         float | None,
-        option(
-            "VALUE",
-            "Pixels are saturated from this value on. [default: as the file shows]",
-            callback=arguments.not_nan,
+        number(
+            "Pixels are saturated from this value on. [default: as the file shows]", form="VALUE"
         ),
     ] = None,
     exposures: Annotated[
@@ -114,7 +107,7 @@ def prepare(
     hidden: Annotated[
         str, option("ROWSxCOLUMNS", "Patches that --bin auto and the advice are for.")
     ] = "29x36",
-    define: arguments.Define = None,
+    define: options.Define = None,
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
 
@@ -130,10 +123,10 @@ def prepare(
     from periscopy_sim.storage.pictures import write_png
     from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
 
-    arguments.require_suffix(out, ".exr", "the photograph")
+    options.require_suffix(out, ".exr", "the photograph")
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags both show the view; give one of them")
-    if min(patches := arguments.parse_size(hidden)) < 1:
+    if min(patches := options.parse_size(hidden)) < 1:
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     with fixable("--exposures"):
         times = None if exposures is None else [float(each) for each in exposures.split(",")]
@@ -271,7 +264,7 @@ def _film_definitions(
     declared = read_document(scenario.path).defaults.keys()
     for names in FILM_SIZES:
         if set(names) <= declared and (len(names) == 2 or shape[0] == shape[1]):
-            if set(names) & arguments.parse_definitions(define).keys():
+            if set(names) & options.parse_definitions(define).keys():
                 raise PeriscopyError(f"--bin and -D both set {' and '.join(names)}; give one")
             return dict(zip(names, map(str, shape), strict=False))
     raise PeriscopyError(

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli import inputs, options
 from periscopy_sim.cli.laboratory.viewed import write_view
-from periscopy_sim.cli.options import option, parse_definitions
+from periscopy_sim.cli.messages import report_sentences
+from periscopy_sim.cli.options import number, option, parse_definitions
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
@@ -30,7 +30,7 @@ IMAGE = "mushroom"
 
 
 def view(
-    scene: arguments.SceneArgument,
+    scene: options.SceneArgument,
     hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = "29x36",
     photo: Annotated[
         Path | None,
@@ -54,19 +54,13 @@ def view(
     ] = None,
     sbr: Annotated[
         float,
-        option(
-            "RATIO",
-            "Signal-to-background ratio at first.",
-            min=1e-6,
-            max=1e6,
-            callback=arguments.not_nan,
-        ),
+        number("Signal-to-background ratio at first.", form="RATIO", min=1e-6, max=1e6),
     ] = SBR,
-    snr: arguments.Snr = SNR,
+    snr: options.Snr = SNR,
     method: Annotated[
         str, option("NAME", "Method at first; yours as module:callable or file.py:callable.")
     ] = DEFAULT,
-    mask: arguments.MaskOption = None,
+    mask: options.MaskOption = None,
     host: Annotated[
         str,
         option("ADDRESS", "Where to listen; 0.0.0.0 lets all who know the address look and set."),
@@ -74,7 +68,7 @@ def view(
     port: Annotated[
         int, option("NUMBER", "The port; 0 takes a free one.", min=0, max=65535)
     ] = PORT,
-    define: arguments.Define = None,
+    define: options.Define = None,
 ) -> None:
     """Move a laboratory by hand, in the browser.
 
@@ -100,7 +94,9 @@ def view(
             write_view(out, pictures, given, photo)
             return f"wrote {out}"
 
-        session = LiveSession(scenario, first, _offered(), save, shot=shot, host=host, port=port)
+        session = LiveSession(
+            scenario, first, _offered(), save, report_sentences, shot=shot, host=host, port=port
+        )
     with session:
         say(f"{session.page.gate.url} shows {scenario.path.name}; Ctrl-C ends it")
         try:

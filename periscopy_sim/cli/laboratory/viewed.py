@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.cli import inputs
+from periscopy_sim.cli.messages import report_sentences, residual_summary
 from periscopy_sim.cli.output import say_written, write_json
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_folder
@@ -38,7 +39,8 @@ def write_view(
     from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.storage.formats.exr import write_exr
 
-    scenario, choice, residual = pictures.scenario, pictures.choice, pictures.residual
+    scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
+    residual = report.residual
     provenance = inputs.provenance_of(scenario, 0)
     text = as_text(provenance)
     values = dict(given) | {name: f"{value:.9g}" for name, value in choice.values.items()}
@@ -51,9 +53,8 @@ def write_view(
         "photograph": None if photo is None else str(photo),
         "hidden_shape": scenario.hidden_shape,
         "psnr": pictures.psnr,
-        "remark": pictures.remark,
-        "doubt": pictures.doubt,
-        **({} if residual is None else residual.told()),
+        "notes": report_sentences(report),
+        **({} if residual is None else residual.numbers()),
         "provenance": provenance,
     }
     with staged_folder(out) as folder:
@@ -63,13 +64,14 @@ def write_view(
             write_exr(folder / "photograph.exr", pictures.photograph, text)
         np.save(folder / "reconstruction.npy", pictures.image)
         draw_panels(folder / "pictures.png", panels, metadata=text)
-        if pictures.standard_errors is not None:
-            np.save(folder / "standard_error.npy", pictures.standard_errors.astype(np.float32))
+        if report.standard_errors is not None:
+            np.save(folder / "standard_error.npy", report.standard_errors.astype(np.float32))
             draw_certainty(
-                folder / "certainty.png", pictures.image, pictures.standard_errors, metadata=text
+                folder / "certainty.png", pictures.image, report.standard_errors, metadata=text
             )
         if residual is not None:
-            draw_residual(folder / "residual.png", pictures.photograph, residual, text)
+            caption = residual_summary(residual)
+            draw_residual(folder / "residual.png", pictures.photograph, residual, caption, text)
         write_json(folder / "view.json", told)
         names = sorted(file.name for file in folder.iterdir())
     for name in set(AT_TIMES).difference(names):

@@ -45,7 +45,7 @@ def demo(
     from periscopy_sim.evaluation import metrics
     from periscopy_sim.figures import panels
     from periscopy_sim.measurement import add_noise, composite
-    from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+    from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
     from periscopy_sim.reconstruction.preconditioned.still import Periscope
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
     from periscopy_sim.storage.formats.exr import write_exr

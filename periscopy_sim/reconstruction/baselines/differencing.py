@@ -12,20 +12,17 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.validation import check_stopping, check_weight
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import background_basis
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
-from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.method import Image, Solution, StillMethod
-from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
-from periscopy_sim.reconstruction.observation import Mask
+from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.preconditioned.still import noise_level
 from periscopy_sim.reconstruction.total_variation.least_squares import (
@@ -53,9 +50,9 @@ class DifferencingResult(Solution[np.float64]):
     iterations: NDArray[np.int64]  # (3,)
     gap: Array  # (3,) relative duality gap that was left, see `LeastSquaresMinimum`
 
-    def told(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, Any]:
         """Return the noise, the weights, the iterations and the gaps."""
-        return {**super().told(), "iterations": self.iterations, "gap": self.gap}
+        return {**super().numbers(), "iterations": self.iterations, "gap": self.gap}
 
 
 class Differencing(StillMethod[np.float64]):
@@ -69,8 +66,7 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own. An iteration costs one
     product with the N x N Gram matrix, or three to four with the published steps.
 
-    Other parameters and errors are those of `StillMethod`. B serves `residual`, and
-    tells whether background photographs show the monitor.
+    Other parameters and errors are those of `StillMethod`. B serves the residual alone.
 
     Parameters
     ----------
@@ -102,23 +98,20 @@ class Differencing(StillMethod[np.float64]):
         A: Image,
         B: Image | None = None,
         *,
-        photograph_shape: tuple[int, int],
-        hidden_shape: tuple[int, int],
-        channel_gain: Image | None = None,
-        mask: Mask | None = None,
-        backgrounds: Backgrounds | None = None,
         wrap: bool = True,
         tv_weight: float = 1.0,
         stop: Stop = "converged",
         tolerance: float = 1e-7,
+        **observed: Unpack[Observed],
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
+        super().__init__(A, **observed)
+        photograph_shape, mask = self.observation.rows_and_columns, self.observation.mask
+        if photograph_shape is None:
+            raise ValueError("differencing needs photograph_shape, (rows, columns)")
         if stop not in get_args(Stop):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance)
-        if self.observation.backgrounds:
-            check_monitor_off(A, background_basis(self.observation.used(B)), self.observation)
         self._ambient = self.observation.ambient(B)
         self._A = A = self.observation.used(A)
         self.wrap = wrap
@@ -129,7 +122,7 @@ class Differencing(StillMethod[np.float64]):
             neighbour_differences,
             photograph_shape=photograph_shape,
             wrap=wrap,
-            mask=self.observation.mask,
+            mask=mask,
         )
         # The pseudoinverse of D A, background photographs projected out: least squares, and what
         # they leave.
@@ -142,7 +135,7 @@ class Differencing(StillMethod[np.float64]):
         light = self.observation.ambient(None) if self.observation.backgrounds else None
         self._inverse = form_preconditioner(DA, None if light is None else self._differenced(light))
         R = self._inverse.cholesky
-        self._least_squares = LeastSquares(R.T @ R, R, hidden_shape)
+        self._least_squares = LeastSquares(R.T @ R, R, self.hidden_shape)
         self._unit = PUBLISHED_ENTRY / float(np.mean(A, dtype=np.float64))
 
     def solve(self, photograph: Image) -> DifferencingResult:

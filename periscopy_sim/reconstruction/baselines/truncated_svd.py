@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import background_basis
-from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.method import Image, StillMethod
-from periscopy_sim.reconstruction.monitor_left_on import check_monitor_off
-from periscopy_sim.reconstruction.observation import Mask
+from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.reconstruction.method import Image, Observed, StillMethod
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
+from periscopy_sim.reconstruction.report import Report
 
 Array = NDArray[np.float64]
 
@@ -31,8 +30,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
 
-    Other parameters and errors are those of `StillMethod`. B only tells whether
-    background photographs show the monitor.
+    Other parameters and errors are those of `StillMethod`. B is not used.
 
     Parameters
     ----------
@@ -52,25 +50,19 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     def __init__(
         self,
         A: Image,
-        B: Image | None = None,
+        B: Image | None = None,  # noqa: ARG002  every method is given one
         *,
-        hidden_shape: tuple[int, int],
-        channel_gain: Image | None = None,
-        mask: Mask | None = None,
-        backgrounds: Backgrounds | None = None,
         fraction: float = 0.4,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
-        photograph_shape: tuple[int, int] | None = None,
+        **observed: Unpack[Observed],
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
+        super().__init__(A, **observed)
         if not 0 < fraction <= 1:
             raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         used = self.observation.used_transport(A)
-        if self.observation.backgrounds:
-            check_monitor_off(A, background_basis(self.observation.used(B)), self.observation)
         Q = background_basis(self.observation.ambient(None))
         self._background = Q
         self._A = used - Q @ (Q.T @ used) if Q.size else used
@@ -89,9 +81,10 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self._A, self._background)
 
-    def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
-        """Return the stages of Algorithm 1; see `StillMethod`."""
-        return found.stages("inverted by singular vectors")
+    def report(self, photograph: Image, solution: Reconstruction) -> Report:
+        """Return the stages of Algorithm 1 beside the image; see `StillMethod`."""
+        stages = solution.stages("inverted by singular vectors")
+        return replace(super().report(photograph, solution), stages=stages)
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""

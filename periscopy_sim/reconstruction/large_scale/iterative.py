@@ -24,34 +24,28 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import check_stopping, check_weight
-from periscopy_sim.reconstruction.ambient_method import AmbientMethod
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
-from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
-from periscopy_sim.reconstruction.large_scale.transport_operator import (
+from periscopy_sim.model.ambient import RANK_TOLERANCE
+from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.transport_operator import (
     Eigenvectors,
     Matrix,
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.reconstruction.method import Image, Solution
-from periscopy_sim.reconstruction.observation import Mask
+from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
+from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
 
 Array = NDArray[np.float64]
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥ found once for a scene, see `matrix_free`; of few patches an eighth."""
-
-UNEXPLAINED = 30
-"""Conjugate gradients to find what nothing explains; what more of them explain is no fine texture.
-"""
 
 ROUNDING = 1e-7
 """Noise as a part of the photograph, below which it cannot be told from rounding errors."""
@@ -76,12 +70,12 @@ class IterativeReconstruction(Solution[np.float64]):
     change: float
     converged: bool
 
-    def told(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, Any]:
         """Return the noise, the weights, the iterations and the last change."""
-        return {**super().told(), "iterations": self.iterations, "change": self.change}
+        return {**super().numbers(), "iterations": self.iterations, "change": self.change}
 
 
-class IterativePeriscope(AmbientMethod[np.float64]):
+class IterativePeriscope(StillMethod[np.float64]):
     """The paper's problem solved by iterations, without P and without an N x N matrix.
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
@@ -113,37 +107,26 @@ class IterativePeriscope(AmbientMethod[np.float64]):
         A: Matrix,
         B: Image | None = None,
         *,
-        hidden_shape: tuple[int, int],
-        channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
         regularization: float = 0.015,
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
-        photograph_shape: tuple[int, int] | None = None,
-        mask: Mask | None = None,
-        backgrounds: Backgrounds | None = None,
+        **observed: Unpack[Observed],
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
+        super().__init__(A, **observed)
         check_weight("regularization", regularization)
         check_stopping(tolerance, max_iterations)
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = self._ambient_basis(A, B, rank_tolerance)
+        Q = with_backgrounds(smooth_basis(self.observation, B, rank_tolerance), self.observation)
         if self.observation.mask is not None:
             A = used_rows(A, self.observation.mask.ravel())
         self.transport = TransportOperator(A, Q)
 
-    def _unexplained(self, rows: Array) -> Array:
-        y = self.transport.reject_background(rows.T)
-        h = np.asarray(self.transport.T @ y)
-        fitted = least_squares(self.transport, h, tolerance=0.01, max_iterations=UNEXPLAINED)
-        return np.asarray((y - self.transport @ fitted.f).T)
-
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        planes = self._planes(np.asarray(photograph)[None])
-        y = self.transport.reject_background(planes[0].T)
+        y = self.transport.reject_background(self.observation.vectorized(photograph))
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
         result = IterativeReconstruction(
             image=self.observation.image(end.f),

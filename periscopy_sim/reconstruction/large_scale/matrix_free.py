@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.reconstruction.large_scale.transport_operator import (
+from periscopy_sim.model.transport_operator import (
     Eigenvectors,
     TransportOperator,
 )

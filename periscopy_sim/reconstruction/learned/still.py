@@ -17,12 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
 from periscopy_sim.reconstruction.method import Image
-from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import laplacian
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import (
+    NoiseAware,
+    NoiseAwareReconstruction,
+)
+from periscopy_sim.reconstruction.report import Report
 
 Array = NDArray[np.float64]
 
@@ -56,30 +59,29 @@ class Learned(NoiseAware):
         A: Image,
         B: Image | None = None,
         *,
-        hidden_shape: tuple[int, int],
         weights: str | Path = NETWORK,
         **settings: Any,
     ) -> None:
         file = SHIPPED if weights == NETWORK else Path(weights)
         read = read_weights(file)
-        read.check_size(hidden_shape, file)
+        read.check_size(settings["hidden_shape"], file)
         if settings.get("uncertain") is not None:
             raise ValueError(f"{NETWORK} knows no uncertain scenes: take noise-aware")
         import torch
 
         self.provenance = {"network": NETWORK, "sha256": read.digest, **read.provenance}
         self._network = read.network(file)
-        super().__init__(A, B, hidden_shape=hidden_shape, **settings)
-        rows = self._basis.rows
+        super().__init__(A, B, **settings)
+        rows = self.fit.patterns.rows
         rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
         self._rows, self._rows_K = torch.from_numpy(rows), torch.from_numpy(rows_K)
-        self._pattern_curvatures = torch.from_numpy(self._basis.curvatures.astype(np.float32))
+        self._pattern_curvatures = torch.from_numpy(self.fit.patterns.curvatures.astype(np.float32))
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
-        found = super().solve(photograph)
-        problem = problem_of(self, found)
-        return found if problem is None else replace(found, image=self._refined(problem))
+        solution = super().solve(photograph)
+        problem = problem_of(self, solution)
+        return solution if problem is None else replace(solution, image=self._refined(problem))
 
     def _refined(self, problem: Problem) -> Array:
         """Return the network's image, (R, C, 3)."""
@@ -94,7 +96,6 @@ class Learned(NoiseAware):
             rows=self._rows,
             curvatures=self._pattern_curvatures,
             rows_K=self._rows_K,
-            axes=batch(problem.axes),
             data=batch(problem.data),
             weights=batch(problem.weights),
             errors=batch(problem.errors)[None],
@@ -106,14 +107,18 @@ class Learned(NoiseAware):
             image = np.maximum(image, 0)
         return np.ascontiguousarray(np.moveaxis(image, 0, -1) * problem.scale)
 
-    def told(self, found: NoiseAwareReconstruction) -> dict[str, Any]:
-        """Return what the noise-aware method tells, and by which weights the image was refined."""
-        told = super().told(found)
-        del told["standard_errors_assume"]
-        return {**told, "weights_sha256": self.provenance["sha256"]}
+    def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
+        """Return the noise-aware report and the weights; see `StillMethod`.
 
-    def standard_errors(self, found: NoiseAwareReconstruction) -> None:  # type: ignore[override]
-        """Return nothing: what a network adds has no known standard error."""
+        There are no standard errors: those of what a network adds are not known.
+        """
+        report = super().report(photograph, solution)
+        numbers = {**report.numbers, "weights_sha256": self.provenance["sha256"]}
+        return replace(report, numbers=numbers)
+
+    def standard_errors(self, solution: NoiseAwareReconstruction) -> None:  # type: ignore[override]  # noqa: ARG002
+        """Return None: the standard errors of what a network adds are not known."""
+        return
 
 
 @contextmanager

@@ -35,10 +35,8 @@ class Problems:
         (N, N) the scene's patterns W_p, one a row, and (N,) their λ_p.
     rows_K
         (N, N) W_p K, a pattern a row.
-    axes
-        (K, 3, 3) orthonormal axes of colour along which the noise is independent, an axis a row.
     data, weights
-        (K, 3, N) w a and w, along the axes.
+        (K, 3, N) w a and w.
     errors
         (K, 1, R, C) standard errors of the patches under a Gaussian prior; see `problem`.
     start
@@ -48,7 +46,6 @@ class Problems:
     rows: torch.Tensor
     curvatures: torch.Tensor
     rows_K: torch.Tensor
-    axes: torch.Tensor
     data: torch.Tensor
     weights: torch.Tensor
     errors: torch.Tensor
@@ -77,10 +74,9 @@ class UnrolledNetwork(nn.Module):  # type: ignore[misc]  # PyTorch is not checke
 
 def proximal_step(problems: Problems, v: torch.Tensor, ρ: torch.Tensor) -> torch.Tensor:
     """Return x of the module, (K, 3, R, C), near images v; ρ is (K, 1, 1)."""
-    pulled = problems.axes @ (v.flatten(2) @ problems.rows_K.T)
-    coefficients = problems.data + ρ * pulled
+    coefficients = problems.data + ρ * (v.flatten(2) @ problems.rows_K.T)
     coefficients = coefficients / (problems.weights * problems.curvatures + ρ)
-    return (problems.axes.mT @ (coefficients @ problems.rows)).reshape(v.shape)
+    return (coefficients @ problems.rows).reshape(v.shape)
 
 
 def _convolutions(width: int) -> Any:

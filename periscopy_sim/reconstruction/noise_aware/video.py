@@ -8,12 +8,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from periscopy_sim.model.fit import Evidence
 from periscopy_sim.reconstruction.method import Image
-from periscopy_sim.reconstruction.noise_aware.evidence import Evidence
-from periscopy_sim.reconstruction.noise_aware.solution import NoiseAwareReconstruction
-from periscopy_sim.reconstruction.noise_aware.solver.penalized_likelihood import Schedule
-from periscopy_sim.reconstruction.noise_aware.solver.splitting import Splitting
-from periscopy_sim.reconstruction.noise_aware.still import NoiseAware
+from periscopy_sim.reconstruction.noise_aware.noise_aware import (
+    NoiseAware,
+    NoiseAwareReconstruction,
+)
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
+from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Coupling = Literal["l1", "none"]
@@ -49,9 +51,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
 
     Each frame starts from the solution of the one before, which saves a sixth of the iterations
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
-    No frame is searched for a gain over the wall, which would be another for each, nor for noise
-    that the channels share (`common_noise`), whose λ would be, nor freed of ambient light beyond
-    range(B) (`ambient_prior`).
+    Frames are not corrected (`model.correction`): a gain over the wall would differ between them.
 
     Parameters, attributes and errors are those of `FrameByFrame`; `method` is the one for stills.
     """
@@ -71,7 +71,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         """Yield what finishes each frame, A applied to many at once; see `FrameByFrame.begun`."""
         for start in range(0, len(photographs), BATCH):
             part = np.asarray(photographs[start : start + BATCH])
-            for evidence in self.method.evidence(part, self.evenness(part)):
+            for evidence in self.method.evidence(part):
                 yield partial(self.finish, evidence)
 
     def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.numerics.products import subtract_combinations
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
 
 Array = NDArray[np.float64]
 

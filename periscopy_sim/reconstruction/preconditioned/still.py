@@ -3,36 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.model.ambient import RANK_TOLERANCE
+from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
-from periscopy_sim.reconstruction.ambient_method import AmbientMethod
-from periscopy_sim.reconstruction.background_photographs import Backgrounds
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE
-from periscopy_sim.reconstruction.explained import Explained
-from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.method import Image, Solution
-from periscopy_sim.reconstruction.observation import Mask
+from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
 )
 from periscopy_sim.reconstruction.preconditioned.repair import repair
+from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 Array = NDArray[np.float64]
 
 BATCH = 64
 """Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
-
-ROUNDING = 1e-7
-"""Of single precision, over the photograph: noise cannot be told from it."""
 
 BYTES_FOR_P = 24
 """For each entry of A, while P is formed: A and P in single precision, each in double beside."""
@@ -45,7 +40,6 @@ class Estimate:
     preconditioned: Image  # (K, R, C, 3) P y, float32 where P is explicit
     noise: Array  # (K, 3), as in `Solution`
     weight: Array  # (K, 3)
-    share: Array  # (K,) root mean square of y, range(B) projected out, over that of y
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,18 +54,15 @@ class Reconstruction(Solution[np.floating[Any]]):
         (R, C, 3) after the proximal operator of total variation; `image` is this after repair.
     threshold
         The repair threshold κ used.
-    share
-        Root mean square of the photograph, range(B) projected out, over its own.
     """
 
     preconditioned: Image
     denoised: Image
     threshold: float
-    share: float = 1.0
 
-    def told(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, Any]:
         """Return the noise and the weights that followed from it."""
-        return {**super().told(), "kappa": self.threshold}
+        return {**super().numbers(), "kappa": self.threshold}
 
     def stages(self, estimate: str) -> list[tuple[str, Image]]:
         """Return titles and images of the stages, the first under a given title."""
@@ -79,7 +70,7 @@ class Reconstruction(Solution[np.floating[Any]]):
         return list(stages.items())
 
 
-class Periscope(AmbientMethod[np.floating[Any]]):
+class Periscope(StillMethod[np.floating[Any]]):
     """The paper's method (Algorithm 1), fitted to one scene.
 
     Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:
@@ -116,17 +107,13 @@ class Periscope(AmbientMethod[np.floating[Any]]):
         A: Image,
         B: Image | None = None,
         *,
-        hidden_shape: tuple[int, int],
-        channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         explicit: bool | None = None,
-        photograph_shape: tuple[int, int] | None = None,
-        mask: Mask | None = None,
-        backgrounds: Backgrounds | None = None,
+        **observed: Unpack[Observed],
     ) -> None:
-        super().__init__(A, hidden_shape, channel_gain, photograph_shape, mask, backgrounds)
+        super().__init__(A, **observed)
         if not (tv_weight >= 0 and repair_threshold >= 0):
             raise ValueError(
                 f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
@@ -138,9 +125,9 @@ class Periscope(AmbientMethod[np.floating[Any]]):
         self.precision = np.float32 if explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        self.preconditioner = form_preconditioner(
-            self.observation.used(A), self._ambient_basis(A, B, rank_tolerance)
-        )
+        smooth = smooth_basis(self.observation, B, rank_tolerance)
+        ambient = with_backgrounds(smooth, self.observation)
+        self.preconditioner = form_preconditioner(self.observation.used(A), ambient)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
         self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
@@ -151,31 +138,16 @@ class Periscope(AmbientMethod[np.floating[Any]]):
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         return self._finished(self.estimate(np.asarray(photograph)[None]), 0)
 
-    def fitted(self) -> dict[str, Any]:
-        """Return the rank of B that was kept, and whether P is explicit."""
-        return {"background_rank": self.preconditioner.Q.shape[1], "explicit": self.explicit}
-
-    def explained(self, found: Reconstruction) -> Explained:
-        """Return how well scene and image explain the photograph; see `StillMethod`."""
-        P, patterns = self.preconditioner, len(self.preconditioner.cholesky)
-        pixels, freedom = len(P.A), len(P.A) - P.Q.shape[1]
-        # By Pythagoras, as in `noise_level`: A⊥ makes of images what its Cholesky factor does.
-        images = (found.preconditioned, found.preconditioned - found.image)
-        whole, left = (
-            _energies(times_rows(image.reshape(-1, 3).T.astype(np.float64), P.cholesky, upper=True))
-            for image in images
-        )
-        level = np.sqrt(np.sum(found.noise**2 * (freedom - patterns) + whole) / (3 * pixels))
-        noise = np.maximum(found.noise, ROUNDING * level) + 1e-30
-        return Explained(found.share, whole / noise**2, left / noise**2, patterns)
+    def report(self, photograph: Image, solution: Reconstruction) -> Report:
+        """Return the stages of Algorithm 1 and the rank of B; see `StillMethod`."""
+        report = super().report(photograph, solution)
+        fitted = {"background_rank": self.preconditioner.Q.shape[1], "explicit": self.explicit}
+        numbers, stages = {**fitted, **report.numbers}, solution.stages("preconditioned, P y")
+        return replace(report, numbers=numbers, stages=stages)
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
-
-    def stages(self, found: Reconstruction) -> list[tuple[str, Image]]:
-        """Return the stages of Algorithm 1; see `StillMethod`."""
-        return found.stages("preconditioned, P y")
 
     def reconstruct_batch(self, photographs: Image) -> Image:
         """Recover the hidden images of many photographs, P applied to all in one product.
@@ -205,23 +177,18 @@ class Periscope(AmbientMethod[np.floating[Any]]):
         stack: Image = np.array(images, self.precision)
         return stack.reshape(-1, *self.hidden_shape, 3)
 
-    def estimates(self, photographs: Image, evenness: Array | None = None) -> Iterator[Estimate]:
-        """Precondition photographs, `BATCH` of them at a time; see `reconstruct_batch`.
-
-        All are brought to an even wall by one `evenness`, or each by its own.
-        """
+    def estimates(self, photographs: Image) -> Iterator[Estimate]:
+        """Precondition photographs, `BATCH` of them at a time; see `reconstruct_batch`."""
         photographs = np.asarray(photographs)
         for start in range(0, max(len(photographs), 1), BATCH):
-            yield self.estimate(photographs[start : start + BATCH], evenness)
+            yield self.estimate(photographs[start : start + BATCH])
 
-    def estimate(self, photographs: Image, evenness: Array | None = None) -> Estimate:
-        """Precondition photographs and tell the noise of each; see `estimates`."""
-        y = self._planes(photographs, evenness)
+    def estimate(self, photographs: Image) -> Estimate:
+        """Precondition photographs and estimate the noise of each; see `estimates`."""
+        y = self.observation.planar(photographs)
         rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
         P = self.preconditioner
-        whole = _energies(rejected)
         subtract_combinations(rejected, times_rows(rejected, self._background), self._background)
-        left, whole = (part.reshape(-1, 3).sum(axis=1) for part in (_energies(rejected), whole))
         if self._matrix is None:
             f = P.apply(rejected.T).T
         else:
@@ -235,17 +202,7 @@ class Periscope(AmbientMethod[np.floating[Any]]):
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
             noise,
             self.tv_weight * self._unit_error * noise,
-            np.sqrt(left / np.where(whole > 0, whole, 1)),
         )
-
-    def _unexplained(self, rows: Array) -> Array:
-        P = self.preconditioner
-        rejected = P.reject_background(rows.T)
-        if self._matrix is None:
-            f = P.apply(rejected)
-        else:
-            f = times_rows(np.ascontiguousarray(rejected.T, np.float32), self._matrix).T
-        return np.asarray((rejected - P.reject_background(P.A @ f)).T)
 
     def _finished(self, estimate: Estimate, k: int) -> Reconstruction:
         return denoise_and_repair(
@@ -253,7 +210,6 @@ class Periscope(AmbientMethod[np.floating[Any]]):
             estimate.noise[k],
             weight=estimate.weight[k],
             repair_threshold=self.repair_threshold,
-            share=float(estimate.share[k]),
         )
 
 
@@ -278,16 +234,16 @@ def _energies(rows: Array) -> Array:
 
 
 def denoise_and_repair(
-    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float, share: float = 1.0
+    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float
 ) -> Reconstruction:
     """Lead P y, (R, C, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
 
-    The noise, (3,), and the share are for the record; λ is (3,); κ is a part, `repair_threshold`,
+    The noise, (3,), is for the record; λ is (3,); κ is a part, `repair_threshold`,
     of the 99th percentile of the denoised magnitudes.
     """
     denoised = prox_total_variation(estimate, weight)
     image, threshold = repaired(denoised, repair_threshold)
-    return Reconstruction(image, noise, weight, estimate, denoised, threshold, share)
+    return Reconstruction(image, noise, weight, estimate, denoised, threshold)
 
 
 def repaired(

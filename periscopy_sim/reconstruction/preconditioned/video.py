@@ -75,8 +75,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
 
     def begun(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.begun`."""
-        evenness = self.evenness(photographs) if len(photographs) else None
-        for estimate in self.periscope.estimates(photographs, evenness):
+        for estimate in self.periscope.estimates(photographs):
             for k in range(len(estimate.noise)):
                 yield partial(self.finish, estimate, k)
 
@@ -101,5 +100,4 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         denoised = result.image[1] if result.image.ndim == 4 else result.image
         image, threshold = repaired(denoised, self.periscope.repair_threshold, previous)
         self.previous = image.copy()  # the caller may change what is returned
-        noise, share = estimate.noise[k], float(estimate.share[k])
-        return Reconstruction(image, noise, weight, g, denoised, threshold, share)
+        return Reconstruction(image, estimate.noise[k], weight, g, denoised, threshold)

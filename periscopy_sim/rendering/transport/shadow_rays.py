@@ -175,7 +175,7 @@ def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
 class RenderedTransport:
     """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
 
-    `reconstruction.large_scale.transport_operator.TransportOperator` makes a SciPy linear operator
+    `model.transport_operator.TransportOperator` makes a SciPy linear operator
     of it, and `IterativePeriscope` takes it in the place of A. Every pass traces all the rays
     again, and draws the same samples.
 

@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.explanation.evidence import Explanation, explain
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
-from periscopy_sim.reconstruction.background_subspace import background_basis
-from periscopy_sim.reconstruction.noise_aware.nuisance.wall_gain import SPREAD
+from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.wall_gain import SPREAD
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import is_vectorized, use_variant

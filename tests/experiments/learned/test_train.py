@@ -13,8 +13,8 @@ pytestmark = pytest.mark.torch
 
 from experiments.learned import train  # noqa: E402
 from experiments.learned.samples import Samples  # noqa: E402
+from periscopy_sim.model.spectral_basis import SpectralBasis  # noqa: E402
 from periscopy_sim.reconstruction.learned.weights import read_weights  # noqa: E402
-from periscopy_sim.reconstruction.noise_aware.solver.spectral_basis import SpectralBasis  # noqa: E402
 
 SHAPE = 29, 36
 

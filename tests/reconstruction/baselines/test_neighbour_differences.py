@@ -37,12 +37,6 @@ def test_differences_are_the_product_with_the_matrix_d(shape, wrap, matrix):
         np.testing.assert_array_equal(values, before)
 
 
-def test_wrapping_is_the_default():
-    A = np.random.default_rng(0).normal(size=(6, 2))
-    wrapped = neighbour_differences(A, (3, 2), wrap=True)
-    np.testing.assert_array_equal(neighbour_differences(A, (3, 2)), wrapped)
-
-
 def test_background_constant_along_columns_is_rejected_but_where_they_wrap():
     background = np.tile([3.0, 5.0, 4.0], (4, 1)).ravel()
     assert not neighbour_differences(background, (4, 3), wrap=False).any()
@@ -71,8 +65,3 @@ def test_difference_counts_only_if_both_pixels_are_used(shape, wrap, matrix, see
             found = neighbour_differences(values[mask.ravel()], shape, wrap=wrap, mask=form)
             np.testing.assert_allclose(found, D[kept] @ values, atol=1e-15)
     np.testing.assert_array_equal(mask, before)
-
-
-def test_matrix_that_does_not_fit_the_mask_is_refused():
-    with pytest.raises(ValueError, match=r"3x4 pixels does not fit the 12 rows"):
-        neighbour_differences(np.zeros((12, 2)), (3, 4), mask=np.arange(12) > 3)

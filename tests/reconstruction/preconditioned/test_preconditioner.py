@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from periscopy_sim.reconstruction.background_subspace import RANK_TOLERANCE, background_basis
+from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 PHOTOGRAPH = (20, 20)
@@ -77,29 +77,10 @@ def test_p_is_the_top_of_the_pseudoinverse_of_a_beside_a_background_basis(opacit
 
 
 @pytest.mark.parametrize("opacity", OPACITIES)
-def test_p_and_the_plain_pseudoinverse_both_recover_the_hidden_image(opacity):
-    A, B = transport(opacity), backgrounds()
-    f, y = measurements(A, B)
-    plain = np.linalg.pinv(np.hstack([A, B]), rcond=1e-13)[:N]
-    P = form_preconditioner(A, B, rank_tolerance=1e-12)
-    assert relative_error(plain @ y, f) < 1e-6
-    assert relative_error(P.apply(y), f) < 1e-6
-    assert relative_error(P.matrix() @ y, f) < 1e-6
-
-
-@pytest.mark.parametrize("opacity", OPACITIES)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_p_inverts_a_at_every_tolerance(opacity, tolerance):
     A = transport(opacity)
     P = form_preconditioner(A, backgrounds(), rank_tolerance=tolerance)
-    np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
-    np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
-
-
-def test_p_inverts_an_a_whose_gram_matrix_has_lost_its_smallest_values():
-    A = transport(1e-4)
-    assert np.linalg.cond(A) > 1e5
-    P = form_preconditioner(A)
     np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
     np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
 
@@ -115,13 +96,6 @@ def test_p_leaves_of_each_background_no_more_than_the_tolerance(opacity, toleran
     norm = np.linalg.norm(P.matrix(), 2)
     assert np.linalg.norm(P.apply(unit), axis=0).max() / norm < bound
     assert np.linalg.norm(P.matrix() @ unit, axis=0).max() / norm < bound
-
-
-def test_default_tolerance_annihilates_every_background_to_1e_10():
-    A, B = transport(), backgrounds(24)
-    P = form_preconditioner(A, B)
-    left = np.linalg.norm(P.apply(B), axis=0) / np.linalg.norm(B, axis=0)
-    assert left.max() < 1e-10 * np.linalg.norm(P.matrix(), 2)
 
 
 def weighted_minimizer(A, B, ω):
@@ -162,32 +136,6 @@ def test_patch_nearly_like_background_is_resolved_at_the_price_of_its_noise():
     assert P.noise_gain[3] == pytest.approx(100 * alone, rel=1e-6)
 
 
-def test_uniform_background_leaves_the_regression_on_centred_columns():
-    A = transport()
-    centred = A - A.mean(axis=0)
-    P = form_preconditioner(A, np.full((M, 1), 7.0))
-    expected = np.linalg.solve(centred.T @ centred, centred.T)
-    np.testing.assert_allclose(P.matrix(), expected, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("opacity", OPACITIES)
-def test_matrix_and_factored_form_agree(opacity):
-    P = form_preconditioner(transport(opacity), backgrounds())
-    assert P.matrix().shape == (N, M)
-    assert relative_error(P.apply(np.eye(M)), P.matrix()) < 1e-7
-
-
-def test_one_photograph_and_many_agree():
-    A, B = transport(), backgrounds()
-    P = form_preconditioner(A, B)
-    y = measurements(A, B)[1]
-    assert P.apply(y[:, 0]).shape == (N,) and P.reject_background(y[:, 0]).shape == (M,)
-    np.testing.assert_allclose(P.apply(y[:, 1]), P.apply(y)[:, 1], rtol=1e-9)
-    np.testing.assert_allclose(
-        P.reject_background(y[:, 1]), P.reject_background(y)[:, 1], atol=1e-12 * np.abs(y).max()
-    )
-
-
 @pytest.mark.parametrize("opacity", OPACITIES)
 @pytest.mark.parametrize("with_background", [True, False])
 def test_noise_gain_is_the_diagonal_of_p_times_its_transpose(opacity, with_background):
@@ -209,11 +157,6 @@ def test_no_background_gives_the_pseudoinverse_of_a(B):
     np.testing.assert_array_equal(P.reject_background(y), y)
 
 
-def test_square_a_gives_its_inverse():
-    A = np.eye(6) + 0.1 * np.random.default_rng(0).random((6, 6))
-    np.testing.assert_allclose(form_preconditioner(A).matrix(), np.linalg.inv(A), atol=1e-13)
-
-
 def scattered(seed, rows=M, columns=N):
     return np.random.default_rng(seed).random((rows, columns))
 
@@ -225,22 +168,6 @@ def test_patch_that_is_a_sum_of_others_is_refused(seed):
     for B in (None, scattered(seed + 100, columns=6)):
         with pytest.raises(ValueError, match=r"not full column rank \(30 patches, 0 of them"):
             form_preconditioner(A, B)
-
-
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize("brightness", [1e-3, 1.0, 1e3])
-def test_patch_that_looks_like_background_is_refused(seed, brightness):
-    A, B = scattered(seed), scattered(seed + 100, columns=6)
-    A[:, 12] = brightness * B @ np.arange(1.0, 7.0)
-    with pytest.raises(ValueError, match=r"not full column rank \(30 patches, 0 of them"):
-        form_preconditioner(A, B)
-
-
-def test_repeated_patch_of_single_precision_is_refused():
-    A = transport()
-    A[:, 3] = A[:, 9].astype(np.float32)
-    with pytest.raises(ValueError, match="not full column rank"):
-        form_preconditioner(A, backgrounds())
 
 
 @pytest.mark.parametrize("dark", [1, 3, N])
@@ -264,81 +191,6 @@ def test_a_of_any_unit_is_accepted():
         )
 
 
-def test_a_wider_than_high_is_refused():
-    with pytest.raises(ValueError, match=r"at least as many rows as columns, not shape \(29, 30\)"):
-        form_preconditioner(transport()[: N - 1])
-
-
-def test_arrays_of_other_dimensions_are_refused():
-    with pytest.raises(ValueError, match="A must have"):
-        form_preconditioner(np.ones(M))
-    for B in (np.ones(M), np.ones((M - 1, 2)), np.ones((2, M))):
-        with pytest.raises(ValueError, match="rows must match the 400 of A"):
-            form_preconditioner(transport(), B)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_entries_that_are_not_finite_are_refused(value):
-    for which in range(2):
-        arrays = [transport(), backgrounds()]
-        arrays[which][7, 2] = value
-        with pytest.raises(ValueError, match=f"{'AB'[which]} must be finite"):
-            form_preconditioner(*arrays)
-    with pytest.raises(ValueError, match="B must be finite"):
-        background_basis(arrays[1])
-
-
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, 2.0, np.nan])
-def test_tolerance_out_of_range_is_refused(tolerance):
-    for attempt in (
-        lambda: background_basis(backgrounds(), tolerance),
-        lambda: form_preconditioner(transport(), backgrounds(), rank_tolerance=tolerance),
-    ):
-        with pytest.raises(ValueError, match="between 0 and 1"):
-            attempt()
-
-
-def test_single_precision_is_computed_in_double():
-    A, B = (part.astype(np.float32) for part in (transport(0.1), backgrounds()))
-    single = form_preconditioner(A, B)
-    double = form_preconditioner(A.astype(np.float64), B.astype(np.float64))
-    assert single.A.dtype == single.Q.dtype == np.float64
-    assert single.matrix().dtype == single.apply(A).dtype == np.float64
-    np.testing.assert_array_equal(single.matrix(), double.matrix())
-    np.testing.assert_allclose(single.apply(A), np.eye(N), atol=1e-8)
-
-
-def layouts(array):
-    yield np.asfortranarray(array)
-    yield np.repeat(array, 2, axis=1)[:, ::2]
-    yield array[::-1].copy()[::-1]
-
-
-def test_memory_layout_does_not_matter():
-    A, B = transport(0.1), backgrounds()
-    expected = form_preconditioner(A, B, rank_tolerance=1e-4)
-    y = measurements(A, B)[1]
-    for other_A, other_B, other_y in zip(layouts(A), layouts(B), layouts(y), strict=True):
-        P = form_preconditioner(other_A, other_B, rank_tolerance=1e-4)
-        assert relative_error(P.matrix(), expected.matrix()) < 1e-9
-        assert relative_error(P.apply(other_y), expected.apply(y)) < 1e-9
-
-
-@pytest.mark.parametrize("order", ["C", "F"])
-def test_inputs_stay_unchanged_and_may_be_read_only(order):
-    A, B = transport(), backgrounds()
-    inputs = [np.array(part, order=order) for part in (A, B, measurements(A, B)[1])]
-    kept = [part.copy() for part in inputs]
-    for writeable in (True, False):
-        for part in inputs:
-            part.setflags(write=writeable)
-        P = form_preconditioner(*inputs[:2])
-        P.apply(inputs[2])
-        P.matrix()
-        for part, before in zip(inputs, kept, strict=True):
-            np.testing.assert_array_equal(part, before)
-
-
 def test_cholesky_factor_is_that_of_a_with_the_background_projected_out():
     A, B = transport(), backgrounds()
     P = form_preconditioner(A, B)
@@ -346,3 +198,15 @@ def test_cholesky_factor_is_that_of_a_with_the_background_projected_out():
     gram = (orthogonal.T @ A).T @ (orthogonal.T @ A)
     np.testing.assert_allclose(P.cholesky.T @ P.cholesky, gram, atol=1e-12 * gram.max())
     np.testing.assert_array_equal(P.cholesky, np.triu(P.cholesky))
+
+
+def test_bad_arguments_are_rejected():
+    A, B = transport(), backgrounds()
+    with pytest.raises(ValueError, match="rows"):
+        form_preconditioner(A[: N - 1])
+    with pytest.raises(ValueError, match="tolerance"):
+        form_preconditioner(A, B, rank_tolerance=1.0)
+    for name, array in (("A", A), ("B", B)):
+        array[7, 2] = np.nan
+        with pytest.raises(ValueError, match=f"{name} must be finite"):
+            form_preconditioner(*((A, B) if name == "A" else (transport(), B)))

@@ -90,22 +90,9 @@ def test_a_patch_at_the_threshold_exactly_stays():
     np.testing.assert_array_equal(repair(image, np.nextafter(5.0, 0.0))[1, 1], 0.0)
 
 
-def test_a_patch_of_another_colour_but_equal_magnitude_stays():
-    image = np.zeros((3, 3, 3))
-    image[..., 0] = 1.0
-    image[1, 1] = 0.0, 0.0, 1.0
-    np.testing.assert_array_equal(repair(image, 1e-9)[1, 1], [0.0, 0.0, 1.0])
-
-
 def test_a_corner_becomes_the_average_of_its_two_middle_values():
     image = np.array([[9.0, 1.0], [2.0, 4.0]])[..., None]
     np.testing.assert_array_equal(repair(image, 6.0)[..., 0], [[3.0, 1.0], [2.0, 4.0]])
-
-
-def test_repairs_do_not_depend_on_one_another():
-    image = random_image(8, 8, 3, seed=5)
-    flipped = repair(image[::-1, ::-1], 0.5)[::-1, ::-1]
-    np.testing.assert_array_equal(repair(image, 0.5), flipped)
 
 
 @pytest.mark.parametrize("scale", [2.0**30, 1000.0, 1e-6])
@@ -116,76 +103,11 @@ def test_scaling_image_and_threshold_scales_the_result(scale):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_an_infinite_threshold_repairs_nothing(shape):
-    image = random_image(*shape)
-    repaired = repair(image, np.inf)
-    np.testing.assert_array_equal(repaired, image)
-    assert not np.shares_memory(repaired, image)
-
-
-def test_a_single_patch_stays_at_any_threshold():
-    np.testing.assert_array_equal(repair(np.ones((1, 1, 3)), 0.0), np.ones((1, 1, 3)))
-
-
-def test_layout_of_the_input_does_not_matter():
-    image = random_image(7, 9, 3)
-    fixed = image.copy()
-    fixed.flags.writeable = False
-    for same in (np.asfortranarray(image), image[::-1][::-1], fixed):
-        np.testing.assert_array_equal(repair(same, 0.5, same), repair(image, 0.5, image))
-
-
-@pytest.mark.parametrize(
-    ("given", "returned"),
-    [("f2", np.float32), ("f4", np.float32), ("f8", np.float64), ("g", np.float64)],
-)
-@pytest.mark.parametrize("previous", [None, random_image(7, 9, 3, seed=1)])
-def test_the_result_has_the_precision_of_the_image(given, returned, previous):
-    assert repair(random_image(7, 9, 3).astype(given), 0.5, previous).dtype == returned
-
-
-def test_single_precision_repairs_as_double_precision_does():
-    image = random_image(20, 30, 3).astype(np.float32)
-    previous = random_image(20, 30, 3, seed=1).astype(np.float32)
-    double, earlier = image.astype(np.float64), previous.astype(np.float64)
-    assert (repair(image, 0.5) != image).any()
-    np.testing.assert_array_equal(repair(image, 0.5), repair(double, 0.5).astype(np.float32))
-    np.testing.assert_array_equal(repair(image, 0.5, previous), repair(double, 0.5, earlier))
-
-
-@pytest.mark.parametrize("scale", [1e30, 1e-30])
-def test_magnitudes_in_single_precision_neither_overflow_nor_underflow(scale):
-    image = np.full((5, 6, 3), scale, dtype=np.float32)
-    image[2, 3] = 7 * scale
-    np.testing.assert_array_equal(repair(image, 2 * scale), np.float32(scale))
-
-
-@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("threshold", [0.0, 0.3, 0.8, 2.0])
 def test_repair_with_a_previous_frame_equals_plain_loops(shape, threshold):
     image, previous = random_image(*shape), random_image(*shape, seed=1)
     expected = loop_repair(image, threshold, previous)
     np.testing.assert_array_equal(repair(image, threshold, previous), expected)
-
-
-def test_the_video_median_is_of_seventeen_values_without_the_patch_itself():
-    image, previous = np.zeros((3, 3, 1)), np.zeros((3, 3, 1))
-    image.flat = [1, 2, 3, 4, 100, 5, 6, 7, 8]
-    previous.flat = [11, 12, 13, 14, 15, 16, 17, 18, 19]
-    # The eight neighbours lie below the nine of the previous frame, of which 11 is the least.
-    assert repair(image, 50.0, previous)[1, 1, 0] == 11
-
-
-def test_a_cut_to_another_scene_stays():
-    image, previous = np.ones((6, 7, 3)), np.zeros((6, 7, 3))
-    np.testing.assert_array_equal(repair(image, 0.1, previous), image)
-
-
-def test_a_hot_patch_takes_the_colour_of_its_unchanged_neighbourhood():
-    image = np.full((5, 6, 3), 0.2)
-    image[2, 3] = 5.0
-    previous = np.full((5, 6, 3), 0.2)
-    np.testing.assert_array_equal(repair(image, 2.0, previous), previous)
 
 
 @pytest.mark.parametrize("shape", [(4, 7, 9, 3), (90, 29, 36, 3)])
@@ -199,43 +121,15 @@ def test_each_image_of_a_stack_is_repaired_on_its_own(shape, with_previous):
 
 
 @pytest.mark.parametrize(
-    ("previous", "error", "message"),
+    ("image", "threshold", "previous", "name"),
     [
-        (np.ones((3, 4, 3)), ValueError, "previous has shape"),
-        (np.full((3, 3, 3), np.nan), ValueError, "previous holds NaN"),
-        (np.ones((3, 3, 3), dtype=int), TypeError, "previous is of type"),
+        (np.ones((3, 3)), 1.0, None, "channels"),
+        (np.full((3, 3, 3), np.nan), 1.0, None, "NaN"),
+        (np.ones((3, 3, 3)), -1.0, None, "threshold"),
+        (np.ones((3, 3, 3)), 1.0, np.ones((3, 4, 3)), "previous"),
+        (np.ones((3, 3, 3)), 1.0, np.full((3, 3, 3), np.nan), "previous"),
     ],
 )
-def test_bad_previous_frames_are_refused(previous, error, message):
-    with pytest.raises(error, match=message):
-        repair(np.ones((3, 3, 3)), 1.0, previous)
-
-
-def test_the_input_is_left_as_it_was():
-    image = random_image(7, 9, 3)
-    before = image.copy()
-    repair(image, 0.0)
-    np.testing.assert_array_equal(image, before)
-
-
-@pytest.mark.parametrize(
-    ("image", "threshold", "message"),
-    [
-        (np.ones((3, 3)), 1.0, "channels"),
-        (np.ones((3, 3, 0)), 1.0, "channels"),
-        (np.ones((0, 3, 3)), 1.0, "channels"),
-        (np.full((3, 3, 3), np.nan), 1.0, "NaN"),
-        (np.full((3, 3, 3), np.inf), 1.0, "NaN"),
-        (np.ones((3, 3, 3)), -1.0, "threshold"),
-        (np.ones((3, 3, 3)), np.nan, "threshold"),
-    ],
-)
-def test_bad_arguments_are_refused(image, threshold, message):
-    with pytest.raises(ValueError, match=message):
-        repair(image, threshold)
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.complex128])
-def test_images_that_are_not_floating_point_are_refused(dtype):
-    with pytest.raises(TypeError, match="floating point"):
-        repair(np.ones((3, 3, 3), dtype=dtype), 1.0)
+def test_bad_arguments_are_rejected(image, threshold, previous, name):
+    with pytest.raises(ValueError, match=name):
+        repair(image, threshold, previous)

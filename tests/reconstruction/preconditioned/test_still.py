@@ -1,12 +1,9 @@
-import inspect
 from dataclasses import fields
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
@@ -101,16 +98,7 @@ def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(explic
     for field in fields(Reconstruction):
         before, after = getattr(expected, field.name), getattr(scaled, field.name)
         unit = 1 if field.name == "share" else scale  # a ratio has none
-        assert relative_error(after, unit * before) < (1e-5 if explicit else 1e-9), field.name
-
-
-@pytest.mark.parametrize("scale", [1e3, 1e-6])
-def test_unit_of_the_transport_matrix_scales_the_image_inversely(scale):
-    y = photograph_of(two_halves(), noise=1e-3, background=2.0)
-    expected = Periscope(A, B, hidden_shape=HIDDEN, explicit=False).solve(y)
-    scaled = Periscope(scale * A, B, hidden_shape=HIDDEN, explicit=False).solve(y)
-    np.testing.assert_allclose(scaled.noise, expected.noise, rtol=1e-6)
-    assert relative_error(scale * scaled.image, expected.image) < 1e-6
+        assert relative_error(after, unit * before) < (1e-5 if explicit else 1e-8), field.name
 
 
 @explicit_or_factored
@@ -122,19 +110,6 @@ def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
     without = periscope.reconstruct(photograph_of(image, noise=1e-3))
     with_light = periscope.reconstruct(photograph_of(image, noise=1e-3, background=1000.0))
     assert relative_error(with_light, without) < 1e-5
-
-
-@pytest.mark.parametrize("tolerance", [0.5, 1e-2, 1e-5])
-def test_tolerance_decides_how_much_of_the_background_is_rejected(tolerance):
-    σ = np.linalg.svd(B / np.linalg.norm(B, axis=0), compute_uv=False)
-    Q = Periscope(A, B, hidden_shape=HIDDEN, rank_tolerance=tolerance).preconditioner.Q
-    assert Q.shape == (M, np.sum(σ > tolerance * σ[0]))
-
-
-def test_without_the_prototypes_background_ruins_the_image():
-    blind = Periscope(A, hidden_shape=HIDDEN, **LINEAR)
-    y = photograph_of(two_halves(), background=1.0)
-    assert relative_error(blind.reconstruct(y), two_halves()) > 0.1
 
 
 @explicit_or_factored
@@ -202,25 +177,6 @@ def test_stages_are_estimate_then_total_variation_then_repair(explicit):
     assert not np.array_equal(result.image, result.denoised)
 
 
-def test_total_variation_brings_a_noisy_image_closer_to_the_truth():
-    y = photograph_of(two_halves(), noise=3e-3)
-    plain, denoising = (
-        Periscope(A, B, hidden_shape=HIDDEN, tv_weight=weight, repair_threshold=np.inf)
-        for weight in (0.0, 1.0)
-    )
-    errors = [relative_error(p.reconstruct(y), two_halves()) for p in (plain, denoising)]
-    assert errors[1] < 0.7 * errors[0]
-
-
-@explicit_or_factored
-def test_without_denoising_and_repair_the_image_is_p_times_the_photograph(explicit):
-    pseudoinverse, _ = projected_pseudoinverse()
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit, **LINEAR)
-    y = np.random.default_rng(6).normal(size=(*PHOTOGRAPH, 3))
-    expected = (pseudoinverse @ y.reshape(M, 3)).reshape(*HIDDEN, 3)
-    assert relative_error(periscope.reconstruct(y), expected) < (1e-5 if explicit else 1e-9)
-
-
 @pytest.mark.parametrize(("noise", "tolerance"), [(1e-4, 1e-2), (1e-3, 1e-4), (1e-2, 1e-5)])
 def test_explicit_and_factored_agree_but_for_rounding_beside_the_noise(noise, tolerance):
     fast, exact = (Periscope(A, B, hidden_shape=HIDDEN, explicit=e) for e in (True, False))
@@ -231,141 +187,13 @@ def test_explicit_and_factored_agree_but_for_rounding_beside_the_noise(noise, to
         assert error < tolerance, field.name
 
 
-def test_colour_of_the_wall_is_divided_out():
-    gain = np.array([1.4, 0.9, 0.7])
-    y = photograph_of(two_halves(), noise=1e-3, background=1.0)
-    grey = Periscope(A, B, hidden_shape=HIDDEN).solve(y)
-    coloured = Periscope(A, B, hidden_shape=HIDDEN, channel_gain=gain).solve(gain * y)
-    assert relative_error(coloured.image, grey.image) < 1e-5
-    np.testing.assert_allclose(coloured.noise, grey.noise, rtol=1e-4)
-
-
-@pytest.mark.parametrize("gain", [[1.0, 0.0, 1.0], [1.0, -1.0, 1.0], [1.0, np.nan, 1.0]])
-def test_wall_that_reflects_nothing_in_a_channel_is_refused(gain):
-    with pytest.raises(ValueError, match="three positive numbers"):
-        Periscope(A, B, hidden_shape=HIDDEN, channel_gain=np.array(gain))
-
-
-@pytest.mark.parametrize("gain", [np.ones(1), np.ones(4), np.ones((3, 1)), np.array(1.0)])
-def test_channel_gain_of_another_shape_is_refused(gain):
-    with pytest.raises(ValueError, match="three positive numbers"):
-        Periscope(A, B, hidden_shape=HIDDEN, channel_gain=gain)
-
-
-def test_vectorized_photograph_gives_the_same_image():
-    periscope = Periscope(A, B, hidden_shape=HIDDEN)
-    y = photograph_of(two_halves(), noise=1e-3)
-    np.testing.assert_array_equal(periscope.reconstruct(y.reshape(M, 3)), periscope.reconstruct(y))
-
-
-def test_counts_and_single_precision_photographs_are_taken_as_they_are():
-    periscope = Periscope(A, B, hidden_shape=HIDDEN)
-    y = photograph_of(two_halves(), noise=1e-3)
-    counts = np.round(y / y.max() * 60000).astype(np.uint16)
-    expected = periscope.reconstruct(counts.astype(np.float64))
-    np.testing.assert_array_equal(periscope.reconstruct(counts), expected)
-    np.testing.assert_array_equal(periscope.reconstruct(counts.astype(np.float32)), expected)
-
-
 @pytest.mark.parametrize(
-    "shape", [(20, 19, 3), (399, 3), (20, 20), (20, 20, 4), (20, 20, 1), (3, 20, 20), (1200,), ()]
+    "shape", [(20, 19, 3), (399, 3), (20, 20), (20, 20, 4), (3, 20, 20), (1200,), ()]
 )
 def test_photograph_of_another_shape_is_refused(shape):
     periscope = Periscope(A, B, hidden_shape=HIDDEN)
     with pytest.raises(ValueError, match="A has 400 rows"):
         periscope.reconstruct(np.ones(shape))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_photograph_that_is_not_finite_is_refused(value):
-    y = photograph_of(two_halves())
-    y[3, 4, 1] = value
-    with pytest.raises(ValueError, match="must be finite"):
-        Periscope(A, B, hidden_shape=HIDDEN).reconstruct(y)
-
-
-def test_hidden_shape_that_does_not_fit_the_matrix_is_refused():
-    with pytest.raises(ValueError, match="5x5 patches does not fit A's 30 columns"):
-        Periscope(A, B, hidden_shape=(5, 5))
-
-
-def test_matrix_that_cannot_tell_patches_apart_is_refused():
-    doubled = A.copy()
-    doubled[:, 4] = doubled[:, 5]
-    with pytest.raises(ValueError, match="not full column rank"):
-        Periscope(doubled, B, hidden_shape=HIDDEN)
-
-
-@explicit_or_factored
-@pytest.mark.parametrize("options", [{}, LINEAR])
-def test_black_photograph_gives_a_black_image(explicit, options):
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit, **options)
-    np.testing.assert_array_equal(periscope.reconstruct(np.zeros((*PHOTOGRAPH, 3))), 0)
-
-
-@explicit_or_factored
-def test_as_many_patches_as_pixels_leave_no_noise_to_estimate(explicit):
-    rng = np.random.default_rng(7)
-    square = np.eye(N) + 0.02 * rng.random((N, N))
-    image = rng.random((*HIDDEN, 3))
-    periscope = Periscope(square, hidden_shape=HIDDEN, explicit=explicit, repair_threshold=np.inf)
-    result = periscope.solve((square @ image.reshape(N, 3)).reshape(6, 5, 3))
-    assert relative_error(result.image, image) < 1e-2
-    assert relative_error(result.preconditioned, image) < (1e-6 if explicit else 1e-13)
-    assert np.all(result.noise < 1e-2)
-
-
-def test_photographs_do_not_influence_each_other():
-    periscope = Periscope(A, B, hidden_shape=HIDDEN)
-    first, second = (photograph_of(two_halves(), noise=1e-2, seed=seed) for seed in (0, 1))
-    kept = first.copy()
-    alone = periscope.reconstruct(first)
-    assert not np.array_equal(periscope.reconstruct(second), alone)
-    np.testing.assert_array_equal(periscope.reconstruct(first), alone)
-    np.testing.assert_array_equal(first, kept)
-
-
-def test_periscope_has_the_protocol_of_a_method():
-    parameters = inspect.signature(Method.reconstruct).parameters
-    assert inspect.signature(Periscope.reconstruct).parameters == parameters
-    assert list(parameters) == ["self", "photograph"]
-
-
-def test_any_object_with_reconstruct_stands_in_for_the_method():
-    class Transpose:
-        def reconstruct(self, photograph):
-            return (A.T @ photograph.reshape(M, 3)).reshape(*HIDDEN, 3)
-
-    y = photograph_of(two_halves())
-    methods: list[Method] = [Periscope(A, B, hidden_shape=HIDDEN), Transpose()]
-    assert [method.reconstruct(y).shape for method in methods] == [(*HIDDEN, 3)] * 2
-
-
-def test_fitting_to_a_scene_takes_its_sizes_and_its_colour():
-    seen = SimpleNamespace(
-        photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, channel_gain=np.array([1.2, 1.0, 0.8])
-    )
-    y = photograph_of(two_halves()) * seen.channel_gain
-    fitted = Periscope.for_scene(seen, A, B, **LINEAR, explicit=False)
-    np.testing.assert_allclose(fitted.reconstruct(y), two_halves(), atol=1e-6)
-
-
-def test_photograph_of_as_many_pixels_in_another_shape_is_refused():
-    fitted = Periscope(A, B, hidden_shape=HIDDEN, photograph_shape=PHOTOGRAPH)
-    with pytest.raises(ValueError, match="10x40 pixels, the scene's camera 20x20"):
-        fitted.reconstruct(np.ones((10, 40, 3)))
-    fitted.reconstruct(np.ones((M, 3)))
-
-
-@pytest.mark.parametrize("unit", [1e-22, 1e18])
-def test_extreme_units_do_not_matter_either(unit):
-    periscope = Periscope(A, B, hidden_shape=HIDDEN)
-    speckled = two_halves()
-    speckled[2, 1] = 0.0
-    y = photograph_of(speckled, noise=1e-3, background=2.0)
-    expected = periscope.reconstruct(y).astype(np.float64)
-    found = periscope.reconstruct(unit * y).astype(np.float64) / unit
-    assert relative_error(found, expected) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -374,15 +202,6 @@ def test_extreme_units_do_not_matter_either(unit):
 def test_weights_out_of_range_are_refused_at_once(settings):
     with pytest.raises(ValueError, match="not negative"):
         Periscope(A, B, hidden_shape=HIDDEN, **settings)
-
-
-@pytest.mark.parametrize("explicit", [True, False])
-def test_no_photographs_give_no_images_of_the_usual_type(explicit):
-    A = np.random.default_rng(0).random((20, 6))
-    periscope = Periscope(A, hidden_shape=(2, 3), explicit=explicit)
-    none = periscope.reconstruct_batch(np.zeros((0, 20, 3)))
-    assert none.shape == (0, 2, 3, 3)
-    assert none.dtype == periscope.reconstruct(np.ones((20, 3))).dtype
 
 
 def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch):

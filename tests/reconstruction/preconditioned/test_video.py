@@ -49,21 +49,6 @@ def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(periscope,
     np.testing.assert_allclose(at_once, one_at_a_time, atol=2e-3 * one_at_a_time.max())
 
 
-def test_no_photographs_give_no_frames_in_the_methods_precision(periscope):
-    video = Video(periscope)
-    frames = video.frames(PHOTOGRAPHS[:0])
-    assert frames.shape == (0, *HIDDEN, 3)
-    assert frames.dtype == video.next_frame(PHOTOGRAPHS[0]).dtype
-
-
-def test_what_was_begun_for_many_is_finished_one_after_the_other(periscope):
-    expected = Video(periscope).frames(PHOTOGRAPHS)
-    video = Video(periscope)
-    remaining = list(video.begun(PHOTOGRAPHS))
-    assert video.previous is None
-    np.testing.assert_array_equal([finish().image for finish in remaining], expected)
-
-
 def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previous(periscope):
     video = Video(periscope, coupling="total-variation")
     previous = video.next_frame(PHOTOGRAPHS[0])
@@ -124,14 +109,6 @@ def test_scene_at_rest_is_recovered_better_than_by_stills(coupling):
     assert np.mean(gains) > 4 * np.std(gains, ddof=1) / np.sqrt(len(gains))
 
 
-def test_no_weight_in_time_leaves_stills_repaired_with_the_previous_frame(periscope):
-    video = Video(periscope, coupling="total-variation", temporal_weight=0.0)
-    video.next_frame(PHOTOGRAPHS[0])
-    found = video.solve_next(PHOTOGRAPHS[1])
-    still = periscope.solve(PHOTOGRAPHS[1])
-    np.testing.assert_allclose(found.denoised, still.denoised, atol=1e-3)
-
-
 def test_flat_frames_cannot_be_coupled():
     flat = Periscope(A, B, hidden_shape=HIDDEN, tv_weight=np.inf)
     for coupling in ("total-variation", "l1"):
@@ -147,20 +124,3 @@ def test_unknown_coupling_and_negative_weights_are_refused(periscope):
     for weights in ({name: value} for name, values in wrong.items() for value in values):
         with pytest.raises(ValueError, match="finite number, not negative"):
             Video(periscope, **weights)
-
-
-def test_changing_a_frame_does_not_change_the_next(periscope):
-    careful, careless = Video(periscope), Video(periscope)
-    careless.next_frame(PHOTOGRAPHS[0])[:] = 7
-    careful.next_frame(PHOTOGRAPHS[0])
-    np.testing.assert_array_equal(
-        careless.next_frame(PHOTOGRAPHS[1]), careful.next_frame(PHOTOGRAPHS[1])
-    )
-
-
-def test_refused_photograph_leaves_the_video_as_it_was(periscope):
-    video = Video(periscope)
-    before = video.next_frame(PHOTOGRAPHS[0])
-    with pytest.raises(ValueError, match="must be finite"):
-        video.next_frame(np.full((400, 3), np.nan))
-    np.testing.assert_array_equal(video.previous, before)

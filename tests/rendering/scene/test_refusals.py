@@ -176,6 +176,7 @@ def test_medium_within_a_shape_is_refused(room):
     assert "shape 'cloud' holds a participating medium (homogeneous)" in refusal(room, fog)
 
 
+@pytest.mark.usefixtures("jit")
 def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(room):
     camera = room.camera().replace("<film", FOG.format("medium") + "<film")
     assert "sensor 'camera' holds a participating medium" in refusal(room, camera=camera)

@@ -7,7 +7,7 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
-from periscopy_sim.reconstruction.observation import observation_of
+from periscopy_sim.model.observation import observation_of
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
 
 GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'

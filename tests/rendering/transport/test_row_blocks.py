@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
-from periscopy_sim.reconstruction.large_scale.transport_operator import TransportOperator
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 
 

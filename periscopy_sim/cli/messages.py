@@ -1,0 +1,72 @@
+"""The sentences for people: notes and warnings arrive as codes with values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from periscopy_sim.numerics.percentages import percentages
+
+if TYPE_CHECKING:
+    from periscopy_sim.model.residual import Residual
+    from periscopy_sim.reconstruction.report import Note, Report
+
+SENTENCES = {
+    "no_hidden_image": (
+        "the photograph hardly shows a hidden image: its light is no more than noise; check that "
+        "the monitor was on and that the scene is the photograph's"
+    ),
+    "wall_gain": (
+        "the monitor's light over the wall is {low:.2f} to {high:.2f} times what the scene makes; "
+        "the image allows for this smooth gain"
+    ),
+    "does_not_fit": (
+        "the scene does not fit: it leaves {unexplained} % of the photograph unexplained, where "
+        "noise alone would leave {noise_alone} %. Measure or calibrate the scene (periscopy "
+        "calibrate), mask what is not bare wall (--mask), or allow for more light (--bounces all)"
+    ),
+    "uneven_paint": (
+        "the wall's paint is uneven: {unexplained} % of the photograph is unexplained, where noise "
+        "alone would leave {noise_alone} %. Add a photograph with the monitor off (--monitor-off)"
+    ),
+    "not_linear": (
+        "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
+        "much better. Export linear values from the camera's raw file"
+    ),
+}
+"""By the code of a `Note` or the diagnosis of a `Residual`."""
+
+
+def sentences(notes: Iterable[Note]) -> list[str]:
+    """Return the sentence of each note."""
+    return [SENTENCES[note.code].format(**note.values) for note in notes]
+
+
+def report_sentences(report: Report) -> list[str]:
+    """Return all that a report has to say, warnings first."""
+    warning = residual_warning(report.residual)
+    return [*sentences(report.warnings), *filter(None, [warning]), *sentences(report.notes)]
+
+
+def residual_summary(residual: Residual) -> str:
+    """Return how much of a photograph is unexplained, and how much noise alone would leave."""
+    unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
+    summary = f"unexplained: {unexplained} % of the photograph"
+    if residual.noise_alone is None:
+        return summary
+    return f"{summary}; noise alone would leave {alone} %"
+
+
+def residual_warning(residual: Residual | None) -> str:
+    """Return the warning that a residual's diagnosis calls for; empty where the scene fits."""
+    if residual is None or residual.diagnosis not in SENTENCES:
+        return ""
+    unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
+    return SENTENCES[residual.diagnosis].format(unexplained=unexplained, noise_alone=alone)
+
+
+def assumptions(uncertain: Iterable[str]) -> str:
+    """Return what standard errors assume, given the uncertain parameters that they count."""
+    names = ", ".join(uncertain)
+    scene = f"the scene is right but for {names}" if names else "the scene is right"
+    return f"assuming that {scene}, and that what the wall hides varies like what it shows"

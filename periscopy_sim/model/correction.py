@@ -1,0 +1,31 @@
+"""What else shapes a photograph than A f + B b + e: corrections, each an object in a list.
+
+A method for stills is given a list of corrections; a method without them is the plain method. Each
+correction has earned its place on photographs that this package did not render.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.model.fit import FittedPhotograph
+
+Array = NDArray[np.float64]
+FirstImage = Callable[[FittedPhotograph], Array]
+"""Returns a first hidden image, (R, C, 3), of a photograph."""
+
+
+class Correction(Protocol):
+    """A correction, made for one scene from its `Fit`."""
+
+    def __call__(
+        self, photograph: FittedPhotograph, first_image: FirstImage
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
+        """Return the photograph corrected, and what was found, by name, for a summary.
+
+        Where nothing is found, the photograph is returned as it was given.
+        """

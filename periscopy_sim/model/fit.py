@@ -1,0 +1,273 @@
+"""A scene fitted to the pixels that photographs use: once, for every photograph.
+
+    y⊥ = A⊥ f + n,   A⊥ = A − Q QᵀA,   y⊥ = y − Q Qᵀ y
+
+Q is an orthonormal basis of all ambient light, so that least squares of y⊥ are those of y on
+[A, B] with the ambient light fitted freely: the very information that the paper's P keeps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.model.observation import Observation
+from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics.products import (
+    combine_rows,
+    rejected,
+    subtract_combinations,
+    times_rows,
+)
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+VISIBLE = 1e-12
+"""Curvature over the largest, below which the wall does not show a pattern."""
+
+STRONG = 1e-8
+"""Curvature over the largest, above which a pattern explains more than rounding does."""
+
+ROUNDING = 1e-12
+"""Fraction of a photograph outside of the ambient light that is rounding."""
+
+LARGEST_NOISE_RATIO = 30
+"""Largest ratio of the noises of two channels: a black channel has not less noise than that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that a photograph says of its hidden image.
+
+    Attributes
+    ----------
+    coefficients
+        (3, N) WᵀA⊥ᵀ y⊥, y⊥ over its level and A⊥ over a patch's root mean square energy.
+    noise
+        (3,) standard deviation of the noise in y⊥, over the level.
+    level
+        Root mean square of y⊥.
+    noise_to_signal
+        Energy of the noise in y⊥ over that of the signal.
+    """
+
+    coefficients: Array
+    noise: Array
+    level: float
+    noise_to_signal: float
+
+    @property
+    def mean_noise(self) -> float:
+        """The σ that λ is counted in: the mean over the channels."""
+        return float(self.noise.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPhotograph:
+    """A photograph in the pixels used, as one scene explains it."""
+
+    planes: Array  # (3, M') each channel over the wall's colour
+    fit: Fit
+
+    @property
+    def evidence(self) -> Evidence:
+        """What the photograph says of its hidden image."""
+        return self._projected[0]
+
+    @property
+    def y(self) -> Array:
+        """(3, M') y⊥ over its level."""
+        return self._projected[1]
+
+    @cached_property
+    def _projected(self) -> tuple[Evidence, Array]:
+        (evidence,), (y,) = self.fit.evidence(self.planes[None])
+        return evidence, y
+
+
+class Fit:
+    """One scene's A and ambient light, in the pixels that photographs use.
+
+    Parameters
+    ----------
+    observation
+        The pixels used, and photographs with the monitor off.
+    A
+        (M, N) light transport matrix.
+    B
+        (M, L) prototype backgrounds; None for none.
+    rank_tolerance
+        Of B, see `background_basis`.
+    profiles
+        Whether `wall_profiles` join the ambient light, where there is a B and the photograph's rows
+        and columns are known.
+
+    Attributes
+    ----------
+    transport, background
+        (N, M') Aᵀ in single precision and (r, M') Qᵀ, of the M' pixels used.
+    smooth_rank
+        How many rows of `background` come first that no background photograph was needed for.
+    gram, norm, unit
+        (N, N) A⊥ᵀA⊥, ‖A⊥‖_F, and ‖A⊥‖_F/√N, over which f is near 1 in units of y⊥.
+    patterns
+        The spectral basis of A⊥ᵀA⊥ over the square of the unit.
+    visible, curvatures
+        Which patterns the wall shows, a slice, and the curvatures of those, (N',).
+
+    Raises
+    ------
+    ValueError
+        If A or B is not finite where it is used, or B explains all of A.
+    """
+
+    def __init__(
+        self,
+        observation: Observation,
+        A: Image,
+        B: Image | None,
+        rank_tolerance: float,
+        *,
+        profiles: bool = False,
+    ) -> None:
+        self.observation = observation
+        used = observation.used_transport(A)
+        smooth = smooth_basis(observation, B, rank_tolerance, profiles=profiles)
+        Q = with_backgrounds(smooth, observation)
+        self.smooth_rank = smooth.shape[1]
+        self.background = np.ascontiguousarray(Q.T)
+        self.transport = np.ascontiguousarray(used.T, np.float32)
+        C = Q.T @ used
+        self.gram: Array = used.T @ used - C.T @ C
+        energy = float(np.trace(self.gram))
+        if not energy > 1e-12 * float(np.vdot(used, used)):
+            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+        self.norm = float(np.sqrt(energy))
+        self.unit = float(np.sqrt(energy / len(self.gram)))
+        self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)
+        curvatures = self.patterns.curvatures  # ascending
+        self.visible = slice(int((curvatures <= VISIBLE * curvatures[-1]).sum()), None)
+        self.curvatures: Array = curvatures[self.visible]
+
+    @property
+    def pixels(self) -> int:
+        """M', the pixels used."""
+        return int(self.transport.shape[1])
+
+    def operator(self) -> TransportOperator:
+        """Return A⊥ as a linear operator, (M', N)."""
+        return TransportOperator(np.ascontiguousarray(self.transport.T), self.background.T)
+
+    def project_out(self, rows: Image) -> Image:
+        """Return rows, (J, M'), with all ambient light projected out."""
+        return rejected(rows, self.background)
+
+    def evidence(self, planes: Array) -> tuple[list[Evidence], Array]:
+        """Return the evidence of photographs' planes, (K, 3, M'), and y⊥ over its level, likewise.
+
+        Aᵀ is applied to all photographs in one product.
+        """
+        y = np.array(planes, order="C")
+        rows = y.reshape(-1, y.shape[-1])
+        subtract_combinations(rows, times_rows(rows, self.background), self.background)
+        whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
+        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
+        levels[levels <= ROUNDING * whole] = 1
+        y /= levels[:, None, None]  # single precision needs numbers near 1
+        products = times_rows(rows.astype(np.float32), self.transport) * np.float32(1 / self.unit)
+        coefficients = times_rows(products, self.patterns.rows).astype(np.float64)
+        coefficients = coefficients.reshape(*y.shape[:2], -1)
+        noises = self._noise(y, coefficients[..., self.visible])
+        ratios = self._noise_to_signal(noises)
+        numbers = (each.tolist() for each in (levels, ratios))
+        return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)], y
+
+    def coordinates(self, evidence: Evidence) -> Array:
+        """Return the coordinates of an evidence's y⊥ along the A⊥ W_k/√λ_k, (3, N')."""
+        return np.asarray(evidence.coefficients[:, self.visible] / np.sqrt(self.curvatures))
+
+    def light(self, image: Image) -> Array:
+        """Return A⊥ f, (3, M'), of a hidden image, (R, C, 3)."""
+        f = np.ascontiguousarray(image.reshape(-1, 3).T, np.float32)
+        return np.asarray(self.project_out(combine_rows(f, self.transport)), np.float64)
+
+    def shown(self, images: Image) -> Array:
+        """Return the coefficients of the light of images, (3, N), in the visible patterns."""
+        products = times_rows(np.ascontiguousarray(images, np.float64), self.gram)
+        shown = times_rows(products.astype(np.float32), self.patterns.rows)
+        return np.asarray(shown[:, self.visible], np.float64)
+
+    def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
+        """Return what A⊥ can explain of y⊥, (3, N'), and what an image leaves of that, over σ."""
+        f = image.reshape(-1, 3).T / (evidence.level * self.unit)
+        scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
+        whole = evidence.coefficients[:, self.visible] / scales
+        return whole, whole - self.shown(f) / scales
+
+    def unexplained(self, rows: Array) -> Array:
+        """Return what no hidden image and no ambient light explain of rows, (J, M')."""
+        rest = self.project_out(rows).astype(np.float32)
+        shown = times_rows(times_rows(rest, self.transport), self.patterns.rows)
+        # Weaker patterns explain nothing beyond single precision.
+        least = STRONG * self.patterns.curvatures[-1]
+        shown[:, self.patterns.curvatures <= least] = 0
+        curvatures = np.maximum(self.patterns.curvatures, least)
+        coefficients = (shown / (self.unit**2 * curvatures)).astype(np.float32)
+        images = combine_rows(coefficients, self.patterns.rows)
+        return rest - self.project_out(combine_rows(images, self.transport))
+
+    def response(self, light: Array) -> Array:
+        """Return A⊥ᵀ of light, (K, 3, M'), as (K, 3, N)."""
+        rows = np.ascontiguousarray(self.project_out(light.reshape(-1, self.pixels)), np.float32)
+        return times_rows(rows, self.transport).reshape(*light.shape[:2], -1).astype(np.float64)
+
+    def _noise(self, y: Array, coefficients: Array) -> Array:
+        """Return the standard deviation of what the least-squares image leaves of y⊥, (K, 3).
+
+        y⊥ is (K, 3, M'), its coefficients in the visible patterns are (K, 3, N').
+        """
+        energies = np.sum(y * y, axis=-1)
+        rest = energies - np.sum(coefficients**2 / self.curvatures, axis=-1)
+        freedom = max(self.pixels - len(self.background) - len(self.curvatures), 1)
+        noise = np.sqrt(np.maximum(rest, 0) / freedom)
+        # Without noise there is still finite precision.
+        rounding = 1e-7 * np.sqrt(energies.max(axis=-1, keepdims=True) / self.pixels) + 1e-30
+        largest = noise.max(axis=-1, keepdims=True)
+        return np.asarray(np.maximum(noise, np.maximum(rounding, largest / LARGEST_NOISE_RATIO)))
+
+    def _noise_to_signal(self, noise: Array) -> Array:
+        """Return the noise's energy over the signal's, (K,), for noise, (K, 3), over the level."""
+        energy = (self.pixels - len(self.background)) * np.sum(noise**2, axis=-1)
+        # A signal below its own standard error is none.
+        least = np.sqrt(2 * len(self.curvatures) * np.sum(noise**4, axis=-1))
+        return np.asarray(energy / np.maximum(3 * self.pixels - energy, least))
+
+
+def smooth_basis(
+    observation: Observation, B: Image | None, rank_tolerance: float, *, profiles: bool = False
+) -> Array:
+    """Return an orthonormal basis, (M', r), of range(B) and, if asked for, of `wall_profiles`.
+
+    The profiles need a B and the rows and columns of photographs.
+    """
+    Q = background_basis(observation.used(B), rank_tolerance)
+    shape = observation.rows_and_columns
+    if profiles and Q.shape[1] and shape is not None:
+        Q = joined_basis(Q, observation.used(wall_profiles(shape)))
+    return Q
+
+
+def with_backgrounds(smooth: Array, observation: Observation) -> Array:
+    """Return a basis of smooth light, (M', r), and of photographs with the monitor off, (M', r').
+
+    Each channel of each of these joins the ambient light, its strength to be found. Their own noise
+    is counted wherever noise is estimated from what is unexplained.
+    """
+    return joined_basis(smooth, observation.ambient(None)) if observation.backgrounds else smooth

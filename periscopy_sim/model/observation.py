@@ -1,0 +1,285 @@
+"""The pixels of a photograph that are used, and the way from images to the vectors of y = A f."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.numerics.validation import LIGHT_RANGE
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
+"""Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their
+names, or by number."""
+
+SAME = 1e-10
+"""1 less the cosine of two photographs' angle below which they are one; noise of 80 dB makes 5e-9.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The sizes of photograph and hidden image, the wall's colour, and where the wall is used.
+
+    Make one by `observation_of`. What the mask leaves out is left out of every vector, whatever it
+    holds.
+    """
+
+    pixels: int  # M, of the photograph
+    hidden_shape: tuple[int, int]  # (R, C)
+    channel_gain: Array  # (3,) colour of the wall, or (M, 3) of each pixel's
+    mask: Mask | None = None  # (rows, columns) or (M,), True in the M' pixels used; None for all
+    photograph_shape: tuple[int, int] | None = None  # (rows, columns), where it is known
+    backgrounds: Mapping[str, Array] = field(default_factory=dict)  # (3, M') planes, by name
+
+    def used(self, matrix: Image | None) -> Image:
+        """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""
+        matrix = np.zeros((self.pixels, 0)) if matrix is None else matrix
+        if len(matrix) != self.pixels:
+            raise ValueError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
+        return matrix if self.mask is None else matrix[self.mask.ravel()]
+
+    @property
+    def used_gain(self) -> Array:
+        """(3,) colour of the wall, or (M', 3) of the pixels used."""
+        if self.mask is None or self.channel_gain.ndim == 1:
+            return self.channel_gain
+        return self.channel_gain[self.mask.ravel()]
+
+    def ambient(self, B: Image | None) -> Image:
+        """Return the columns of ambient light, (M', L + 3 K): B's used rows, and K backgrounds."""
+        used = self.used(B)
+        if not self.backgrounds:
+            return used
+        return np.hstack([used, *(planes.T for planes in self.backgrounds.values())])
+
+    def joined(self, B: Image) -> Image:
+        """Return B beside the backgrounds, (M, L + 3 K), for one who takes the used rows later.
+
+        Where the mask leaves a background out, it is 0.
+        """
+        if not self.backgrounds:
+            return B
+        columns = self.ambient(None)
+        whole = np.zeros((self.pixels, columns.shape[1]))
+        whole[... if self.mask is None else self.mask.ravel()] = columns
+        return np.hstack([B, whole])
+
+    def used_transport(self, A: Image) -> Array:
+        """Return the rows of A that are used, (M', N) float64; a ValueError if not finite."""
+        used = np.ascontiguousarray(self.used(A), np.float64)
+        if not np.isfinite(used).all():
+            raise ValueError("A must be finite")
+        return used
+
+    def vectorized(self, photograph: Image) -> Array:
+        """Return the y of y = A f of a photograph, as a grey wall would show it, (M', 3) float64.
+
+        See `planar`, of one photograph.
+        """
+        return np.ascontiguousarray(self.planar(np.asarray(photograph)[None])[0].T)
+
+    def planar(self, photographs: Image) -> Array:
+        """Return photographs' planes, (K, 3, M') float64, each channel divided by its gain.
+
+        Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they are of
+        another size, see `check_size`, or not finite where they are used.
+        """
+        photographs = _real(photographs)
+        self.check_size(photographs.shape)
+        values = photographs.reshape(len(photographs), self.pixels, 3)
+        if self.mask is not None:
+            values = values[:, self.mask.ravel()]
+        planes = np.moveaxis(values, -1, 1)
+        gain = self.used_gain.reshape(-1, 3).T
+        grey = np.divide(planes, gain, order="C", dtype=np.float64)
+        _check(grey)
+        if self.backgrounds:
+            _check_distinct(grey, self.ambient(None), list(self.backgrounds))
+        return grey
+
+    def check_size(self, shape: tuple[int, ...]) -> None:
+        """Refuse photographs of another shape than `planar` takes, or than the mask's."""
+        size, camera = shape[1:-1], self.photograph_shape
+        if camera is not None and len(size) == 2 and size != tuple(camera):
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
+                f"{camera[0]}x{camera[1]}"
+            )
+        if shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
+            raise ValueError(
+                f"the photograph has shape {shape[1:]}; A has {self.pixels} rows, so "
+                f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
+            )
+        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
+            raise ValueError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
+                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
+            )
+
+    def placed(self, values: Array) -> Array:
+        """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere.
+
+        The rows and columns of photographs must be known.
+        """
+        assert self.rows_and_columns is not None
+        planes = np.full((values.shape[1], self.pixels), np.nan)
+        planes[:, slice(None) if self.mask is None else self.mask.ravel()] = values.T
+        return planes.reshape(-1, *self.rows_and_columns)
+
+    def image(self, f: Array) -> Array:
+        """Turn (N, 3) into the (R, C, 3) hidden image."""
+        return f.reshape(*self.hidden_shape, 3)
+
+    @property
+    def rows_and_columns(self) -> tuple[int, int] | None:
+        """The size of photographs, as given or as the mask has it; None if neither has."""
+        if self.photograph_shape is None and self.mask is not None and self.mask.ndim == 2:
+            rows, columns = self.mask.shape
+            return rows, columns
+        return self.photograph_shape
+
+
+def _real(photograph: Image) -> Image:
+    """Refuse what is no array of real numbers."""
+    values = np.asarray(photograph)
+    if values.dtype.kind not in "buif":
+        raise ValueError(f"the photograph is of type {values.dtype}; give real numbers")
+    if values.dtype == np.uint8:
+        warnings.warn(
+            "the photograph is of 8-bit integers, taken as linear light; if they are encoded for "
+            "screens, as most are, read the file by ps.read_photograph, which decodes it",
+            stacklevel=4,
+        )
+    return values
+
+
+def _check(y: Array) -> None:
+    """Refuse numbers whose squares would leave double precision's range."""
+    if not np.isfinite(y).all():
+        raise ValueError("the photograph must be finite")
+    check_range(float(np.abs(y).max(initial=0)))
+
+
+def check_range(largest: float) -> None:
+    """Refuse a photograph whose largest value, if not 0, lies outside `LIGHT_RANGE`."""
+    if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
+        raise ValueError(
+            f"the photograph's largest value is {largest:.1e}; scale it to between "
+            f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
+        )
+
+
+def observation_of(
+    A: Any,
+    hidden_shape: tuple[int, int],
+    channel_gain: Image | None = None,
+    mask: Mask | None = None,
+    photograph_shape: tuple[int, int] | None = None,
+    backgrounds: Backgrounds | None = None,
+) -> Observation:
+    """Return the observation of a scene, its parts checked; arguments as those of `StillMethod`.
+
+    A ValueError says that the shapes of A, (M, N), the hidden image, (R, C), and the mask, (rows,
+    columns) or (M,), do not fit, that the mask leaves fewer pixels than patches, that the wall
+    reflects nothing in a channel, or what is wrong with a background photograph.
+    """
+    if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
+        raise ValueError(
+            f"a hidden image of {hidden_shape[0]}x{hidden_shape[1]} patches does not fit A's "
+            f"{A.shape[1]} columns"
+        )
+    gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
+    lit = np.ones(A.shape[0], bool)
+    if gain.shape == (A.shape[0], 3):
+        lit = np.asarray((gain > 0).all(axis=1))
+    elif gain.shape != (3,) or not (gain > 0).all():
+        raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
+    used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
+    if not lit.all():  # a pixel so dark in a channel tells nothing of it
+        whole = np.ones(photograph_shape or lit.shape, bool) if used is None else used
+        used = checked_mask(whole & lit.reshape(whole.shape), A.shape, photograph_shape)
+    alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
+    return replace(alone, backgrounds=_background_planes(alone, backgrounds))
+
+
+def _background_planes(
+    observation: Observation, backgrounds: Backgrounds | None
+) -> dict[str, Array]:
+    """Return the planes of background photographs, by name; a ValueError names one that is none."""
+    planes = {}
+    for name, background in named(backgrounds).items():
+        try:
+            planes[name] = observation.planar(np.asarray(background)[None])[0]
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+        if not planes[name].max(initial=0) > 0:
+            raise ValueError(f"{name}: no value is positive where the wall is used")
+    return planes
+
+
+def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
+    """Return background photographs by name."""
+    if backgrounds is None:
+        return {}
+    if isinstance(backgrounds, Mapping):
+        return dict(backgrounds)
+    if np.ndim(backgrounds[0] if len(backgrounds) else 0) == 1:
+        raise ValueError("backgrounds are a sequence of photographs, (rows, columns, 3) each")
+    count = len(backgrounds)
+    return {f"background photograph {k} of {count}": b for k, b in enumerate(backgrounds, 1)}
+
+
+def _check_distinct(planes: Array, columns: Image, names: Sequence[str]) -> None:
+    """Raise if one of the photographs, (K, 3, M'), is a background, (M', 3 L), but for exposure."""
+    rows = planes.reshape(-1, planes.shape[-1])
+    sizes = np.linalg.norm(rows, axis=1)[:, None] * np.linalg.norm(columns, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosines = np.abs(rows @ columns) / sizes
+    same = (cosines.reshape(len(planes), 3, len(names), 3) > 1 - SAME).diagonal(axis1=1, axis2=3)
+    if same.all(axis=-1).any():
+        name = names[int(np.argmax(same.all(axis=-1).any(axis=0)))]
+        raise ValueError(
+            f"{name}: is the photograph itself; give one of the same wall with the monitor off"
+        )
+
+
+def checked_mask(
+    mask: Mask,
+    transport_shape: tuple[int, ...],
+    photograph_shape: tuple[int, int] | None = None,
+) -> Mask:
+    """Return a copy of a mask, (rows, columns) or (M,), that fits A, (M, N), and leaves enough.
+
+    A ValueError says that it is not boolean, has another shape, leaves nothing, or leaves fewer
+    pixels than patches where the whole photograph has as many.
+    """
+    checked = np.array(mask)
+    if checked.dtype != np.bool_:
+        raise ValueError("the mask must be boolean, True where the wall is to be used")
+    shape, count = checked.shape, int(np.count_nonzero(checked))
+    pixels, patches = transport_shape
+    rectangular = shape if photograph_shape is None else tuple(photograph_shape)
+    is_rectangular = len(shape) == 2 and shape == rectangular
+    if math.prod(shape) != pixels or not (is_rectangular or len(shape) == 1):
+        size = "(rows, columns)" if photograph_shape is None else str(rectangular)
+        raise ValueError(
+            f"the mask has shape {shape}: it must be {size} or ({pixels},), a value for each of "
+            f"the {pixels} pixels"
+        )
+    if count == 0:
+        raise ValueError("the mask leaves out every pixel: it must be True where the wall is used")
+    if count < patches <= pixels:
+        raise ValueError(
+            f"the mask leaves {count} pixels for {patches} patches: leave out less of the wall, or "
+            "use fewer patches"
+        )
+    return checked

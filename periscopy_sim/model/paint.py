@@ -1,0 +1,157 @@
+"""The wall's unevenness: what its paint does to all light, found without a model of it.
+
+    y = (1 + u) (A f + B e) + n,   b_k = (1 + u) (B e_k) + n_k
+
+A photograph b_k with the monitor off shows paint where no smooth light explains it,
+
+    d_k = 1 − S b_k / b_k,   which is u / (1 + u) where its light is smooth,
+
+S the projection on range(B). So it shows its own noise, and the edges of shadows, too. As columns
+of B (`background_photographs`) they do no harm; but only paint multiplies the hidden image's light.
+Which it is, the photograph itself tells. In each channel, for all channels d_k of all b_k together,
+
+    α̂ = argmin ‖R (y − Σ α_k d_k y)‖²,
+
+R y being what no hidden image and no ambient light, the b_k among it, explain of y. Noise of d_k is
+an error of a regressor, and shrinks its α by the ratio of paint's variance to that of both; of
+paint seen in several photographs each gets the share that its noise allows; edges in the light,
+which are not in A f, get none. y (1 − Σ α̂_k d_k) is what an even wall would have shown.
+
+Is there any paint? Fields that have nothing to do with the wall explain something by chance: the
+d_k moved down by one and by two thirds of the photograph tell how much. Of noise alone, the ratio
+of what both explain for each α is of Fisher's distribution. Paint that is seen, but hardly shows on
+the hidden image's light, is left to the columns of B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from periscopy_sim.model.correction import FirstImage
+from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.observation import Observation
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+DARK = 0.05
+"""Of the smooth light's mean: where there is less, a background photograph tells of no paint."""
+
+LARGEST = 0.5
+"""Unevenness above which it is not paint, and is left alone."""
+
+ERROR_RATE = 1e-3
+"""Fraction of photographs of an even wall in which an unevenness is found."""
+
+WORTH = 0.05
+"""Part of what nothing else explains that paint must explain: below it, to divide by paint and the
+noise that it comes with was seen to do as much harm as good."""
+
+DEPENDENT = 1e-6
+"""Of the largest eigenvalue: what of the fields' products is less is no field of its own."""
+
+MOVES = 1 / 3, 2 / 3
+"""Parts of the photograph by which fields are moved that have nothing to do with it."""
+
+
+class Paint:
+    """The correction of the wall's paint, as photographs with the monitor off show it.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+
+    def __init__(self, fit: Fit) -> None:
+        if not fit.observation.backgrounds:
+            raise ValueError("paint needs photographs with the monitor off, backgrounds")
+        self._fit = fit
+        self._unevenness = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
+
+    def __call__(
+        self,
+        photograph: FittedPhotograph,
+        first_image: FirstImage,  # noqa: ARG002
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
+        """Return a photograph as an even wall would have shown it."""
+        even = self._unevenness.evenness(photograph.planes, self._fit.unexplained)
+        if not (even != 1).any():
+            return photograph, {"paint_found": False}
+        return replace(photograph, planes=even * photograph.planes), {"paint_found": True}
+
+
+class Unevenness:
+    """What the background photographs of an observation show of paint; see the module.
+
+    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'.
+    """
+
+    def __init__(self, smooth: Array, observation: Observation) -> None:
+        rows = np.concatenate(list(observation.backgrounds.values()))
+        self._fields = np.array([fine_structure(row, smooth) for row in rows])
+        mask = None if observation.mask is None else observation.mask.ravel()
+        self._others = [_moved(self._fields, fraction, mask) for fraction in MOVES]
+
+    def evenness(self, planes: Array, unexplained: Callable[[Array], Array]) -> Array:
+        """Return what a photograph's planes, (3, M'), are multiplied by to show an even wall.
+
+        It is (3, M'); ones where no unevenness is found. `unexplained` returns what no hidden image
+        and no ambient light explain of rows, (J, M').
+        """
+        levels = np.sqrt(np.mean(planes**2, axis=1, keepdims=True))
+        y = planes / np.where(levels > 0, levels, 1)
+        count, kinds = len(self._fields), [self._fields, *self._others]
+        terms = np.stack(kinds) * y[:, None, None]  # (3, kinds, J, M')
+        rows = np.concatenate([y, terms.reshape(-1, y.shape[1])])
+        left = unexplained(rows).astype(np.float64)
+        left, own = left[:3], left[3:].reshape(3, len(kinds), count, -1)
+        even = np.ones(planes.shape)
+        explained = np.zeros((len(kinds), 2))  # energy over variance, and for how many terms
+        for channel in range(3):
+            variance = float(np.mean(left[channel] ** 2)) + 1e-14
+            for kind in range(len(kinds)):
+                shares, energy, rank = _fitted(own[channel, kind], left[channel])
+                explained[kind] += energy / variance, rank
+                if kind == 0:
+                    even[channel] -= shares @ self._fields
+        (found, terms_found), (by_chance, terms_by_chance) = explained[0], explained[1:].sum(axis=0)
+        if not (terms_found and terms_by_chance):
+            return np.ones(planes.shape)
+        ratio = (found / terms_found) / (by_chance / terms_by_chance + 1e-30)
+        is_paint = special.fdtrc(terms_found, terms_by_chance, ratio) < ERROR_RATE
+        matters = found > WORTH * left.size
+        believed = np.abs(even - 1).max() < LARGEST
+        return even if is_paint and matters and believed else np.ones(planes.shape)
+
+
+def fine_structure(row: Array, smooth: Array) -> Array:
+    """Return d = 1 − S b / b of one channel, (M',); 0 where it is dark or no paint."""
+    light = smooth @ (smooth.T @ row)
+    lit = (light > DARK * light.mean()) & (row > 0)
+    d = 1 - np.divide(light, row, out=np.ones_like(row), where=lit)
+    return np.where(np.abs(d) < LARGEST, d, 0)
+
+
+def _fitted(terms: Array, left: Array) -> tuple[Array, float, int]:
+    """Return α of terms, (J, M''), the energy that they explain of what is left, their rank."""
+    eigenvalues, V = np.linalg.eigh(terms @ terms.T)
+    kept = eigenvalues > DEPENDENT * max(eigenvalues[-1], 1e-30)
+    coordinates = (V.T @ (terms @ left))[kept]
+    shares = V[:, kept] @ (coordinates / eigenvalues[kept])
+    return shares, float(np.sum(coordinates**2 / eigenvalues[kept])), int(kept.sum())
+
+
+def _moved(fields: Array, part: float, mask: NDArray[np.bool_] | None) -> Array:
+    """Return fields, (J, M'), moved down by a part of the photograph, its end put before it."""
+    if mask is None:
+        return np.roll(fields, round(part * fields.shape[1]), axis=1)
+    whole = np.zeros((len(fields), mask.size))
+    whole[:, mask] = fields
+    return np.roll(whole, round(part * mask.size), axis=1)[:, mask]

@@ -1,0 +1,240 @@
+"""A smooth gain over the wall that no model tells, found from the photograph itself.
+
+A lens darkens corners, a wall is not quite Lambertian, a monitor's fall-off with angle is fitted:
+all that multiplies the penumbrae by something smooth,
+
+    y = g (A f) + B e + noise,   g = 1 + Σ_k c_k p_k,
+
+p_k the polynomials of degree ≤ 2 over the wall, without the constant, which no photograph tells. A
+first image f₀ tells the few c_k, by least squares from what no hidden image and no ambient light
+explain:
+
+    ĉ = argmin_c Σ_channels ‖(I − F Fᵀ)(y − Σ_k c_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
+
+S, the polynomials of degree ≤ 5, keeps apart the smooth ambient light that B leaves over. What the
+gain adds, Σ_k ĉ_k p_k A f₀, is to be subtracted: to divide y by the gain would bend the ambient
+light, too, out of range(B).
+
+Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone, of which white noise in
+(I − F Fᵀ) y is independent. So without a gain, the K terms explain as much, for each term, as other
+directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
+It is compared with the polynomials of degrees 6 and 7 in the three channels rather than with all
+that is left: where light or scene do not fit the model, whatever is smooth is larger than noise.
+
+A rendered A errs as well, by some δA that pixels and patches do not share. If what is left, r, is
+−δA f₀, then δA is also in the terms and in F, which takes from the products of terms and y
+
+    Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
+
+How much of r that is nobody knows. So the ratio is the least one over parts of both between 0 and
+1, added to the products, which makes a gain by chance no likelier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from periscopy_sim.model.correction import FirstImage
+from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.numerics.products import combine_rows, rejected, times_rows
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+DEGREE = 2
+"""Of the gain."""
+
+AMBIENT_DEGREE = 5
+"""Of the ambient light that is kept apart."""
+
+COMPARED_DEGREE = 7
+"""Up to which the remaining polynomials tell how large a term may be by chance."""
+
+ERROR_RATE = 1e-3
+"""Part, at most, of the photographs without a gain in which one is found."""
+
+BOUNDS = 0.2, 5.0
+"""No gain is believed beyond these."""
+
+SPREAD = 0.07
+"""Standard deviation of a polynomial's coefficient, where a gain is found beside the scene: a lens
+that darkens corners by v makes two of v / 3. With twice as much a gain took the place of geometry
+where there was none."""
+
+LEFT = 1e-5
+"""A polynomial of which less is left than this part is one that [A, B] explains."""
+
+ANGLE = 1e-3
+"""Rows that are less apart are taken for one."""
+
+INDEPENDENT = 1e-6
+"""Least squared sine of the terms' angles to what explains the photograph without them."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainEstimate:
+    """The gain, and how likely it is."""
+
+    coefficients: Array  # (K,) ĉ
+    probability: float  # that as large a ratio comes about without a gain, at most
+    field: Array  # (rows, columns) g
+    accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
+    added: Array  # (3, M') light that the gain adds to the model's, range(B) projected out
+
+
+class WallGain:
+    """The correction of a smooth gain over the wall; see the module.
+
+    Raises
+    ------
+    ValueError
+        If the rows and columns of photographs are not known.
+    """
+
+    def __init__(self, fit: Fit) -> None:
+        shape, mask = fit.observation.rows_and_columns, fit.observation.mask
+        if shape is None:
+            raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
+        self._fit = fit
+        self._background = fit.background.astype(np.float32)
+        self._basis = fit.patterns.rows[fit.visible]
+        self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
+        self._shape = shape
+        self._terms = polynomials(shape, 1, DEGREE)
+        used = slice(None) if mask is None else mask.ravel()
+        self._used_terms = self._terms[:, used].astype(np.float32)
+        ambient = polynomials(shape, 0, AMBIENT_DEGREE)[:, used]
+        compared = polynomials(shape, AMBIENT_DEGREE + 1, COMPARED_DEGREE)[:, used]
+        self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
+        self._compared = self._unexplained(compared, self._ambient)
+
+    def __call__(
+        self, photograph: FittedPhotograph, first_image: FirstImage
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
+        """Return a photograph without the light that its gain adds, and the gain's range."""
+        evidence = photograph.evidence
+        image = first_image(photograph).reshape(-1, 3).T / evidence.level
+        coordinates = self._fit.coordinates(evidence)
+        gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
+        planes = photograph.planes - evidence.level * gain.added
+        corrected = replace(photograph, planes=planes)
+        # A gain that takes the place of wrong geometry leaves more unexplained than it explains.
+        if not (gain.accepted and _unexplained(corrected) < _unexplained(photograph)):
+            return photograph, {"wall_gain_found": False, "wall_gain_range": [1.0, 1.0]}
+        limits = [float(gain.field.min()), float(gain.field.max())]
+        return corrected, {"wall_gain_found": True, "wall_gain_range": limits}
+
+    def estimate(self, y: Array, coordinates: Array, noise: Array, image: Image) -> GainEstimate:
+        """Return the gain of a photograph, and whether there is one.
+
+        y, (3, M'), has range(B) projected out and is near 1 in size; its coordinates along the
+        A⊥ W_k/√λ_k are (3, N'), its noise has standard deviation σ, (3,). The image is the first
+        one, f₀, (3, N), in units of y over those of A.
+        """
+        count, σ = len(self._terms), noise[:, None]
+        explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
+        both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
+        signal, explained = combine_rows(both, self._fit.transport).reshape(2, 3, -1) / σ
+        light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
+        terms = self._without_background(light.astype(np.float32))
+        shown = self._coordinates(terms)
+        whole = products(terms)
+        H = whole - products(shown) - products(times_rows(terms, self._ambient))
+        # From what is left of y, not as a difference of sums of squares: single precision suffices.
+        r = self._unexplained_light(y / σ, explained)
+        q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
+        sizes = np.sqrt(np.diag(whole)) + 1e-30
+        compared = times_rows(r, self._compared)
+        c, probability = np.zeros(count), 1.0
+        if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
+            c = np.asarray(np.linalg.solve(H, q), np.float64)
+            images = (shown * self._scales) @ self._basis
+            errors = self._errors_of_transport(r, images, image / σ)
+            C = np.linalg.cholesky(H)
+            white = (np.linalg.solve(C, part) for part in (errors, -q))
+            least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
+            ratio = (least / count) / (_mean_square(compared) + 1e-30)
+            probability = float(special.fdtrc(count, compared.size, ratio))
+        field = 1 + (c @ self._terms).reshape(self._shape)
+        believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
+        added = np.tensordot(c, terms.reshape(count, 3, -1), 1) * σ
+        return GainEstimate(
+            coefficients=c,
+            probability=probability,
+            field=field,
+            accepted=bool(believed and probability < ERROR_RATE),
+            added=added,
+        )
+
+    def _unexplained_light(self, y: Array, light: Array) -> Array:
+        """Return r, what the hidden images' light and smooth ambient light leave of y, (3, M')."""
+        r = (y - self._without_background(light)).astype(np.float32)
+        return np.asarray(rejected(r, self._ambient), np.float64)
+
+    def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
+        """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
+        own = self._used_terms @ (r**2).sum(axis=0)
+        shares = (r**2).sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
+        shared = np.einsum("kcn,cn,c->k", images.reshape(len(own), *f.shape), f, shares)
+        return np.stack([own, -shared], axis=1).astype(np.float64)
+
+    def _without_background(self, vectors: Image) -> Image:
+        return rejected(vectors, self._background)
+
+    def _coordinates(self, vectors: Image) -> Image:
+        """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
+        return times_rows(times_rows(vectors, self._fit.transport), self._basis) * self._scales
+
+    def _unexplained(self, rows: Image, others: Image) -> Image:
+        """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
+        left = unit_rows(rows)
+        sizes = np.ones(len(rows))
+        for _ in range(3):  # each time from what is left, single precision suffices
+            left = self._without_background(left.astype(np.float32))
+            f = (self._coordinates(left) * self._scales) @ self._basis
+            left = self._without_background(left - f @ self._fit.transport)
+            left = rejected(left, others)
+            sizes *= np.linalg.norm(left, axis=1)
+            left = unit_rows(left)
+        _, sines, basis = np.linalg.svd(left[sizes > LEFT], full_matrices=False)
+        return np.ascontiguousarray(basis[sines > ANGLE], np.float32)
+
+
+def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
+    """Return Legendre polynomials, (K, rows · columns), of total degrees in a range, ascending."""
+    down, across = (legendre.legvander(np.linspace(-1, 1, size), highest).T for size in shape)
+    return np.array(
+        [
+            np.outer(down[i], across[degree - i]).ravel()
+            for degree in range(lowest, highest + 1)
+            for i in range(degree + 1)
+        ]
+    )
+
+
+def _unexplained(photograph: FittedPhotograph) -> float:
+    """Return the energy of the noise that a photograph seems to have, over all channels."""
+    evidence = photograph.evidence
+    return float(np.sum((evidence.level * evidence.noise) ** 2))
+
+
+def _mean_square(values: Array) -> float:
+    return float(np.mean(values**2)) if values.size else 0.0
+
+
+def unit_rows(rows: Image) -> Image:
+    """Return rows divided by their norms."""
+    return np.asarray(rows / (np.linalg.norm(rows, axis=1, keepdims=True) + 1e-30))
+
+
+def products(vectors: Image) -> Array:
+    """Return the products of terms, (K, K), from (3 K, M') vectors, three channels a term."""
+    terms = vectors.reshape(len(vectors) // 3, -1).astype(np.float64)
+    return np.asarray(np.einsum("km,lm->kl", terms, terms))

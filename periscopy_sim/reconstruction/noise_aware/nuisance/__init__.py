@@ -1,1 +1,0 @@
-"""What else shapes a photograph: ambient light beyond lamps, shared noise, a gain over the wall."""

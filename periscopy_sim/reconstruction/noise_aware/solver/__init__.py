@@ -1,1 +1,0 @@
-"""The minimization behind the noise-aware method, and the basis that makes it quick."""

@@ -1,0 +1,49 @@
+"""What a method reports of a photograph beside its hidden image: numbers, and notes as codes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.model.residual import Residual
+
+Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something to say to a user: a code, whose sentence `cli.messages` holds, and its values."""
+
+    code: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A solution's numbers, pictures, notes and warnings.
+
+    Attributes
+    ----------
+    numbers
+        What a summary records, by name.
+    notes, warnings
+        What a user may want to know, and why the image may be wrong.
+    stages
+        Titles and images, (R, C, 3), that led to the solution.
+    standard_errors
+        (R, C, 3) of each patch; None where the method knows none.
+    residual
+        None where the method does not know A, or the photograph's rows and columns.
+    """
+
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[Note] = ()
+    warnings: Sequence[Note] = ()
+    stages: Sequence[tuple[str, Image]] = ()
+    standard_errors: Array | None = None
+    residual: Residual | None = None

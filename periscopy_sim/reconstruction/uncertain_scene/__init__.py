@@ -1,1 +1,0 @@
-"""Scenes that are known to some error: what that does to a photograph, and to its image."""

@@ -1,0 +1,129 @@
+"""The range of backgrounds, beside NumPy's singular vectors."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+
+M = 400
+TOLERANCES = [1e-2, 1e-4, 1e-8, 1e-10, 1e-12]
+
+
+def backgrounds(count=64):
+    """Distant point lights on an upright wall: smooth fields, numerically of low rank."""
+    x, z = np.meshgrid(np.linspace(0.4, 0.8, 20), np.linspace(0.05, 0.45, 20))
+    wall = np.stack([x, np.ones_like(x), z], axis=2).reshape(M, 1, 3)
+    lights = np.random.default_rng(1).uniform([-3, -6, -3], [3, 0, 3], (count, 3))
+    towards = wall - lights
+    return towards[..., 1] / np.sum(towards**2, axis=2) ** 1.5
+
+
+def kept_basis(B, tolerance):
+    """The rank rule by NumPy's SVD."""
+    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
+    return U[:, σ > tolerance * σ[0]]
+
+
+@pytest.mark.parametrize("tolerance", [*TOLERANCES, 0.9])
+def test_basis_is_orthonormal_and_of_the_rank_of_the_rule(tolerance):
+    B = backgrounds()
+    Q = background_basis(B, tolerance)
+    assert Q.shape == kept_basis(B, tolerance).shape
+    np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
+def test_basis_spans_what_numpys_singular_vectors_span(tolerance):
+    B = backgrounds()
+    Q, oracle = background_basis(B, tolerance), kept_basis(B, tolerance)
+    np.testing.assert_allclose(Q @ Q.T, oracle @ oracle.T, atol=1e-8)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-10, 1e-12])
+@pytest.mark.parametrize("bright", [0.0, 1.0, 1e9])
+def test_many_smooth_backgrounds_are_sketched_to_the_same_basis(tolerance, bright):
+    B = backgrounds(300)
+    B[:, 7] *= bright
+    oracle = kept_basis(B[:, B.any(axis=0)], tolerance)
+    Q = background_basis(B, tolerance)
+    assert Q.shape == oracle.shape
+    np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
+    # What of each background lies outside, beside what does by NumPy's singular vectors.
+    unit = B[:, B.any(axis=0)] / np.linalg.norm(B[:, B.any(axis=0)], axis=0)
+    found, expected = (np.linalg.norm(unit - q @ (q.T @ unit)) for q in (Q, oracle))
+    assert found < 1.01 * expected + 1e-13
+
+
+def test_many_unrelated_backgrounds_are_all_kept():
+    B = np.random.default_rng(8).normal(size=(M, 250))
+    Q = background_basis(B)
+    assert Q.shape == (M, 250)
+    np.testing.assert_allclose(Q @ (Q.T @ B), B, atol=1e-11)
+
+
+@pytest.mark.parametrize("shape", [(M, 9), (12, 40), (12, 12), (1, 3)])
+def test_basis_of_an_exact_rank(shape):
+    rng = np.random.default_rng(6)
+    rank = min(5, *shape)
+    B = rng.normal(size=(shape[0], rank)) @ rng.normal(size=(rank, shape[1]))
+    Q = background_basis(B)
+    assert Q.shape == (shape[0], rank)
+    np.testing.assert_allclose(Q.T @ Q, np.eye(rank), atol=1e-13)
+    np.testing.assert_allclose(Q @ (Q.T @ B), B, atol=1e-12 * np.abs(B).max())
+
+
+def test_columns_count_alike_whatever_their_brightness():
+    B = backgrounds()
+    dimmed = B * np.logspace(0, 9, B.shape[1])
+    Q, same = background_basis(B, 1e-6), background_basis(dimmed, 1e-6)
+    np.testing.assert_allclose(Q @ Q.T, same @ same.T, atol=1e-8)
+
+
+def test_dark_columns_do_not_count():
+    B = backgrounds()
+    with_dark = np.insert(B, [0, 5, 64], 0.0, axis=1)
+    np.testing.assert_array_equal(background_basis(with_dark), background_basis(B))
+    assert background_basis(np.zeros((M, 3))).shape == (M, 0)
+
+
+@pytest.mark.parametrize("alone", [0.3, 1e-6])
+def test_joined_basis_includes_a_column_however_little_of_it_lies_outside(alone):
+    rng = np.random.default_rng(3)
+    Q = background_basis(rng.normal(size=(M, 4)))
+    own = rng.normal(size=(M, 2))
+    columns = np.hstack([Q @ rng.normal(size=(4, 2)) + alone * own, Q[:, :1]])
+    joined = joined_basis(Q, columns)
+    assert joined.shape == (M, 6)
+    np.testing.assert_array_equal(joined[:, :4], Q)
+    np.testing.assert_allclose(joined.T @ joined, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(joined @ (joined.T @ columns), columns, atol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "count"), [((126, 40), 20 + 6 + 1), ((7, 3), 1 + 0 + 1)])
+def test_profiles_vary_along_one_side_and_fit_what_is_smooth_there(shape, count):
+    profiles = wall_profiles(shape)
+    assert profiles.shape == (shape[0] * shape[1], count)
+    fields = profiles.T.reshape(count, *shape)
+    varies = [np.ptp(field, axis=axis).max() > 0 for field in fields for axis in (0, 1)]
+    assert not any(a and b for a, b in np.reshape(varies, (-1, 2)))
+    assert np.linalg.matrix_rank(profiles) == count
+
+
+def test_light_down_or_across_is_projected_out_and_the_image_stays():
+    shape, hidden = (40, 44), (3, 4)
+    down, across = np.mgrid[-1:1:40j, -1:1:44j]
+    rng = np.random.default_rng(5)
+    A = rng.uniform(0.1, 1, (down.size, 12))
+    B = np.stack([np.ones(down.size), down.ravel()], axis=1)
+    truth = rng.uniform(0.2, 1, (12, 3))
+    y = A @ truth + 2 * B[:, :1] + 1e-3 * rng.normal(size=(down.size, 3))
+    edge = down**5 - down**2 + across**6 + 2 * across  # of a table, of a lamp nearby
+    lit = y + 5 * edge.reshape(-1, 1) * [1, 0.8, 0.5]
+    settings = {"hidden_shape": hidden, "photograph_shape": shape, "corrections": ()}
+    ours, plain = (NoiseAware(A, B, profiles=each, **settings) for each in (True, False))
+    errors = [
+        np.abs(method.reconstruct(light).reshape(12, 3) - truth).max()
+        for method, light in ((ours, y), (ours, lit), (plain, lit))
+    ]
+    assert errors[0] < 0.01 and errors[1] < 2 * errors[0] and errors[2] > 0.1

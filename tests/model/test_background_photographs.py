@@ -1,0 +1,188 @@
+"""Photographs with the monitor off are columns of B, in every method, with the noise they bring."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from periscopy_sim.evaluation.methods import fit_method
+from periscopy_sim.model.observation import observation_of
+from periscopy_sim.reconstruction.baselines.differencing import Differencing
+from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
+from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.preconditioned.still import Periscope
+
+PHOTOGRAPH, HIDDEN = (20, 24), (3, 4)
+M, N = 480, 12
+RNG = np.random.default_rng(70)
+A = RNG.uniform(0.1, 1, (M, N))
+B = np.hstack([np.ones((M, 1)), RNG.uniform(0.1, 1, (M, 2))])
+GAIN = np.array([1.2, 1.0, 0.8])
+TRUTH = RNG.uniform(0.2, 1, (N, 3))
+LAMP = RNG.uniform(0.5, 1.5, (M, 3))  # of no point light
+OFF = LAMP * GAIN
+Y = ((A @ TRUTH + LAMP @ RNG.uniform(0, 2, (3, 3))) * GAIN).reshape(*PHOTOGRAPH, 3)
+Y += 1e-3 * RNG.normal(size=Y.shape)
+MASK = RNG.random(PHOTOGRAPH) > 0.25
+SCENE = {"hidden_shape": HIDDEN, "channel_gain": GAIN, "photograph_shape": PHOTOGRAPH}
+
+WITH_B = {
+    "periscope": partial(Periscope, **SCENE, repair_threshold=np.inf),
+    "factored": partial(Periscope, **SCENE, repair_threshold=np.inf, explicit=False),
+    "iterative": partial(IterativePeriscope, **SCENE),
+    "noise-aware": partial(NoiseAware, **SCENE, profiles=False, corrections=()),
+}
+ALL = WITH_B | {
+    "svd": lambda A, _=None, **more: TruncatedSVD(A, **SCENE, **more),
+    "differencing": lambda A, _=None, **more: Differencing(A, **SCENE, **more),
+}
+
+
+@pytest.mark.parametrize("mask", [None, MASK])
+@pytest.mark.parametrize("method", WITH_B)
+def test_each_channel_is_one_more_column(method, mask):
+    off = OFF.reshape(*PHOTOGRAPH, 3)
+    given = off if mask is None else np.where(mask[..., None], off, np.nan)
+    found = WITH_B[method](A, B, mask=mask, backgrounds=[given]).reconstruct(Y)
+    by_hand = WITH_B[method](A, np.hstack([B, LAMP]), mask=mask).reconstruct(Y)
+    np.testing.assert_allclose(found, by_hand, rtol=1e-5, atol=1e-5)
+    assert np.abs(found - WITH_B[method](A, B, mask=mask).reconstruct(Y)).max() > 0.01
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_background_photographs_recover_what_their_light_drowns(method):
+    truth = TRUTH.reshape(*HIDDEN, 3)
+    errors = [
+        np.sqrt(np.mean((ALL[method](A, B, **more).reconstruct(Y) - truth) ** 2))
+        for more in ({"backgrounds": [OFF]}, {})
+    ]
+    assert errors[0] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_exposure_form_and_order_of_background_photographs_do_not_matter(method):
+    other = OFF[::-1]
+    expected = ALL[method](A, B, backgrounds=[OFF, other]).reconstruct(Y)
+    again = {"b": 1e3 * other.reshape(*PHOTOGRAPH, 3), "a": np.float32(OFF)}
+    found = ALL[method](A, B, backgrounds=again).reconstruct(Y)
+    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-4)
+
+
+def test_differences_are_those_of_joint_least_squares():
+    D = partial(neighbour_differences, photograph_shape=PHOTOGRAPH)
+    solved = ALL["differencing"](A, tv_weight=0, backgrounds=[OFF]).solve(Y)
+    everything, y = D(np.hstack([A, LAMP])), D(Y.reshape(M, 3) / GAIN)
+    expected, misfit, *_ = np.linalg.lstsq(everything, y, rcond=None)
+    np.testing.assert_allclose(solved.image.reshape(N, 3), expected[:N], rtol=1e-5)
+    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (len(y) - N - 3)), rtol=1e-6)
+
+
+def test_singular_vectors_are_those_of_the_matrix_without_the_photographs():
+    plain = {"tv_weight": 0, "repair_threshold": np.inf}
+    solved = ALL["svd"](A, fraction=0.5, backgrounds=[OFF], **plain).solve(Y)
+    Q = np.linalg.qr(LAMP)[0]
+    U, σ, Vt = np.linalg.svd(A - Q @ (Q.T @ A), full_matrices=False)
+    y = Y.reshape(M, 3) / GAIN
+    expected = Vt[:6].T @ ((U[:, :6].T @ y) / σ[:6, None])
+    np.testing.assert_allclose(solved.image.reshape(N, 3), expected, rtol=1e-6)
+    left = y - Q @ (Q.T @ y) - U[:, :6] @ (U[:, :6].T @ y)
+    np.testing.assert_allclose(solved.noise, np.sqrt(np.sum(left**2, axis=0) / (M - 6 - 3)))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("method", ["periscope", "noise-aware", "iterative"])
+def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(method):
+    # Of one grey lamp the photograph needs c times its background photograph, whose channels may
+    # share it. Where they do, with noise τ each, y is left the variance σ² + c² τ²/3.
+    σ, τ, c = 0.02, 0.05, 1.5
+    lamp = np.random.default_rng(1).uniform(0.5, 1.5, (M, 1))
+    variances = []
+    for seed in range(40):
+        rng = np.random.default_rng(100 + seed)
+        y = A @ TRUTH + c * lamp + σ * rng.normal(size=(M, 3))
+        off = lamp + τ * rng.normal(size=(M, 3))
+        found = ALL[method](A, B, backgrounds=[off * GAIN]).solve(y * GAIN)
+        variances.append(found.noise**2)
+    variances = np.reshape(variances, (40, 3)).mean(axis=1)  # the channels share the lamp's noise
+    error = np.std(variances) / np.sqrt(40)
+    attenuated = 1 / (1 + τ**2 / 3 / np.var(lamp))  # the least that is left, by weaker columns
+    assert attenuated > 0.98
+    # Four standard errors: wrong once in 16,000 draws of seeds.
+    assert abs(variances.mean() - σ**2 - c**2 * τ**2 / 3) < 4 * error + 0.02 * c**2 * τ**2 / 3
+    assert variances.mean() > 1.5 * σ**2
+
+
+def test_background_photograph_of_much_noise_does_no_harm():
+    errors = {"none": [], "given": []}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        y = (A @ TRUTH + 0.02 * B @ np.ones((3, 3)) + 0.02 * rng.normal(size=(M, 3))) * GAIN
+        off = 1 + rng.normal(size=(M, 3))
+        for name, more in {"none": {}, "given": {"backgrounds": [off]}}.items():
+            image = WITH_B["noise-aware"](A, B, **more).reconstruct(y)
+            errors[name].append(np.mean((image.reshape(N, 3) - TRUTH) ** 2))
+    assert np.mean(errors["given"]) < 1.05 * np.mean(errors["none"])
+
+
+@pytest.mark.parametrize(
+    ("off", "message"),
+    [
+        (np.ones((19, 24, 3)), "19x24 pixels"),
+        (np.where(np.arange(M) == 7, np.nan, 1.0)[:, None] * OFF, "finite"),
+        (np.zeros((M, 3)), "no value is positive"),
+        (-OFF, "no value is positive"),
+        (OFF[:, :2], "shape"),
+        (OFF.astype(complex), "real numbers"),
+    ],
+)
+def test_what_is_no_background_photograph_is_rejected_by_name(off, message):
+    with pytest.raises(ValueError, match=f"photograph 1 of 1: .*{message}"):
+        ALL["svd"](A, B, backgrounds=[off])
+    with pytest.raises(ValueError, match=f"off.exr: .*{message}"):
+        ALL["noise-aware"](A, B, backgrounds={"off.exr": off})
+
+
+@pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize("exposure", [1, 2.5])
+def test_photograph_given_as_its_own_background_is_refused(method, exposure):
+    fitted = ALL[method](A, B, backgrounds={"lamp": OFF, "off.exr": exposure * Y})
+    with pytest.raises(ValueError, match=r"^off\.exr: is the photograph itself"):
+        fitted.reconstruct(Y)
+    fitted.reconstruct(Y + 1e-3 * np.random.default_rng(0).normal(size=Y.shape))
+
+
+def test_one_photograph_in_the_place_of_a_sequence_is_refused():
+    with pytest.raises(ValueError, match="sequence of photographs"):
+        WITH_B["noise-aware"](A, B, backgrounds=OFF)
+
+
+def test_joined_columns_are_black_where_the_mask_is():
+    off = np.where(MASK.ravel()[:, None], OFF, np.inf)
+    seen = observation_of(A, HIDDEN, GAIN, MASK, PHOTOGRAPH, [off])
+    joined = seen.joined(B)
+    expected = np.hstack([B, np.where(MASK.ravel()[:, None], LAMP, 0)])
+    np.testing.assert_allclose(joined, expected)
+    np.testing.assert_array_equal(seen.used(joined), seen.ambient(B))
+    assert observation_of(A, HIDDEN, GAIN).joined(B) is B
+
+
+def test_own_method_is_given_columns_or_photographs_as_it_likes(tmp_path):
+    class Scene:
+        photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
+
+    (tmp_path / "own.py").write_text(
+        "class Columns:\n"
+        "    def __init__(self, scenario, A, B):\n"
+        "        self.B, self.backgrounds = B, None\n"
+        "    def reconstruct(self, photograph): ...\n"
+        "class Photographs(Columns):\n"
+        "    def __init__(self, scenario, A, B, backgrounds=()):\n"
+        "        self.B, self.backgrounds = B, backgrounds\n"
+    )
+    given = {"off": OFF}
+    columns = fit_method(f"{tmp_path}/own.py:Columns", Scene(), A, B, None, given)
+    np.testing.assert_allclose(columns.B, np.hstack([B, LAMP]))
+    photographs = fit_method(f"{tmp_path}/own.py:Photographs", Scene(), A, B, None, given)
+    assert photographs.B is B and photographs.backgrounds is given

@@ -1,0 +1,190 @@
+"""A scene fitted to the pixels used, against the formulas with dense matrices."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
+from periscopy_sim.model.observation import observation_of
+
+HIDDEN, PHOTOGRAPH = (3, 4), (12, 15)
+M, N = 180, 12
+RNG = np.random.default_rng(0)
+A = RNG.random((M, N)) + 0.1
+B = RNG.random((M, 3))
+OFF = RNG.uniform(0.5, 1.5, (M, 3))
+MASK = RNG.random(PHOTOGRAPH) > 0.2
+USED = MASK.ravel()
+GAIN = np.array([1.2, 1.0, 0.8])
+NOISE = np.array([0.05, 0.1, 0.2])
+TRUTH = RNG.uniform(0.2, 1, (N, 3))
+SIGNAL = A @ TRUTH + B @ RNG.random((3, 3)) + 0.5 * OFF
+Y = (SIGNAL + NOISE * RNG.standard_normal((M, 3))) * GAIN
+
+
+def fitted(A=A, B=B, mask=MASK, off=OFF, hidden=HIDDEN, **settings):
+    backgrounds = None if off is None else {"off": off * GAIN}
+    seen = observation_of(A, hidden, GAIN, mask, PHOTOGRAPH, backgrounds)
+    return Fit(seen, A, B, 1e-10, **settings)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return fitted()
+
+
+@pytest.fixture(scope="module")
+def measured(fit):
+    return FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
+
+
+AMBIENT = np.hstack([B, OFF])[USED]
+Q = np.linalg.qr(AMBIENT)[0]
+PROJECTED = A[USED] - Q @ (Q.T @ A[USED])
+GREY = (Y / GAIN)[USED]
+REJECTED = GREY - Q @ (Q.T @ GREY)
+
+
+def unexplained_by(columns, y):
+    return y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+
+
+def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):
+    np.testing.assert_allclose(fit.gram, PROJECTED.T @ PROJECTED, rtol=1e-9, atol=1e-9)
+    assert fit.norm == pytest.approx(np.linalg.norm(PROJECTED))
+    assert fit.unit == pytest.approx(np.linalg.norm(PROJECTED) / np.sqrt(N))
+    assert fit.pixels == USED.sum() and len(fit.background) == 6 and fit.smooth_rank == 3
+    smooth = fit.background[:3]
+    np.testing.assert_allclose(unexplained_by(B[USED], smooth.T), 0, atol=1e-12)
+    np.testing.assert_allclose(fit.operator() @ np.eye(N), PROJECTED, atol=1e-6)
+
+
+def test_all_ambient_light_is_projected_out_and_nothing_else(fit):
+    rows = np.vstack([AMBIENT.T, GREY.T])
+    found = fit.project_out(rows)
+    np.testing.assert_allclose(found[:6], 0, atol=1e-10)
+    np.testing.assert_allclose(found[6:], REJECTED.T, atol=1e-10)
+
+
+def test_noise_is_the_residual_of_least_squares_over_its_freedom(measured):
+    evidence = measured.evidence
+    rest = unexplained_by(np.hstack([A[USED], AMBIENT]), GREY)
+    expected = np.sqrt(np.sum(rest**2, axis=0) / (USED.sum() - 6 - N))
+    np.testing.assert_allclose(evidence.level * evidence.noise, expected, rtol=1e-4)
+    assert evidence.level == pytest.approx(np.sqrt(np.mean(REJECTED**2)))
+    np.testing.assert_allclose(measured.y * evidence.level, REJECTED.T, atol=1e-10)
+    energy = (USED.sum() - 6) * np.sum(expected**2)
+    ratio = energy / (np.sum(REJECTED**2) - energy)
+    assert evidence.noise_to_signal == pytest.approx(ratio, rel=1e-3)
+
+
+def test_coefficients_explain_what_least_squares_does(fit, measured):
+    evidence = measured.evidence
+    expected = fit.patterns.rows @ PROJECTED.T @ REJECTED / (evidence.level * fit.unit)
+    np.testing.assert_allclose(evidence.coefficients, expected.T, rtol=1e-4, atol=1e-4)
+    explained = np.sum((REJECTED - unexplained_by(PROJECTED, REJECTED)) ** 2, axis=0)
+    found = np.sum(fit.coordinates(evidence) ** 2, axis=1) * evidence.level**2
+    np.testing.assert_allclose(found, explained, rtol=1e-4)
+
+
+def test_light_response_and_shown_are_products_with_the_projected_matrix(fit):
+    image = TRUTH.reshape(*HIDDEN, 3)
+    np.testing.assert_allclose(fit.light(image), (PROJECTED @ TRUTH).T, rtol=1e-4, atol=1e-4)
+    light = np.random.default_rng(1).random((2, 3, fit.pixels))
+    np.testing.assert_allclose(fit.response(light), light @ PROJECTED, rtol=1e-4, atol=1e-3)
+    shown = TRUTH.T @ (PROJECTED.T @ PROJECTED) @ fit.patterns.rows.T
+    np.testing.assert_allclose(fit.shown(TRUTH.T), shown, rtol=1e-4, atol=1e-4)
+
+
+def test_misfit_of_an_image_is_its_distance_to_least_squares(fit, measured):
+    image = TRUTH.reshape(*HIDDEN, 3)
+    _, rest = fit.explicable(measured.evidence, image)
+    best = np.linalg.lstsq(PROJECTED, REJECTED, rcond=None)[0]
+    σ = measured.evidence.level * measured.evidence.noise
+    expected = np.sum((PROJECTED @ (TRUTH - best) / σ) ** 2)
+    assert np.sum(rest**2) == pytest.approx(expected, rel=1e-3)
+    _, rest = fit.explicable(measured.evidence, best.reshape(*HIDDEN, 3))
+    assert np.sum(rest**2) < 1e-6 * expected
+
+
+def test_unexplained_is_what_no_image_and_no_ambient_light_explain(fit):
+    found = fit.unexplained(GREY.T)
+    expected = unexplained_by(np.hstack([A[USED], AMBIENT]), GREY)
+    np.testing.assert_allclose(found.T, expected, atol=1e-4)
+
+
+def test_many_photographs_give_the_evidence_of_each(fit):
+    planes = fit.observation.planar(np.stack([Y, 3 * Y, Y[::-1]]))
+    together, y = fit.evidence(planes)
+    for each, evidence, projected in zip(planes, together, y, strict=True):
+        alone = FittedPhotograph(each, fit)
+        np.testing.assert_allclose(evidence.coefficients, alone.evidence.coefficients, rtol=1e-4)
+        np.testing.assert_allclose(evidence.noise, alone.evidence.noise, rtol=1e-5)
+        np.testing.assert_allclose(projected, alone.y, atol=1e-10)
+    np.testing.assert_allclose(together[1].level, 3 * together[0].level)
+
+
+def test_photographs_are_not_changed(fit):
+    planes = fit.observation.planar(Y[None])
+    before = planes.copy()
+    fit.evidence(planes)
+    np.testing.assert_array_equal(planes, before)
+
+
+def test_patterns_that_the_wall_does_not_show_are_not_counted():
+    dark = A.copy()
+    dark[:, 7] = 0
+    fit = fitted(dark)
+    assert len(fit.curvatures) == N - 1
+    (evidence,), _ = fit.evidence(fit.observation.planar(Y[None]))
+    rest = unexplained_by(np.hstack([dark[USED], AMBIENT]), GREY)
+    expected = np.sqrt(np.sum(rest**2, axis=0) / (USED.sum() - 6 - N + 1))
+    np.testing.assert_allclose(evidence.level * evidence.noise, expected, rtol=1e-4)
+
+
+def test_channel_of_hardly_any_noise_is_believed_up_to_a_ratio():
+    fit = fitted(off=None)
+    quiet = SIGNAL - 0.5 * OFF + [1e-7, 0.1, 0.2] * np.random.default_rng(1).normal(size=(M, 3))
+    noise = FittedPhotograph(fit.observation.planar(quiet[None] * GAIN)[0], fit).evidence.noise
+    assert noise[0] == pytest.approx(noise[2] / LARGEST_NOISE_RATIO)
+
+
+def test_noise_is_never_below_rounding():
+    fit = fitted(off=None)
+    exact = FittedPhotograph((A[USED] @ TRUTH).T, fit).evidence
+    assert 1e-8 < exact.mean_noise < 1e-3 and exact.noise_to_signal < 1e-6  # single precision
+    black = FittedPhotograph(np.zeros((3, fit.pixels)), fit).evidence
+    ambient = FittedPhotograph(1e9 * np.tile(B[USED].sum(axis=1), (3, 1)), fit).evidence
+    for evidence in (black, ambient):
+        assert evidence.level == 1 and (evidence.noise > 0).all()
+        assert not evidence.coefficients.any()
+
+
+def test_signal_of_noise_alone_is_at_least_its_own_standard_error(fit):
+    # The energy of N patterns in three channels has variance 2 · 3 N σ⁴.
+    draws = np.random.default_rng(2).standard_normal((200, 3, fit.pixels))
+    ratios = [evidence.noise_to_signal for evidence in fit.evidence(draws)[0]]
+    most = 3 * (fit.pixels - 6) / np.sqrt(2 * 3 * N)
+    assert max(ratios) == pytest.approx(most, rel=0.05)
+
+
+def test_profiles_join_the_smooth_light_where_rows_and_columns_are_known():
+    plain, more = fitted(), fitted(profiles=True)
+    assert plain.smooth_rank < more.smooth_rank == len(more.background) - 3
+    down = np.repeat(np.linspace(-1, 1, 12) ** 2, 15)[USED]
+    assert np.abs(more.project_out(down[None])).max() < 1e-10
+    assert np.abs(plain.project_out(down[None])).max() > 0.1
+    flat = Fit(observation_of(A, HIDDEN, GAIN, USED), A, B, 1e-10, profiles=True)
+    assert flat.smooth_rank == 3
+    assert fitted(B=None, off=None, profiles=True).smooth_rank == 0
+
+
+def test_matrices_that_cannot_be_used_are_refused():
+    with pytest.raises(ValueError, match="B explains all"):
+        fitted(A=np.hstack([B, B, B, B]), off=None)
+    for name in "AB":
+        broken = {"A": A, "B": B}[name].copy()
+        broken[np.flatnonzero(USED)[3], 1] = np.nan
+        with pytest.raises(ValueError, match=f"{name} must be finite"):
+            fitted(**{name: broken})
+    with pytest.raises(ValueError, match="B has 179 rows"):
+        fitted(B=B[1:])

@@ -1,0 +1,210 @@
+"""Masks: what is left out is left out of A, B and the photograph, by whatever method."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from periscopy_sim.model.observation import observation_of
+from periscopy_sim.reconstruction.baselines.differencing import Differencing
+from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
+from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.preconditioned.still import Periscope
+
+PHOTOGRAPH, HIDDEN = (14, 9), (3, 4)
+M, N = 126, 12
+RNG = np.random.default_rng(40)
+A = RNG.uniform(0.1, 1, (M, N))
+B = RNG.uniform(0.1, 1, (M, 3))
+GAIN = np.array([1.2, 1.0, 0.8])
+TRUTH = RNG.uniform(0.1, 1, (N, 3))
+SIGNAL = (A @ TRUTH + B @ RNG.uniform(0, 2, (3, 3))) * GAIN
+Y = (SIGNAL + 1e-3 * RNG.normal(size=(M, 3))).reshape(*PHOTOGRAPH, 3)
+MASK = RNG.random(PHOTOGRAPH) > 0.25
+MASK[5:8, 2:6] = False
+USED = MASK.ravel()
+
+FITTED = {
+    "periscope": partial(Periscope, hidden_shape=HIDDEN, channel_gain=GAIN),
+    "factored": partial(Periscope, hidden_shape=HIDDEN, channel_gain=GAIN, explicit=False),
+    "iterative": partial(IterativePeriscope, hidden_shape=HIDDEN, channel_gain=GAIN),
+    "noise-aware": partial(
+        NoiseAware, hidden_shape=HIDDEN, channel_gain=GAIN, profiles=False, corrections=()
+    ),
+    "svd": lambda A, _=None, **more: TruncatedSVD(
+        A, **{"hidden_shape": HIDDEN, "channel_gain": GAIN} | more
+    ),
+}
+"""Methods that need not know which pixels are neighbours."""
+ALL = FITTED | {
+    "differencing": lambda A, _=None, **more: Differencing(
+        A, photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, channel_gain=GAIN, **more
+    )
+}
+
+
+def spoilt(photograph=Y):
+    """Garbage where the mask leaves the photograph out."""
+    garbage = np.resize([1e30, np.nan, -np.inf, np.inf, -1e300, 0.0, 7.0], photograph.shape)
+    return np.where(MASK[..., None], photograph, garbage)
+
+
+@pytest.mark.parametrize("method", FITTED)
+def test_masked_method_is_the_one_fitted_to_the_rows_used(method):
+    masked = FITTED[method](A, B, mask=MASK)
+    by_hand = FITTED[method](A[USED], B[USED])
+    expected = by_hand.reconstruct(Y.reshape(M, 3)[USED])
+    image = masked.reconstruct(Y)
+    assert image.shape == (*HIDDEN, 3)
+    np.testing.assert_allclose(image, expected, rtol=1e-5, atol=1e-6)
+    assert np.abs(image - FITTED[method](A, B).reconstruct(Y)).max() > 1e-4  # and not of the whole
+
+
+def test_estimate_is_the_dense_pseudoinverse_of_the_rows_used():
+    plain = {"tv_weight": 0, "repair_threshold": np.inf, "explicit": False}
+    image = Periscope(A, B, hidden_shape=HIDDEN, mask=MASK, **plain).reconstruct(spoilt())
+    P = np.linalg.pinv(np.hstack([A, B])[USED])[:N]
+    np.testing.assert_allclose(image.reshape(N, 3), P @ Y.reshape(M, 3)[USED], rtol=1e-8)
+
+
+def test_differences_by_hand_give_the_differencing_methods_image():
+    D = []
+    for column in range(9):
+        for row in range(13):
+            if MASK[row, column] and MASK[row + 1, column]:
+                difference = np.zeros(PHOTOGRAPH)
+                difference[row + 1, column], difference[row, column] = 1, -1
+                D.append(difference.ravel())
+    D = np.array(D)
+    method = Differencing(
+        A, photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, mask=MASK, wrap=False, tv_weight=0
+    )
+    solved = method.solve(spoilt())
+    expected, misfit, *_ = np.linalg.lstsq(D @ A, D @ Y.reshape(M, 3), rcond=None)
+    np.testing.assert_allclose(solved.image.reshape(N, 3), expected, rtol=1e-6)
+    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (len(D) - N)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_whatever_lies_under_the_mask_changes_nothing(method):
+    fitted = ALL[method](A, B, mask=MASK)
+    expected = fitted.reconstruct(Y)
+    assert np.isfinite(expected).all()
+    np.testing.assert_array_equal(fitted.reconstruct(spoilt()), expected)
+    rows = np.where(USED[:, None], A, np.nan), np.where(USED[:, None], B, np.inf)
+    again = ALL[method](*rows, mask=MASK)
+    np.testing.assert_array_equal(again.reconstruct(spoilt()), expected)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_what_is_used_must_be_finite(method):
+    y = Y.copy()
+    y[tuple(np.argwhere(MASK)[7])] = np.nan
+    with pytest.raises(ValueError, match="must be finite"):
+        ALL[method](A, B, mask=MASK).reconstruct(y)
+
+
+@pytest.mark.parametrize("mask", [None, MASK])
+@pytest.mark.parametrize("method", ["periscope", "iterative", "noise-aware", "svd"])
+def test_colour_of_each_pixel_is_divided_out(method, mask):
+    gain = np.random.default_rng(9).uniform(0.5, 2, (M, 3))
+    grey = FITTED[method](A, B, channel_gain=None, mask=mask).reconstruct(Y)
+    painted = (Y.reshape(M, 3) * gain).reshape(Y.shape)
+    found = FITTED[method](A, B, channel_gain=gain, mask=mask).reconstruct(painted)
+    np.testing.assert_allclose(found, grey, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("mask", [None, MASK])
+def test_pixels_without_one_of_the_colours_are_left_out(mask):
+    gain = np.ones((M, 3))
+    gain[40:60, 1] = 0
+    lit = np.arange(M).reshape(PHOTOGRAPH)
+    lit = ((lit < 40) | (lit >= 60)) & (True if mask is None else mask)
+    y = np.where(lit[..., None], Y, np.nan)
+    found = FITTED["periscope"](A, B, channel_gain=gain, mask=mask).reconstruct(y)
+    expected = FITTED["periscope"](A, B, channel_gain=np.ones(3), mask=lit).reconstruct(Y)
+    np.testing.assert_array_equal(found, expected)
+
+
+# -- one row left --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", FITTED)
+def test_one_row_of_a_wide_photograph_is_enough(method):
+    mask = np.zeros((9, 14), bool)
+    mask[4] = True
+    masked = FITTED[method](A[:, :4], hidden_shape=(2, 2), mask=mask)
+    by_hand = FITTED[method](A[mask.ravel(), :4], hidden_shape=(2, 2))
+    y = Y.reshape(9, 14, 3)
+    expected = by_hand.reconstruct(y[4])
+    np.testing.assert_allclose(masked.reconstruct(y), expected, rtol=1e-4, atol=1e-5)
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+UNFIT = {
+    "every pixel": np.zeros(PHOTOGRAPH, bool),
+    "11 pixels for 12 patches": np.arange(M) < 11,
+    r"shape \(13, 9\)": np.ones((13, 9), bool),
+    r"shape \(9, 14\)": np.ones((9, 14), bool),
+    r"shape \(14, 9, 3\)": np.ones((*PHOTOGRAPH, 3), bool),
+    "boolean": np.ones(PHOTOGRAPH),
+}
+
+
+@pytest.mark.parametrize("message", UNFIT)
+def test_mask_that_does_not_fit_is_rejected(message):
+    with pytest.raises(ValueError, match=message):
+        observation_of(A, HIDDEN, mask=UNFIT[message], photograph_shape=PHOTOGRAPH)
+
+
+@pytest.mark.parametrize("form", [np.ravel, np.asfortranarray, lambda mask: mask.tolist()])
+def test_mask_is_copied_whatever_its_form(form):
+    given = MASK.copy()
+    seen = observation_of(A, HIDDEN, mask=form(given))
+    given[:] = True
+    np.testing.assert_array_equal(seen.vectorized(spoilt()), Y.reshape(M, 3)[USED])
+
+
+@pytest.mark.parametrize("method", FITTED)
+def test_photograph_of_another_size_than_the_mask_is_refused(method):
+    with pytest.raises(ValueError, match=r"9x14 pixels, the .* 14x9"):
+        FITTED[method](A, B, mask=MASK).reconstruct(Y.reshape(9, 14, 3))
+
+
+@pytest.mark.parametrize("method", ["periscope", "iterative"])
+def test_backgrounds_of_another_size_are_rejected(method):
+    with pytest.raises(ValueError, match=r"B has .*125.* rows"):
+        FITTED[method](A, B[1:], mask=MASK)
+
+
+def test_as_many_pixels_as_patches_are_enough():
+    mask = np.arange(M) % 10 == 3
+    mask[np.flatnonzero(mask)[N:]] = False
+    plain = {"tv_weight": 0, "repair_threshold": np.inf, "explicit": False}
+    image = Periscope(A, hidden_shape=HIDDEN, mask=mask, **plain).reconstruct(Y)
+    expected = np.linalg.solve(A[mask], Y.reshape(M, 3)[mask])
+    np.testing.assert_allclose(image.reshape(N, 3), expected, rtol=1e-6)
+
+
+def test_fewer_pixels_than_patches_are_allowed_where_they_always_were():
+    few = observation_of(A[:8], HIDDEN, mask=np.arange(8) > 2)
+    assert few.vectorized(np.ones((8, 3))).shape == (5, 3)
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e31, 1e-31, 1e-300])
+def test_photographs_whose_squares_would_overflow_or_vanish_are_refused(scale):
+    kept = observation_of(np.ones((6, 2)), (1, 2))
+    with pytest.raises(ValueError, match="largest value"):
+        kept.planar(np.full((1, 6, 3), scale))
+    with pytest.raises(ValueError, match="largest value"):
+        kept.vectorized(np.full((6, 3), scale))
+    assert not kept.vectorized(np.zeros((6, 3))).any()
+
+
+def test_eight_bits_are_taken_as_linear_with_a_warning():
+    seen = observation_of(np.ones((12, 2)), (1, 2))
+    with pytest.warns(UserWarning, match="8-bit"):
+        planes = seen.planar(np.full((1, 12, 3), 7, np.uint8))
+    assert (planes == 7).all()

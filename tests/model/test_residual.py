@@ -1,0 +1,199 @@
+"""What scene and image leave of a photograph, and what it says of the scene."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from periscopy_sim.model.residual import residual_of
+from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.registry import METHODS
+
+SHAPE, HIDDEN = (40, 44), (4, 5)
+V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in SHAPE), indexing="ij")
+SCENE = SimpleNamespace(
+    photograph_shape=SHAPE, hidden_shape=HIDDEN, channel_gain=np.array([1.2, 1, 0.8])
+)
+TRUTH = np.random.default_rng(7).uniform(0.3, 1, (20, 3))
+NOISE = 2e-3  # over the photograph's root mean square
+
+
+def transport(shift=0.0):
+    """Columns of A: falling light, and the soft shadow of a block, elsewhere for each patch."""
+    columns = []
+    for i in range(HIDDEN[0]):
+        for j in range(HIDDEN[1]):
+            u, v = U - 0.2 * (j - 2) - shift, V - 0.2 * (i - 1.5)
+            edge = lambda t: 1 / (1 + np.exp(-9 * t))  # noqa: E731
+            shadow = 1 - edge(u + 0.3) * edge(0.3 - u) * edge(v + 0.4)
+            columns.append(shadow / (1 + 0.3 * (U - 0.1 * j) ** 2 + 0.3 * (V - 0.1 * i) ** 2))
+    return np.array(columns).reshape(20, -1).T
+
+
+A = transport()
+B = np.stack([np.ones(V.size), U.ravel(), V.ravel(), (U * V).ravel(), (U**2).ravel()], axis=1)
+
+
+def paint(scale, seed=0):
+    """Return a factor's deviation alike in all channels, white or blurred, of size 1."""
+    field = np.random.default_rng(seed).standard_normal(SHAPE)
+    smooth = ndimage.gaussian_filter(field, scale, mode="wrap") if scale else field
+    return (smooth / smooth.std())[..., None]
+
+
+def photograph(A=A, wall=0.0, noise=NOISE, seed=0):
+    light = (A @ TRUTH + 8 * B[:, :1] + B[:, 1:2]).reshape(*SHAPE, 3) * (1 + wall)
+    draw = np.random.default_rng(seed).standard_normal(light.shape)
+    return (light + noise * np.sqrt(np.mean(light**2)) * draw) * SCENE.channel_gain
+
+
+def residual(y, name="noise-aware", mask=None, **options):
+    method = METHODS[name](SCENE, A, B, mask, **options)
+    solution = method.solve(y)
+    return method.report(y, solution).residual, solution
+
+
+# Of so few patches, the paper's total variation and repair take details for noise.
+MILD = {"preconditioned": {"repair_threshold": 1e9, "tv_weight": 0.01}}
+METHODS_OF_LIGHT = ("noise-aware", "preconditioned", "iterative")
+
+
+@pytest.mark.parametrize("name", [name for name, entry in METHODS.items() if not entry.needs])
+@pytest.mark.parametrize("masked", [False, True])
+def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
+    mask = (V < 0.5) | (U > 0) if masked else None
+    y = photograph()
+    found, solution = residual(y, name, mask)
+    used = np.ones(SHAPE, bool) if mask is None else mask
+    assert np.isnan(found.light[~used]).all()
+    rest = y / SCENE.channel_gain - (A @ solution.image.reshape(-1, 3)).reshape(*SHAPE, 3)
+    rest, grey = rest[used], (y / SCENE.channel_gain)[used]
+    freedom = len(rest)
+    if name == "noise-aware":  # its ambient light has profiles, too
+        fit = METHODS[name](SCENE, A, B, mask).fit
+        rest, freedom = fit.project_out(rest.T).T, freedom - len(fit.background)
+    elif name not in ("truncated-svd", "pseudoinverse"):
+        Q = np.linalg.qr(B[used.ravel()])[0]
+        rest, freedom = rest - Q @ (Q.T @ rest), freedom - B.shape[1]
+    np.testing.assert_allclose(found.light[used], rest, atol=1e-5 * y.max())
+    expected = np.sqrt(np.sum(rest**2) / (3 * freedom) / np.mean(grey**2))
+    assert found.unexplained == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", METHODS_OF_LIGHT)
+def test_unexplained_is_noise_alone_where_the_scene_is_right(name):
+    found, _ = residual(photograph(), name, **MILD.get(name, {}))
+    assert found.diagnosis == "fits"
+    assert found.noise_alone == pytest.approx(NOISE, rel=0.1)
+    assert found.unexplained < 1.25 * NOISE and found.excess < 1.5
+
+
+def test_right_scenes_fit_whatever_the_noise():
+    method = METHODS["noise-aware"](SCENE, A, B)
+    for seed in range(40):
+        y = photograph(noise=5e-3, seed=seed)
+        assert method.report(y, method.solve(y)).residual.diagnosis == "fits"
+
+
+@pytest.mark.parametrize("name", METHODS_OF_LIGHT)
+def test_a_misplaced_scene_does_not_fit_and_no_gain_takes_its_place(name):
+    found, solution = residual(photograph(transport(0.06)), name)
+    assert found.diagnosis == "does_not_fit" and found.excess > 3
+    if name == "noise-aware":
+        assert not solution.corrections["wall_gain_found"]
+
+
+@pytest.mark.parametrize("name", METHODS_OF_LIGHT)
+def test_a_factor_alike_in_all_channels_is_uneven_paint(name):
+    found, _ = residual(photograph(wall=0.01 * paint(0)), name, **MILD.get(name, {}))
+    assert found.diagnosis == "uneven_paint"
+    assert found.unexplained > 3 * found.noise_alone
+    assert found.noise_alone == pytest.approx(NOISE, rel=0.5)
+
+
+def test_paint_of_each_channels_own_or_of_a_grey_camera_is_noise():
+    own = np.concatenate([paint(0, seed) for seed in range(3)], axis=2)
+    assert residual(photograph(wall=0.01 * own))[0].diagnosis == "fits"
+    grey = np.repeat(photograph()[..., 1:2], 3, axis=2) * SCENE.channel_gain
+    assert residual(grey)[0].diagnosis == "fits"
+
+
+@pytest.mark.parametrize("name", METHODS_OF_LIGHT)
+@pytest.mark.parametrize("exponent", [1 / 2.2, 2.2])
+def test_an_encoded_photograph_is_not_linear(name, exponent):
+    y = np.maximum(photograph(noise=2e-4), 0)
+    found, _ = residual((y / y.max()) ** exponent, name)
+    assert found.diagnosis == "not_linear"
+
+
+def test_image_smoothed_too_far_is_no_fault_of_the_scene():
+    found, _ = residual(photograph(), "preconditioned")
+    assert found.unexplained > 3 * found.noise_alone and found.diagnosis == "fits"
+
+
+@pytest.mark.parametrize("name", METHODS_OF_LIGHT)
+def test_unit_of_the_photograph_does_not_matter(name):
+    one, other = (residual(unit * photograph(), name)[0] for unit in (1, 1e9))
+    assert other.unexplained == pytest.approx(one.unexplained, rel=1e-3)
+    assert other.noise_alone == pytest.approx(one.noise_alone, rel=1e-4)
+    assert other.diagnosis == one.diagnosis
+
+
+class Stripes:
+    """A correction that knows of stripes on the wall."""
+
+    field = 0.3 * np.where(U > 0, np.sin(9 * V), 0)[..., None] * np.ones(3)
+
+    def __init__(self, fit):
+        self.used = fit.observation.planar(self.field[None])[0]
+
+    def __call__(self, photograph, first_image):
+        assert first_image(photograph).shape == (*HIDDEN, 3)
+        return replace(photograph, planes=photograph.planes - self.used), {"stripes": 0.3}
+
+
+def test_corrections_change_the_photograph_that_the_residual_is_taken_of():
+    plain, corrected, clean = (
+        NoiseAware.for_scene(SCENE, A, B, corrections=corrections)
+        for corrections in ((), (Stripes,), ())
+    )
+    y = photograph()
+    striped = y + Stripes.field
+    reports = []
+    for method, given in ((plain, striped), (corrected, striped), (clean, y)):
+        solution = method.solve(given)
+        reports.append((solution, method.report(given, solution)))
+    (_, without), (solution, report), (expected, right) = reports
+    assert solution.corrections == {"stripes": 0.3} and report.numbers["stripes"] == 0.3
+    np.testing.assert_allclose(solution.image, expected.image, atol=0.02)
+    np.testing.assert_allclose(report.residual.light, right.residual.light, atol=0.02)
+    assert without.residual.diagnosis == "does_not_fit" and "stripes" not in without.numbers
+    assert report.residual.diagnosis == right.residual.diagnosis == "fits"
+
+
+def test_dark_photographs_and_ones_without_rows_are_no_error():
+    found, _ = residual(np.zeros((*SHAPE, 3)))
+    assert found.unexplained == 0 and found.diagnosis == "unknown"
+    assert found.numbers()["noise_alone"] is None
+    flat = NoiseAware(A, B, hidden_shape=HIDDEN)
+    y = photograph().reshape(-1, 3)
+    assert flat.report(y, flat.solve(y)).residual is None
+
+
+def test_residual_stands_out_of_the_noise_that_images_leave():
+    """The comparison is with what is left of white noise, not with all of it."""
+    rng = np.random.default_rng(3)
+    A = rng.random((V.size, 700))  # explain 40 % of white noise
+    transport = TransportOperator(A, np.ones((V.size, 1)) / np.sqrt(V.size))
+    signal = np.repeat(A.mean(axis=1, keepdims=True), 3, axis=1)
+    noise = rng.standard_normal((V.size, 3))
+    for strength, diagnosis in ((0.0, "fits"), (0.055, "does_not_fit")):
+        uneven = (10 + signal) * strength * paint(2).reshape(-1, 1)
+        found = residual_of(
+            10 + signal + uneven + noise, signal, transport, lambda v: v.T.reshape(-1, *SHAPE)
+        )
+        assert np.nansum(found.light**2) < 1.4 * noise.size  # of noise alone 1
+        assert found.diagnosis == diagnosis

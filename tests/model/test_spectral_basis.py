@@ -1,0 +1,91 @@
+"""The linear equations of the noise-aware method against dense solutions."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.model.spectral_basis import (
+    InverseLaplacian,
+    SpectralBasis,
+    laplacian,
+)
+
+HIDDEN = (4, 5)
+RNG = np.random.default_rng(0)
+# Curvatures that fall by many powers of ten, as those of penumbrae do.
+A = RNG.standard_normal((60, 20)) * 10.0 ** -np.linspace(0, 4, 20)
+GRAM = A.T @ A
+WEIGHTS = np.array([1.0, 0.5, 2.0])
+RIGHT = RNG.standard_normal((3, 20))
+
+
+def dense(ρ, data, g):
+    K = laplacian(HIDDEN)
+    return np.array(
+        [np.linalg.solve(w * GRAM + ρ * K, d + ρ * b)
+         for w, d, b in zip(WEIGHTS, data, g, strict=True)]
+    )  # fmt: skip
+
+
+def solver(ρ, data, weak):
+    patterns = SpectralBasis(GRAM, HIDDEN)
+    return patterns.solver(WEIGHTS[:, None], ρ, data @ patterns.rows.T, weak)
+
+
+@pytest.mark.parametrize("weak", [0.0, 0.01, 1.0, 1e12])
+@pytest.mark.parametrize("ρ", [1e-3, 0.1, 10.0])
+def test_equations_are_solved_whatever_counts_as_weak(weak, ρ):
+    data = RNG.standard_normal((3, 20)) @ GRAM
+    solve = solver(ρ, data, weak)
+    for factor in (1, -2):
+        g = (factor * RIGHT).astype(np.float32)
+        expected = dense(ρ, data, g)
+        assert np.abs(solve(g) - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_sum_of_weak_patterns_that_is_kept_costs_their_part_of_the_change():
+    ρ, data = 0.1, RNG.standard_normal((3, 20)) @ GRAM
+    g = RIGHT.astype(np.float32)
+    other = (RIGHT + 0.1 * RNG.standard_normal(RIGHT.shape)).astype(np.float32)
+    errors = []
+    for weak in (0.0, 1e-3, 1e-1):
+        solve = solver(ρ, data, weak)
+        solve(g)
+        kept = solve(other, renew=False)
+        expected = dense(ρ, data, other)
+        change = np.linalg.norm(expected - dense(ρ, data, g))
+        errors.append(np.linalg.norm(kept - expected) / change)
+        assert errors[-1] < weak + 1e-4
+        np.testing.assert_allclose(solve(other), expected, atol=1e-4 * np.abs(expected).max())
+    assert errors[2] > 1e-3
+
+
+def test_first_solution_is_exact_without_being_asked_to_renew():
+    data = RNG.standard_normal((3, 20)) @ GRAM
+    g = RIGHT.astype(np.float32)
+    expected = dense(0.1, data, g)
+    found = solver(0.1, data, 0.1)(g, renew=False)
+    assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_patterns_are_combined_by_their_coefficients():
+    patterns = SpectralBasis(GRAM, HIDDEN)
+    coefficients = RNG.standard_normal((3, 20))
+    np.testing.assert_allclose(
+        patterns.combined(coefficients), coefficients @ patterns.rows, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (6, 1), (4, 5)])
+def test_inverse_laplacian_undoes_the_laplacian(shape):
+    images = RNG.standard_normal((3, shape[0] * shape[1]))
+    smoothed = InverseLaplacian(shape)((images @ laplacian(shape)).astype(np.float32))
+    np.testing.assert_allclose(smoothed, images, atol=1e-5)
+
+
+def test_laplacian_is_that_of_forward_differences():
+    K = laplacian(HIDDEN)
+    for seed in range(3):
+        f = np.random.default_rng(seed).random(HIDDEN)
+        energy = (np.diff(f, axis=0) ** 2).sum() + (np.diff(f, axis=1) ** 2).sum() + (f**2).sum()
+        assert f.ravel() @ K @ f.ravel() == pytest.approx(energy)
+    np.testing.assert_array_equal(laplacian((1, 1)), [[1.0]])

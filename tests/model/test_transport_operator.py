@@ -1,0 +1,174 @@
+"""Passes over A against dense products and NumPy's decompositions."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import LinearOperator
+
+from periscopy_sim.model import transport_operator
+from periscopy_sim.model.transport_operator import COLUMNS, TransportOperator
+
+
+class Blocks:
+    """A matrix in blocks of three rows, which counts how often each was asked for."""
+
+    def __init__(self, A):
+        self.A = A
+        self.shape = A.shape
+        self.reads = 0
+
+    def row_blocks(self):
+        for start in range(0, len(self.A), 3):
+            rows = slice(start, min(start + 3, len(self.A)))
+            self.reads += rows.stop - rows.start
+            yield rows, self.A[rows].copy()
+
+
+def matrix(pixels=41, patches=COLUMNS + 7, dtype=np.float32, seed=0):
+    return np.random.default_rng(seed).random((pixels, patches)).astype(dtype)
+
+
+def basis(pixels=41, dimensions=4):
+    return np.linalg.qr(np.random.default_rng(1).normal(size=(pixels, dimensions)))[0]
+
+
+def projected(A, Q):
+    return A.astype(np.float64) - Q @ (Q.T @ A.astype(np.float64))
+
+
+def in_memory(A, _):
+    return A
+
+
+def read_only(A, _):
+    A = A.copy()
+    A.flags.writeable = False
+    return A
+
+
+def transposed(A, _):
+    return np.asfortranarray(A)
+
+
+def memory_map(A, folder):
+    np.save(folder / "A.npy", A)
+    return np.load(folder / "A.npy", mmap_mode="r")
+
+
+def in_blocks(A, _):
+    return Blocks(A)
+
+
+kinds = pytest.mark.parametrize(
+    "kind",
+    [in_memory, read_only, transposed, memory_map, in_blocks],
+    ids=lambda kind: kind.__name__,
+)
+
+
+@kinds
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_products_are_those_of_the_dense_matrix(kind, dtype, tmp_path):
+    A, Q = matrix(dtype=dtype), basis()
+    dense = projected(A, Q)
+    operator = TransportOperator(kind(A, tmp_path), Q)
+    rng = np.random.default_rng(2)
+    f, y = rng.normal(size=(dense.shape[1], 3)), rng.normal(size=(len(dense), 3))
+    assert isinstance(operator, LinearOperator) and operator.shape == A.shape
+    np.testing.assert_allclose(operator @ f, dense @ f, atol=1e-11)
+    np.testing.assert_allclose(operator @ f[:, 0], dense @ f[:, 0], atol=1e-11)
+    np.testing.assert_allclose(operator.H @ y, dense.T @ y, atol=1e-11)
+    np.testing.assert_allclose(operator.gram_product(f), dense.T @ (dense @ f), atol=1e-9)
+    assert operator.squared_norm == pytest.approx(np.sum(dense**2), rel=1e-12)
+
+
+@pytest.mark.parametrize("pixels", [1, 5, 17, 700])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_gram_product_of_any_size_is_the_dense_one(pixels, channels):
+    A = matrix(pixels, 23)
+    f = np.random.default_rng(2).normal(size=(23, channels))
+    exact = A.astype(np.float64)
+    np.testing.assert_allclose(
+        TransportOperator(A).gram_product(f), exact.T @ (exact @ f), rtol=1e-11, atol=1e-11
+    )
+
+
+def test_adjoint_passes_the_dot_test():
+    operator = TransportOperator(matrix(), basis())
+    rng = np.random.default_rng(3)
+    f, y = rng.normal(size=operator.shape[1]), rng.normal(size=operator.shape[0])
+    assert (operator @ f) @ y == pytest.approx(f @ (operator.H @ y), rel=1e-12)
+    squared = f @ operator.gram_product(f[:, None])[:, 0]
+    assert squared == pytest.approx(np.sum((operator @ f) ** 2), rel=1e-12)
+
+
+def test_gram_product_reads_every_row_once():
+    blocks = Blocks(matrix())
+    operator = TransportOperator(blocks, basis())
+    blocks.reads = 0
+    operator.gram_product(np.ones((blocks.shape[1], 3)))
+    assert blocks.reads == blocks.shape[0]
+
+
+def test_gram_product_does_not_depend_on_the_threads(monkeypatch):
+    operator = TransportOperator(matrix(500, 60), basis(500))
+    f = np.random.default_rng(2).normal(size=(60, 3))
+    threaded = operator.gram_product(f)
+    monkeypatch.setattr(
+        transport_operator, "in_parallel", lambda call, items: list(map(call, items))
+    )
+    np.testing.assert_array_equal(operator.gram_product(f), threaded)
+
+
+@pytest.mark.parametrize(("patches", "count"), [(1, 1), (5, 5), (30, 4), (200, 6)])
+def test_strongest_patterns_are_the_eigenvectors_of_the_dense_gram_matrix(patches, count):
+    A, Q = matrix(300, patches), basis(300)
+    dense = projected(A, Q)
+    eigenvectors = TransportOperator(A, Q).strongest_eigenvectors(count)
+    strongest = np.linalg.svd(dense, compute_uv=False)[:count]
+    np.testing.assert_allclose(eigenvectors.energy, strongest**2, rtol=1e-5)
+    np.testing.assert_allclose(eigenvectors.V.T @ eigenvectors.V, np.eye(count), atol=1e-10)
+    left = dense.T @ (dense @ eigenvectors.V) - eigenvectors.energy * eigenvectors.V
+    assert (np.linalg.norm(left, axis=0) <= 2e-4 * eigenvectors.energy).all()
+
+
+def test_backgrounds_of_another_size_are_refused():
+    with pytest.raises(ValueError, match="B has 7 rows"):
+        TransportOperator(matrix(), basis(7))
+
+
+def test_a_matrix_with_nan_is_refused():
+    A = matrix()
+    A[3, 4] = np.nan
+    with pytest.raises(ValueError, match="A must be finite"):
+        TransportOperator(A, basis())
+
+
+def test_a_matrix_that_the_backgrounds_explain_is_refused():
+    Q = basis()
+    with pytest.raises(ValueError, match="B explains all of it"):
+        TransportOperator(Q @ np.ones((4, 6)), Q)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.complex64])
+def test_types_that_the_passes_do_not_know_are_refused_by_name(dtype):
+    with pytest.raises(ValueError, match=f"type {np.dtype(dtype)}"):
+        TransportOperator(np.ones((6, 3), dtype))
+
+
+@pytest.mark.parametrize("form", [in_memory, read_only, transposed, memory_map, in_blocks])
+@pytest.mark.parametrize("entries", [1, 3 * 300, 2**24])
+def test_used_rows_are_those_of_the_mask(form, entries, tmp_path, monkeypatch):
+    monkeypatch.setattr(transport_operator, "BLOCK_ENTRIES", entries)
+    A, mask = matrix(patches=300), np.random.default_rng(2).random(41) < 0.6
+    mask[3:9] = False  # two blocks of three in which nothing is used
+    Q = np.linalg.qr(np.random.default_rng(1).normal(size=(int(mask.sum()), 4)))[0]
+    used = transport_operator.used_rows(form(A, tmp_path), mask)
+    assert used.shape == (mask.sum(), 300)
+    operator = TransportOperator(used, Q)
+    dense = projected(A[mask], Q)
+    f = np.random.default_rng(3).normal(size=(300, 3))
+    np.testing.assert_allclose(operator @ f, dense @ f, rtol=1e-9, atol=1e-9)
+    expected = dense.T @ dense @ f
+    np.testing.assert_allclose(operator.gram_product(f), expected, rtol=1e-7, atol=1e-7)
+    y = np.random.default_rng(4).normal(size=(int(mask.sum()), 2))
+    np.testing.assert_allclose(operator.T @ y, dense.T @ y, rtol=1e-9, atol=1e-9)

@@ -1,0 +1,232 @@
+"""Standard errors against dense algebra, against draws from the model, and against true errors."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import (
+    ROUNDING,
+    contrast,
+    curvature_of_total_variation,
+    standard_errors,
+)
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+
+RNG = np.random.default_rng(0)
+HIDDEN = (6, 7)
+N = 42
+A = RNG.random((400, N))
+GRAM = A.T @ A
+NOISE = np.array([0.1, 0.2, 0.4])
+TRUTH = np.zeros((*HIDDEN, 3))
+TRUTH[1:4, 2:6] = (0.9, 0.5, 0.2)
+
+
+def curvature_by_loops(image, weight):
+    """P entry by entry: the precision of each patch's two differences."""
+    rows, columns, _ = image.shape
+    P = np.zeros((rows * columns, rows * columns))
+    for i in range(rows):
+        for j in range(columns):
+            steps = [(i + 1, j)] * (i + 1 < rows) + [(i, j + 1)] * (j + 1 < columns)
+            squared = sum(((image[step] - image[i, j]) ** 2).sum() for step in steps)
+            precision = weight / 2 / np.sqrt(squared + (2 * ROUNDING / weight) ** 2)
+            for step in steps:
+                d = np.zeros((rows, columns))
+                d[step], d[i, j] = 1, -1
+                P += precision * np.outer(d, d)
+    return P
+
+
+@pytest.mark.parametrize("shape", [(6, 7), (1, 5), (5, 1)])
+def test_curvature_is_that_of_both_differences(shape):
+    image = np.random.default_rng(1).random((*shape, 3))
+    found = curvature_of_total_variation(image, 20.0).toarray()
+    np.testing.assert_allclose(found, curvature_by_loops(image, 20.0), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("misfit", [0.0, 60.0, 500.0])
+def test_errors_are_the_roots_of_the_covariance(misfit):
+    weight = 30.0
+    P = curvature_by_loops(TRUTH, weight)
+    inverses = [np.linalg.inv(GRAM / σ**2 + P) for σ in NOISE]
+    # In what the wall shows, I - A H⁻¹Aᵀ/σ² is what the estimate leaves of the photograph.
+    left = [
+        np.eye(N) - A.T @ A @ inverse / σ**2 for σ, inverse in zip(NOISE, inverses, strict=True)
+    ]
+    τ = contrast(misfit, sum(map(np.trace, left)), sum(np.trace(X @ X) for X in left))
+    found = standard_errors(GRAM, NOISE, TRUTH, weight, misfit, N)
+    for channel, (σ, inverse) in enumerate(zip(NOISE, inverses, strict=True)):
+        covariance = inverse @ (GRAM / σ**2 + τ * P) @ inverse
+        np.testing.assert_allclose(
+            found[..., channel].ravel(), np.sqrt(np.diag(covariance)), rtol=1e-6
+        )
+
+
+def test_without_a_prior_to_speak_of_it_is_the_standard_error_of_least_squares():
+    found = standard_errors(GRAM, NOISE, TRUTH, weight=1e-9, misfit=0, rank=N)
+    expected = np.sqrt(np.diag(np.linalg.inv(GRAM)))
+    for channel, σ in enumerate(NOISE):
+        np.testing.assert_allclose(found[..., channel].ravel(), σ * expected, rtol=1e-4)
+
+
+def test_without_data_a_flat_image_is_unsure_by_the_priors_scale():
+    # Two patches: differences of variance 2ε/λ, means that nothing tells.
+    gram = 1e9 * np.array([[1.0, 1], [1, 1]])  # the sum alone is seen
+    λ = 5.0
+    found = standard_errors(gram, np.ones(3), np.zeros((1, 2, 3)), λ, misfit=0, rank=1)
+    ε = 1 / λ
+    # ½ (λ/2ε) d² is the exponent of the difference d, of which each patch has a half.
+    np.testing.assert_allclose(found, np.sqrt(2 * ε / λ) / 2, rtol=1e-3)
+
+
+def test_units_of_the_image_are_those_of_the_result():
+    noise = np.full(3, 0.3)
+    one = standard_errors(GRAM, noise, TRUTH, 20.0, 300.0, N)
+    other = standard_errors(GRAM / 100, noise, 10 * TRUTH, 2.0, 300.0, N)
+    np.testing.assert_allclose(other, 10 * one, rtol=1e-9)
+
+
+def test_what_the_wall_does_not_show_does_not_change_the_contrast():
+    """A patch more that no pixel shows leaves the errors of the others as they were."""
+    gram = np.zeros((N + 1, N + 1))
+    gram[:N, :N] = GRAM
+    line = np.concatenate([TRUTH.reshape(1, N, 3), np.zeros((1, 1, 3))], axis=1)
+    one = standard_errors(GRAM, NOISE, line[:, :N], 30.0, 500.0, N)
+    other = standard_errors(gram, NOISE, line, 30.0, 500.0, N)
+    np.testing.assert_allclose(other[:, :N], one, rtol=1e-6)
+    assert (other[:, N] > other[:, N - 1]).all()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("τ", "least"), [(1.0, 0.7), (6.0, 0.9)])
+def test_images_of_the_assumed_covariance_err_by_as_much(τ, least):
+    """Draws from the model that the formulas stand on."""
+    weight, σ, draws = 30.0, 0.5, 200
+    rng = np.random.default_rng(2)
+    flat = np.full((*HIDDEN, 3), 0.4)
+    P = curvature_by_loops(flat, weight) + 1e-6 * np.eye(N)
+    H = GRAM / σ**2 + P
+    f = rng.standard_normal((N, 3 * draws))
+    f = np.sqrt(τ) * np.linalg.solve(np.linalg.cholesky(P).T, f)
+    h = GRAM @ f + A.T @ (σ * rng.standard_normal((400, 3 * draws)))
+    estimate = np.linalg.solve(H, h) / σ**2
+    apart = estimate - np.linalg.solve(GRAM, h)
+    misfits = (apart * (GRAM @ apart)).sum(axis=0).reshape(draws, 3).sum(axis=1) / σ**2
+    told = [standard_errors(GRAM, np.full(3, σ), flat, weight, m, N)[..., 0] for m in misfits]
+    variances = np.mean(np.square(told), axis=0).ravel()
+    squares = np.mean((estimate - f) ** 2, axis=1)
+    # 600 draws: a square is off by √(2/600) = 6 %, their mean by less. Where the contrast is the
+    # prior's, it is told too large as often as a standard error is (half the spread of a normal).
+    assert least < np.mean(squares / variances) < 1.05
+    np.testing.assert_allclose(squares / variances, np.mean(squares / variances), rtol=0.25)
+
+
+def test_contrast_below_that_of_the_prior_is_believed_where_it_is_significant():
+    # tr X = 100, tr X² = 50: a standard error of √(2 · 50)/50 = 0.2.
+    assert contrast(misfit=200, pulled=100, squared=50) == 3
+    assert contrast(misfit=100, pulled=100, squared=50) == 1
+    assert contrast(misfit=95, pulled=100, squared=50) == 1
+    assert contrast(misfit=75, pulled=100, squared=50) == pytest.approx(0.7)
+    assert contrast(misfit=0, pulled=100, squared=50) == pytest.approx(0.2)
+    assert contrast(misfit=0, pulled=1, squared=1) == 1
+
+
+BLURRED = A * np.geomspace(1, 0.02, N)[np.random.default_rng(1).permutation(N)]
+DOTS = np.zeros((*HIDDEN, 3))
+DOTS[(1, 3, 4), (2, 5, 1)] = [(0.9, 0.2, 0.2), (0.5, 0.9, 0.4), (0.8, 0.8, 0.9)]
+SPECKLE = np.random.default_rng(3).random((*HIDDEN, 3))
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("truth", [TRUTH, DOTS, SPECKLE], ids=["block", "dots", "speckle"])
+def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, noise):
+    method = NoiseAware(BLURRED, hidden_shape=HIDDEN)
+    errors, told = [], []
+    for seed in range(20):
+        y = BLURRED @ truth.reshape(-1, 3)
+        found = method.solve(y + noise * np.random.default_rng(seed).normal(size=y.shape))
+        errors.append(found.image - truth)
+        told.append(method.standard_errors(found))
+    ratio = np.sqrt(np.mean((np.array(errors) / told) ** 2))
+    assert 0.3 < ratio < 1.2
+    actual, expected = (np.sqrt(np.mean(np.square(e), axis=0)).ravel() for e in (errors, told))
+    assert np.corrcoef(actual, expected)[0, 1] > 0.15
+
+
+def test_errors_are_numbers_where_rounding_outweighs_them():
+    """A smooth A tells of few patterns, and the prior of next to nothing."""
+    x = np.linspace(0, 1, 400)[:, None]
+    A = np.exp(-0.5 * ((x - np.linspace(0, 1, 48)) / 0.3) ** 2)
+    y = A @ np.full((48, 3), 0.5) + 0.01 * np.random.default_rng(0).normal(size=(400, 3))
+    method = NoiseAware(A, hidden_shape=(6, 8), regularization=1e-9)
+    with pytest.warns(RuntimeWarning, match="recovery stopped"):
+        found = method.solve(y)
+    assert (method.standard_errors(found) > 0).all()
+    assert contrast(misfit=0, pulled=1, squared=-1e-9) == 0
+
+
+# -- errors of the scene --------------------------------------------------------------------------
+
+CHANGES = 0.3 * RNG.standard_normal((2, 400, N)).astype(np.float32)
+UNCERTAIN = UncertainTransport(("x", "turn"), np.zeros(2), np.eye(2), CHANGES)
+
+
+def test_errors_of_the_scene_add_what_they_move_the_estimate_by():
+    weight, σ = 30.0, 0.2
+    P = curvature_by_loops(TRUTH, weight)
+    inverse = np.linalg.inv(GRAM / σ**2 + P)
+    response = UNCERTAIN.lights(TRUTH) @ A  # (2, 3, N)
+    settings = GRAM, np.full(3, σ), TRUTH, weight, 100.0, N
+    plain, wider = standard_errors(*settings), standard_errors(*settings, response)
+    for channel in range(3):
+        moved = inverse @ response[:, channel].T / σ**2
+        expected = plain[..., channel].ravel() ** 2 + np.sum(moved**2, axis=1)
+        np.testing.assert_allclose(wider[..., channel].ravel() ** 2, expected, rtol=1e-6)
+
+
+def test_covariance_is_that_of_least_squares_beside_the_scenes_errors():
+    # Without a prior to speak of, noise and T e together are noise of covariance σ² I + T Tᵀ.
+    σ = 0.2
+    T = UNCERTAIN.lights(TRUTH)[:, 0].T  # (400, 2), of the first channel
+    settings = GRAM, np.full(3, σ), TRUTH, 1e-9, 0.0, N
+    found = standard_errors(*settings, UNCERTAIN.lights(TRUTH) @ A)[..., 0].ravel()
+    pseudoinverse = np.linalg.pinv(A)
+    covariance = pseudoinverse @ (σ**2 * np.eye(400) + T @ T.T) @ pseudoinverse.T
+    np.testing.assert_allclose(found, np.sqrt(np.diag(covariance)), rtol=1e-4)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_uncertain_scenes_widen_standard_errors_and_leave_the_image_alone(masked):
+    mask = np.arange(400) % 5 > 0 if masked else None
+    y = A @ TRUTH.reshape(-1, 3) + 0.05 * np.random.default_rng(0).normal(size=(400, 3))
+    plain = NoiseAware(A, hidden_shape=HIDDEN, mask=mask)
+    uncertain = NoiseAware(A, hidden_shape=HIDDEN, mask=mask, uncertain=UNCERTAIN)
+    one, other = plain.solve(y), uncertain.solve(y)
+    np.testing.assert_array_equal(one.image, other.image)
+    narrow, wide = (m.report(y, s) for m, s in ((plain, one), (uncertain, other)))
+    assert (wide.standard_errors > narrow.standard_errors).all()
+    assert narrow.numbers["standard_errors_count"] == []
+    assert wide.numbers["standard_errors_count"] == ["x", "turn"]
+    with pytest.raises(ValueError, match="changes"):
+        NoiseAware(A[1:], hidden_shape=HIDDEN, uncertain=UNCERTAIN)
+
+
+def test_errors_of_a_scene_that_errs_are_of_the_size_reported():
+    """Monte Carlo: each photograph is of another scene, drawn from the prior."""
+    shifted = A[:, np.arange(N).reshape(HIDDEN)[:, [0, *range(6)]].ravel()]
+    change = 0.3 * (shifted - A)[None].astype(np.float32)  # a third of a patch
+    uncertain = UncertainTransport(("dx",), np.zeros(1), np.ones((1, 1)), change)
+    methods = [
+        NoiseAware(A, hidden_shape=HIDDEN, max_iterations=5000, uncertain=each)
+        for each in (uncertain, None)
+    ]
+    ratios = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        light = (A + rng.standard_normal() * change[0]) @ TRUTH.reshape(-1, 3)
+        solution = methods[0].solve(light + 0.02 * rng.normal(size=(400, 3)))
+        errors = (solution.image - TRUTH)[TRUTH > 0]  # black patches are cut off at zero
+        ratios.append([errors / m.standard_errors(solution)[TRUTH > 0] for m in methods])
+    wide, narrow = np.sqrt(np.mean(np.square(ratios), axis=(0, 2)))
+    assert 0.5 < wide < 1.2 and narrow > 2 * wide

@@ -1,0 +1,75 @@
+"""What is split off, against minimization by brute force."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from periscopy_sim.reconstruction.noise_aware.splitting import RELAXATION, Splitting, advance
+
+RNG = np.random.default_rng(0)
+TARGETS = RNG.normal(0.1, 0.7, (3, 12, 10))
+PREVIOUS = np.maximum(RNG.normal(0.2, 0.4, TARGETS.shape), 0)
+
+
+def drawn(targets, previous, positive, pull):
+    """The new v for targets of the over-relaxed image."""
+    split = Splitting.zeros(targets.shape[1:])
+    f, previous = (array.astype(np.float32) for array in (targets / RELAXATION, previous))
+    advance(f, split, 0.1, positive, previous, pull)
+    np.testing.assert_allclose(split.v + split.q, targets, atol=1e-6)
+    return split.v
+
+
+def least(target, previous, positive, pull):
+    """Minimize ½‖v − t‖² + κ‖v − p‖ from several starts, the kink at p among the candidates."""
+
+    def value(v):
+        return np.sum((v - target) ** 2) / 2 + pull * np.linalg.norm(v - previous)
+
+    bounds = [(0 if positive else None, None)] * 3
+    starts = (np.maximum(target, 0), previous + 0.1)
+    found = [minimize(value, x, method="L-BFGS-B", bounds=bounds).x for x in starts]
+    return value, min(map(value, (*found, previous)))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("pull", [1e-3, 0.1, 0.5, 2.0])
+@pytest.mark.parametrize("positive", [True, False])
+def test_image_is_drawn_towards_the_frame_before_as_far_as_is_best(positive, pull):
+    v = drawn(TARGETS, PREVIOUS, positive, pull)
+    assert (v >= 0).all() or not positive
+    for i, j in np.ndindex(TARGETS.shape[1:]):
+        value, best = least(TARGETS[:, i, j], PREVIOUS[:, i, j], positive, pull)
+        assert value(v[:, i, j].astype(np.float64)) < best + 1e-5
+
+
+def test_patches_near_the_frame_before_are_as_they_were_and_the_others_change_in_all_colours():
+    v = drawn(PREVIOUS + 0.2 * TARGETS, PREVIOUS, False, 0.2)
+    change = np.abs(v - PREVIOUS.astype(np.float32))
+    is_near = np.linalg.norm(0.2 * TARGETS, axis=0) < 0.2
+    assert 0.2 < is_near.mean() < 0.8
+    assert (change[:, is_near] == 0).all() and (change[:, ~is_near] > 0).all()
+
+
+def test_scaled_fields_leave_the_others_as_they_were():
+    fields = (np.full((2, 3, 4, 5), 2, np.float32) for _ in range(2))
+    images = (np.full((3, 4, 5), 2, np.float32) for _ in range(2))
+    (u, p), (v, q) = fields, images
+    split = Splitting(u, p, v, q)
+    other = split.scaled(3, 5)
+    assert (other.u == 6).all() and (other.v == 6).all()
+    assert (other.p == 10).all() and (other.q == 10).all()
+    assert all((field == 2).all() for field in (split.u, split.p, split.v, split.q))
+
+
+def test_frame_before_that_is_far_away_pulls_by_its_weight_alone():
+    direction = np.array([2.0, 1.0, 2.0])[:, None, None] / 3
+    v = drawn(TARGETS, 1e12 * direction + 0 * TARGETS, False, 0.5)
+    np.testing.assert_allclose(v, TARGETS + 0.5 * direction, atol=1e-6)
+
+
+def test_an_image_that_becomes_black_ends_the_iterations():
+    f, split = np.full((3, 2, 2), -1e-6, np.float32), Splitting.zeros((2, 2))
+    own = advance(f, split, 1.0, True)
+    over_an_image = advance(f, Splitting.zeros((2, 2)), 1.0, True, black=1.0)
+    assert max(own) > 0.5 and max(over_an_image) < 1e-5
