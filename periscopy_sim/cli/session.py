@@ -132,7 +132,7 @@ class Session:
         return as_text(self.provenance)
 
     def check_scene(self, method: str | None = None) -> None:
-        """Reject a scene that a method cannot work with; warn where it shows little."""
+        """Reject a scene that a method cannot use; warn without shadows."""
         from periscopy_sim.evaluation.methods import check_able
 
         if method is not None:

@@ -84,9 +84,9 @@ def video(
     check_coupling(method, coupling)
     settings = settings_for(method, numbers, FOR_VIDEOS, coupling)
     entry = METHODS[method]
-    names_for_stills = {option.name for option in entry.options} & settings.keys()
-    for_stills = {name: settings[name] for name in names_for_stills}
-    weights = {name: settings[name] for name in settings if name not in for_stills}
+    of_still = {option.name for option in entry.options}
+    for_stills = {name: value for name, value in settings.items() if name in of_still}
+    weights = {name: value for name, value in settings.items() if name not in of_still}
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
     session = Session(scene, hidden, define, seed)
@@ -117,17 +117,12 @@ def video(
                         *(clip.photographs, images, clip.truth, white, rate, text, drawn),
                     )
         if residual is not None:
-            draw_residual(
-                folder / "residual.png",
-                clip.photographs[0],
-                residual,
-                residual_summary(residual),
-                text,
-            )
+            caption = residual_summary(residual)
+            draw_residual(folder / "residual.png", clip.photographs[0], residual, caption, text)
         session.suggest_mask(folder)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
-        summary: dict[str, Any] = {
+        summary = {
             "photographs": clip.name,
             "frames": len(clip.names),
             **request.origin,
@@ -158,7 +153,7 @@ def video(
 
 @dataclass(frozen=True, eq=False)
 class _Clip:
-    """The photographs of a video, (frames, rows, columns, 3), and what belongs to them."""
+    """The photographs of a video, (frames, rows, columns, 3), and their companions."""
 
     name: str
     names: Sequence[str]  # of the frames
@@ -186,7 +181,9 @@ def _read_clip(
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions(mask, monitor_off)
         sequence = open_frames(frames, shape, used)
-        _check_left_over(out / "frames", picture_names(len(sequence)))
+        held = {file.name for file in (out / "frames").glob("*.png")}
+        if held - set(picture_names(len(sequence))):
+            raise OutputError(f"{out}: holds a longer video; name another folder")
         photographs, warnings = decoded_photographs(
             sequence, shape, used, scratch / "y.npy", report
         )
@@ -207,10 +204,10 @@ def _read_clip(
 def _recover(
     session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
 ) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
-    """Recover the frames into an NPY file; warn where the first shows nothing or does not fit.
+    """Recover the frames into an NPY file; print the warnings of the first.
 
-    Return the frames, (frames, R, C, 3), a row of the table for each, the report of the first,
-    and frames a second.
+    Return the frames, (frames, R, C, 3), their rows of the table, the first one's report, and rates
+    in frames a second.
     """
     from threadpoolctl import threadpool_limits
 
@@ -222,7 +219,7 @@ def _recover(
     count, shape = len(clip.names), session.scenario.hidden_shape
     records: list[dict[str, Any]] = []
     report = Report()
-    # Products this small gain little from threads, which wait for each other on a busy machine.
+    # Small products gain little from threads, which wait for each other on a busy machine.
     with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
         with session.timed("rehearse"):
             live = video_metrics.live_rate(recovery, clip.photographs)
@@ -243,12 +240,3 @@ def _recover(
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
     return mapped_stack(file), records, report, rates
-
-
-def _check_left_over(folder: Path, names: list[str]) -> None:
-    """Reject a folder with pictures of a longer video."""
-    left_over = sorted({file.name for file in folder.glob("*.png")} - set(names))
-    if left_over:
-        raise OutputError(
-            f"{folder / left_over[0]} is of a longer video; remove {folder}, or name another folder"
-        )

@@ -33,7 +33,7 @@ FILM_SIZES = (
     ("height", "width"), ("rows", "columns"), ("film_height", "film_width"),
     ("resolution_y", "resolution_x"), ("resolution",),
 )  # fmt: skip
-"""Names that a scene's <default>s for the rows and columns of its film may have."""
+"""Possible names of the <default>s for the rows and columns of a scene's film."""
 
 Photos = Annotated[
     list[Path],
@@ -91,7 +91,7 @@ def prepare(
     options.require_suffix(out, ".exr", "the photograph")
     session = Session(scene, define=define)
     if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags both show the view; give one of them")
+        raise PeriscopyError("--points and --tags exclude each other; give one")
     if min(patches := options.parse_size(hidden)) < 1:
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     with fixable("--exposures"):
@@ -135,7 +135,7 @@ def prepare(
     say_written(*written)
     if film:
         definitions = " ".join(f"-D {name}={value}" for name, value in film.items())
-        say(f"the scene's film has this size with {definitions}: give it with every command")
+        say(f"give {definitions} with every command: it sets the scene's film to this size")
 
 
 # -- reading -------------------------------------------------------------------------------------
@@ -150,7 +150,7 @@ def _developed(
     times: Sequence[float] | None,
     mask: Path | None,
 ) -> tuple[SensorImage, Mask | None]:
-    """Read the photographs, and make one picture of linear light of them."""
+    """Read the photographs into one picture of linear light, and the mask."""
     from periscopy_sim.photographs.develop import average, black_level_warning, develop
     from periscopy_sim.photographs.sensor_image import mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
@@ -197,7 +197,7 @@ def _film(
     by: str,
     marks: WallPoints | WallTags | None,
 ) -> tuple[int, int]:
-    """Return the (rows, columns) of the film for --bin: auto, or the side of a block."""
+    """Return (rows, columns) of the film for --bin auto or --bin SIDE."""
     from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
     from periscopy_sim.photographs.placing import place_film
 
@@ -215,9 +215,9 @@ def _film(
     sizes = films_of_blocks(light.size)
     if (factor and factor not in sizes) or rows * light.size[1] != columns * light.size[0]:
         raise PeriscopyError(
-            f"--bin: {light.size[0]} x {light.size[1]} pixels (rows x columns) are no film of the "
-            f"proportions of {rows} x {columns}, the scene's, by blocks with a side of one of "
-            f"{', '.join(map(str, sizes))}; crop the photograph, or change the scene's film"
+            f"--bin: {light.size[0]} x {light.size[1]} pixels do not divide into the scene's "
+            f"{rows} x {columns} by blocks with a side of {', '.join(map(str, sizes))}; crop the "
+            "photograph, or change the scene's film"
         )
     return sizes[factor] if factor else advice.choose(list(sizes.values()))
 
@@ -225,7 +225,7 @@ def _film(
 def _film_definitions(
     scenario: Scenario, shape: tuple[int, int], define: list[str] | None
 ) -> dict[str, str]:
-    """Return the values of the scene's <default>s that give its film a size of (rows, columns)."""
+    """Return the scene's <default>s that set its film to (rows, columns)."""
     from periscopy_sim.rendering.scene.document import read_document
 
     declared = read_document(scenario.path).defaults.keys()
@@ -235,9 +235,8 @@ def _film_definitions(
                 raise PeriscopyError(f"--bin and -D both set {' and '.join(names)}; give one")
             return dict(zip(names, map(str, shape), strict=False))
     raise PeriscopyError(
-        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; write <default "
-        'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
-        "its film"
+        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; declare width "
+        "and height, and use $width and $height in its film"
     )
 
 
@@ -247,7 +246,7 @@ def _film_definitions(
 def _lines(
     prepared: Prepared, advice: FilmAdvice, size: tuple[int, int], *, casts: bool
 ) -> Iterator[str]:
-    """Yield how well the view is known, what was left out, and which film the shadows need."""
+    """Yield the accuracy of the view, the pixels left out, and advice on the film."""
     from periscopy_sim.photographs.film_size import PIXELS_IN_STEP, films_of_marks
     from periscopy_sim.photographs.resampling import Flaw
 
@@ -292,7 +291,7 @@ def _lines(
 
 
 def _fit(view: FittedView) -> str:
-    """Return how well a view fits its marks, in words."""
+    """Return how well a view fits its marks."""
     if not view.freedom:
         return "are as many as the view needs: nothing checks them"
     lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
@@ -303,7 +302,7 @@ def _fit(view: FittedView) -> str:
 
 
 def _record(prepared: Prepared) -> dict[str, Any]:
-    """Return the metadata about the view and the pixels left out."""
+    """Return the metadata of the view and the pixels left out."""
     record: dict[str, Any] = {
         "pixels_left_out": int(np.count_nonzero(~prepared.mask)),
         "defects_left_out": prepared.defects,
