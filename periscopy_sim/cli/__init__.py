@@ -1,6 +1,6 @@
 """The `periscopy` command.
 
-Exit codes: 0; 2 with one clear line for what a user can fix; 130 after Ctrl-C.
+Exit codes: 0; 2 with one line for an error that a user can fix; 130 after Ctrl-C.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
-    """Print how large a data set is, and what it holds."""
+    """Print the size and the contents of a data set."""
     import json
 
     from periscopy_sim.dataset.reading import describe

@@ -64,7 +64,7 @@ class Equal(StrEnum):
 
 
 _BY = "Least Cramer-Rao bound, least error that noise-aware reports, or shortest exposure."
-_EQUAL = "What scenes share: SNR and SBR (level), or exposure and the room's light (time)."
+_EQUAL = "Scenes share SNR and SBR (level), or exposure and the room's light (time)."
 
 
 def design(

@@ -99,7 +99,7 @@ class Session:
     warnings : list of str
         The lines that a summary repeats.
     sound : (rows, columns) bool
-        The pixels without defects, once `without_defects` has looked for them.
+        The pixels without defects, after `without_defects`.
     """
 
     sound: Mask
@@ -133,9 +133,9 @@ class Session:
 
     def check_scene(self, method: str | None = None) -> None:
         """Reject a scene that a method cannot use; warn without shadows."""
-        from periscopy_sim.evaluation.methods import check_able
-
         if method is not None:
+            from periscopy_sim.evaluation.methods import check_able
+
             check_able(method, self.scenario.hidden_shape)
         self.warnings += warn_without_shadows(self.scenario, self.name)
 

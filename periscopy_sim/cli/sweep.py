@@ -212,7 +212,7 @@ def _rendered(
 
 def _say_means(results: xr.Dataset) -> None:
     """Print the mean error of each method at each SBR, and the failures."""
-    errors = results["mean_squared_error"].mean(("background", "seed"))  # of what did not fail
+    errors = results["mean_squared_error"].mean(("background", "seed"))  # without failures
     names = [str(name) for name in results["algorithm"].values]
     heading = "mean squared error at SBR"
     width = max(map(len, [heading, *names]))

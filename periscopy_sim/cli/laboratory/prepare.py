@@ -77,8 +77,8 @@ def prepare(
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
 
-    The command writes NAME.exr; NAME_mask.png, which leaves out saturated pixels, tags and what
-    lies outside of the photograph; and NAME_preview.png, black outside of the mask.
+    The command writes NAME.exr; NAME_mask.png, which leaves out saturated pixels, tags and pixels
+    outside of the photograph; and NAME_preview.png, black outside of the mask.
     """
     from periscopy_sim.figures.display import save_png
     from periscopy_sim.figures.panels import enlarged

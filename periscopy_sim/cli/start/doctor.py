@@ -1,4 +1,4 @@
-"""`periscopy doctor`: what works on this machine."""
+"""`periscopy doctor`: versions, extras and variants on this machine."""
 
 from __future__ import annotations
 
