@@ -34,7 +34,7 @@ class _MakesByDefault(TyperGroup):
 
 app = typer.Typer(
     cls=_MakesByDefault,
-    help="Make, check and export a data set of photographs with their hidden images.",
+    help="Make, check and export a data set of photographs.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

@@ -19,7 +19,7 @@ def draw(
     out: options.OutFile,
     define: options.Define = None,
 ) -> None:
-    """Draw a scene to scale: plan, side view, shadows, an overview.
+    """Draw a scene to scale: plan, side view, shadows, overview.
 
     The drawing shows wrong signs and units.
     """

@@ -21,7 +21,7 @@ EXTRAS_OF = {
 
 
 def doctor() -> None:
-    """Show versions, missing extras, and which Mitsuba variants work, or why not."""
+    """Show versions, missing extras and Mitsuba variants."""
     from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
 
     say(f"python       {platform.python_version()} ({sys.executable})")

@@ -11,7 +11,7 @@ from periscopy_sim.shipped import scenes_folder
 
 
 def tutorial(out: Out) -> None:
-    """Copy the tutorial's photographs and measurements; overwrite nothing."""
+    """Copy the tutorial's files; overwrite nothing."""
     shipped = scenes_folder() / "tutorial"
     for file in sorted(shipped.rglob("*")):
         own = out / file.relative_to(shipped)
