@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -13,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, Scheduler, option
+from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, Scheduler, option, parse_indices
 from periscopy_sim.cli.output import progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
@@ -161,20 +160,6 @@ def export(
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
         written = export_samples(data, folder, parse_indices(samples, count), report)
     say(f"wrote {out}: {len(written)} files, and among them sheet.png")
-
-
-def parse_indices(text: str, count: int) -> list[int]:
-    """Read numbers and ranges such as ``0,4-7``; a range ends at `count` at the latest."""
-    indices: list[int] = []
-    for part in text.split(","):
-        numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
-        if not numbers:
-            raise PeriscopyError(f"'{text}': write numbers and ranges of samples, such as 0,5,8-11")
-        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
-    if not indices:
-        raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
-    return list(dict.fromkeys(indices))
 
 
 def _in_words(name: str, value: Any) -> str:

@@ -12,7 +12,7 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, check_memory
-from periscopy_sim.cli.options import Model, number, option, parse_definitions, parse_list
+from periscopy_sim.cli.options import Model, number, option, parse_list, parse_ranges
 from periscopy_sim.cli.output import (
     check_folder,
     progress,
@@ -184,26 +184,13 @@ def design(
 
 
 def _ranges(vary: str, path: Path, given: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read ``NAME=LOW:HIGH,...``, each the name of a number of the scene, once."""
+    """Read ``--vary``, whose names are those of numbers of the scene."""
     from periscopy_sim.calibration.prior import start_values
     from periscopy_sim.rendering.scene.document import read_document
 
-    ranges, errors = {}, read_document(path).errors
-    entries = [entry.strip() for entry in vary.split(",") if entry.strip()]
-    for name, ends in parse_definitions(entries, "--vary").items():
-        try:
-            low, high = map(float, ends.split(":"))
-        except ValueError:
-            low = high = np.nan
-        if not (np.isfinite([low, high]).all() and low < high):
-            raise PeriscopyError(
-                f"--vary {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
-            )
-        if name in errors:
-            raise SceneError(f"--vary {name}: a measurement error cannot vary; vary {errors[name]}")
-        ranges[name] = (low, high)
-    if not ranges:
-        raise PeriscopyError("--vary names no parameter; write NAME=LOW:HIGH")
+    ranges, errors = parse_ranges(vary, "--vary"), read_document(path).errors
+    for name in ranges.keys() & errors.keys():
+        raise SceneError(f"--vary {name}: a measurement error cannot vary; vary {errors[name]}")
     start_values(path, list(ranges), given)
     return ranges
 

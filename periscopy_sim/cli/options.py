@@ -215,6 +215,39 @@ def _refuse_doubles(flag: str, names: list[str]) -> None:
         raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
 
 
+def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
+    """Read ``NAME=LOW:HIGH,...``, each name once."""
+    ranges = {}
+    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
+    for name, ends in parse_definitions(entries, flag).items():
+        try:
+            low, high = map(float, ends.split(":"))
+        except ValueError:
+            low = high = math.nan
+        if not -math.inf < low < high < math.inf:
+            raise PeriscopyError(
+                f"{flag} {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
+            )
+        ranges[name] = (low, high)
+    if not ranges:
+        raise PeriscopyError(f"{flag} names no parameter; write NAME=LOW:HIGH")
+    return ranges
+
+
+def parse_indices(text: str, count: int) -> list[int]:
+    """Read indices and ranges of them, such as ``0,4-7``; ranges end below `count`."""
+    indices: list[int] = []
+    for part in text.split(","):
+        numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
+        if not numbers:
+            raise PeriscopyError(f"'{text}': write numbers and ranges of samples, such as 0,5,8-11")
+        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
+    if not indices:
+        raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
+    return list(dict.fromkeys(indices))
+
+
 def parse_ratios(text: str) -> list[float]:
     """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps)."""
     first, *rest = text.split(":")
