@@ -135,7 +135,7 @@ def prepare(
     say_written(*written)
     if film:
         definitions = " ".join(f"-D {name}={value}" for name, value in film.items())
-        say(f"give {definitions} with every command: it sets the scene's film to this size")
+        say(f"the scene's film has this size with {definitions}: give it with every command")
 
 
 # -- reading -------------------------------------------------------------------------------------

@@ -115,7 +115,7 @@ def test_paint_is_blamed_only_where_no_photograph_shows_it(capsys, has_backgroun
         told = [line for line in capsys.readouterr().out.splitlines() if "noise" in line]
         assert len(told) == 1 and told[0].startswith(first)
     assert "17 times as strong" in told[0] and "periscopy reconstruct" in told[0]
-    assert ("--background" in told[0]) == ("uneven paint" in told[0]) == (not has_backgrounds)
+    assert ("--monitor-off" in told[0]) == ("uneven paint" in told[0]) == (not has_backgrounds)
     advice = DISTRUSTED.format(UNTOLD[has_backgrounds])
     assert ("--monitor-off" in advice) == (not has_backgrounds) and "--free" in advice
 
