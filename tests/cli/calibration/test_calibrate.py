@@ -173,15 +173,6 @@ def test_a_scene_without_shadows_in_view_is_refused(photograph, refused, tmp_pat
     )
 
 
-def test_a_background_with_the_monitor_on_is_refused(photograph, refused, tmp_path):
-    np.save(tmp_path / "y.npy", photograph)
-    np.save(tmp_path / "on.npy", ps.add_noise(photograph, 60, 4))
-    line = refused(
-        "calibrate", "y.npy", *SCENE, "--background", "on.npy", "--out", "found.xml"
-    )  # fmt: skip
-    assert "on.npy: still shows the monitor" in line
-
-
 def test_a_textured_wall_is_refused(photograph, refused, edited_scene, tmp_path):
     np.save(tmp_path / "y.npy", photograph)
     paint = '<texture type="checkerboard" name="reflectance"/>'
