@@ -40,7 +40,7 @@ def video(
         typer.Argument(
             metavar="FRAMES",
             help="Photographs in time's order: a folder of files that reconstruct takes, a Zarr "
-            "archive, a multi-part EXR, an NPY or NPZ stack (frames, rows, columns, 3).",
+            "archive, an NPY or NPZ stack (frames, rows, columns, 3).",
             rich_help_panel=PHOTOGRAPH,
         ),
     ],
