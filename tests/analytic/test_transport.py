@@ -188,14 +188,6 @@ def test_an_unoccluded_lcd_patch_matches_adaptive_quadrature():
     assert analytic_transport(scenario)[0, 0] == pytest.approx(expected, rel=2e-4)
 
 
-def test_the_albedo_is_the_mean_over_the_channels():
-    white = replace(make_scenario(), wall_reflectance=np.ones(3))
-    colored = replace(white, wall_reflectance=np.array([0.1, 0.2, 0.9]))
-    np.testing.assert_allclose(
-        analytic_transport(colored), 0.4 * analytic_transport(white), rtol=1e-6
-    )
-
-
 @pytest.mark.parametrize("emission", [LAMBERTIAN, LCD])
 def test_a_large_wall_receives_the_power_that_a_patch_emits_and_no_more(emission):
     scenario = make_scenario(film=(400, 400), hidden=(1, 1), emission=emission, size=40.0)

@@ -170,20 +170,6 @@ def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, m
     assert np.var(apart, axis=0).mean() > 1.3 * np.var(parts, axis=0).mean()
 
 
-@pytest.mark.parametrize(
-    ("side", "most", "cut"),
-    [
-        (8, 64, (64, 64)),
-        (8, 20, (64, 16)),
-        (91, 264, (91**2, 169)),
-        (8, 1, (64, 1)),
-        (317, 264, (318**2, 212)),  # 317 is prime
-    ],
-)
-def test_few_wavefronts_hold_all_samples(side, most, cut):
-    assert photograph._cut(side, most) == cut
-
-
 def test_a_wavefront_is_what_mitsuba_renders(room):
     import mitsuba as mi
 
@@ -193,10 +179,3 @@ def test_a_wavefront_is_what_mitsuba_renders(room):
     integrator = mi.load_dict({"type": "path", "max_depth": -1})
     theirs = np.array(mi.render(rendered.scene, integrator=integrator, spp=64, seed=3))
     np.testing.assert_allclose(ours, theirs, rtol=1e-5)
-
-
-def test_samples_are_rounded_up_to_a_square(room):
-    seen, image = room.load(), np.ones((1, 1, 3))
-    np.testing.assert_array_equal(
-        render_photograph(seen, image, samples=10), render_photograph(seen, image, samples=16)
-    )

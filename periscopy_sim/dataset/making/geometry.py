@@ -20,7 +20,7 @@ from periscopy_sim.dataset.configuration.document import (
 )
 from periscopy_sim.dataset.making.draws import GeometryDraw, draw_geometry
 from periscopy_sim.errors import ConfigurationError, SceneError
-from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport
+from periscopy_sim.rendering.transport.bounced import BouncedTransport
 from periscopy_sim.scenario import Array, Scenario
 
 Photographer = Callable[[Array, int], Array]

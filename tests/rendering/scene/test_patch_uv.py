@@ -10,16 +10,6 @@ sizes = st.tuples(st.integers(1, 500), st.integers(1, 500))
 offsets = st.tuples(*[st.floats(1e-6, 1 - 1e-6)] * 2)
 
 
-@given(hidden=sizes, mirrored=st.booleans(), offset=offsets, data=st.data())
-def test_coordinates_lead_back_to_the_patch_and_the_place_in_it(hidden, mirrored, offset, data):
-    row, column = (data.draw(st.integers(0, n - 1)) for n in hidden)
-    u, v = patch_uv(row, column, hidden, mirrored, offset)
-    assert 0 <= u <= 1 and 0 <= v <= 1
-    down, across = (1 - v) * hidden[0], (1 - u if mirrored else u) * hidden[1]
-    assert (int(down), int(across)) == (row, column)
-    np.testing.assert_allclose((down - row, across - column), offset, atol=1e-9)
-
-
 @given(hidden=sizes, offset=offsets)
 def test_patches_tile_the_square_from_the_viewers_upper_left(hidden, offset):
     rows, columns = hidden

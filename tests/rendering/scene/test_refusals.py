@@ -47,9 +47,6 @@ def with_light(room, kind, inside="", to_world=FRONT):
     )
 
 
-ALL_BOUNCES = {"type": "path"}
-
-
 def refusal(room, *extra, **parts):
     with pytest.raises(SceneError) as caught:
         room.load(*extra, **parts)
@@ -92,32 +89,6 @@ def test_shape_that_lets_light_through_is_refused_with_its_bsdf(room, kind, grou
     assert "remove the shape, or give it an opaque bsdf" in message
 
 
-@pytest.mark.usefixtures("jit")
-def test_glass_between_monitor_and_wall_would_be_counted_as_opaque(room, mitsubas):
-    """Why they are refused: only with all bounces the light comes through."""
-    black, glass, one_bounce = (
-        np.mean(
-            mitsubas(
-                room.write(room.blocker(bsdf=bsdf), monitor=room.monitor(room.area)),
-                **integrator,
-                samples=1024,
-            )
-        )
-        for bsdf, integrator in (
-            (room.black, ALL_BOUNCES),
-            (SEE_THROUGH["thindielectric"], ALL_BOUNCES),
-            (SEE_THROUGH["thindielectric"], {"type": "path", "max_depth": 2}),
-        )
-    )
-    assert glass > 1.2 * black
-    assert one_bounce == pytest.approx(black, rel=1e-3)
-
-
-@pytest.mark.parametrize("center", ["0.7, 0.93, 0.3", "0.2, 0.1, 0.3", "5, -5, 5"])
-def test_glass_is_refused_before_the_camera_about_the_monitor_and_elsewhere(room, center):
-    assert "shape 'ball'" in refusal(room, room.blocker(center, 0.02, GLASS))
-
-
 @pytest.mark.parametrize("part", ["wall", "monitor"])
 def test_wall_and_monitor_may_not_let_light_through_either(room, part):
     thin = SEE_THROUGH["mask of 0.9"]
@@ -148,24 +119,6 @@ def test_opaque_shape_casts_the_shadow_of_a_black_one(room, bsdf):
 @pytest.mark.parametrize("group", [str, grouped], ids=["shape", "instance"])
 def test_shadow_of_a_shape_and_of_an_instance_is_right(room, is_right, group):
     is_right(group(room.blocker()))
-
-
-def test_twosided_makes_sure_of_an_unknown_bsdf(room):
-    import mitsuba as mi
-
-    class Paint(mi.BSDF):
-        def __init__(self, props):
-            super().__init__(props)
-            self.m_flags = int(mi.BSDFFlags.DiffuseReflection) | int(mi.BSDFFlags.FrontSide)
-            self.m_components = [self.m_flags]
-
-        def to_string(self):
-            return "Paint"
-
-    mi.register_bsdf("paint", Paint)
-    paint = '<bsdf type="paint"/>'
-    assert "(bsdf 'paint')" in refusal(room, room.blocker(bsdf=paint))
-    room.load(room.blocker(bsdf=f'<bsdf type="twosided">{paint}</bsdf>'))
 
 
 # -- participating media -------------------------------------------------------------------------

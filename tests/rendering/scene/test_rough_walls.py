@@ -7,7 +7,6 @@ from periscopy_sim.errors import SceneError
 from tests.rendering.materials import (
     BLEND,
     BUMPS,
-    MEASURED,
     RAMP,
     SLOPE,
     write_files,
@@ -25,7 +24,6 @@ WALLS = {
     "blendbsdf": BLEND,
     "bumpmap": RAMP,
     "normalmap": SLOPE,
-    "measured": MEASURED,
 }
 
 
