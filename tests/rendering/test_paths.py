@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from periscopy_sim.rendering import paths
 from periscopy_sim.rendering.ambient.irradiance import rows_of
@@ -100,18 +99,6 @@ def rays_of(sample):
     return mi.Ray3f(mi.Point3f(-0.2, 0.1, 1.3), mi.Vector3f(direction.x, direction.y, -direction.z))
 
 
-def by_chance(seed):
-    """Numbers that know nothing of each other."""
-    import drjit as dr
-    import mitsuba as mi
-
-    path = dr.arange(mi.UInt32, RAYS)
-    # Of fewer rounds numbers of neighbouring paths are alike.
-    return lambda dimension: mi.sample_tea_float32(
-        path, dr.opaque(mi.UInt32, seed << 12) + dimension, 8
-    )
-
-
 def by_paths(scene, seed, numbers_of=None):
     import mitsuba as mi
 
@@ -159,16 +146,6 @@ def test_numbers_beyond_the_sequence_are_as_good(monkeypatch, same_mean):
     compared(scene_of("gloss", EMITTERS["all"]), same_mean)
 
 
-def test_numbers_of_low_discrepancy_lower_the_noise():
-    """To a sixth here. Of 24 means either way, were both alike, this would be once in 10,000."""
-    scene = scene_of("matt", EMITTERS["all"])
-    even, chance = (
-        np.var([by_paths(scene, seed, numbers).mean() for seed in SEEDS], ddof=1)
-        for numbers in (None, by_chance)
-    )
-    assert chance > 4.5 * even
-
-
 def test_of_many_emitters_one_is_drawn_with_the_same_mean(monkeypatch, same_mean):
     monkeypatch.setattr(paths, "FEW", 2)
     compared(scene_of("gloss", EMITTERS["all"]), same_mean)
@@ -211,15 +188,6 @@ def test_paths_of_each_origin_are_even_by_themselves():
             strata = np.unique((first[dimension, origin] * PARTS[0]).astype(int))
             # Of numbers by chance 20 of 32 are filled, give or take 2.
             assert len(strata) > 27
-
-
-@pytest.mark.parametrize("dimension", [0, DIMENSIONS + 1])
-def test_every_path_has_any_number_as_often(dimension):
-    """Of 400 seeds; each of 8 paths by the test of Kolmogorov and Smirnov, all at 1e-4."""
-    numbers = PathNumbers(ORIGINS, PARTS)
-    found = np.stack([numbers_at(seed, [dimension], numbers)[0, ::256] for seed in range(400)])
-    worst = min(stats.kstest(each, "uniform").pvalue for each in found.T)
-    assert worst > 1e-4 / found.shape[1]
 
 
 def test_repeated_dimensions_and_seeds_know_nothing_of_each_other():

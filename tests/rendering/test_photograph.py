@@ -115,20 +115,6 @@ def test_other_lights_add_up_unless_the_monitor_is_to_shine_alone(room):
     assert (render_photograph(lit, image, **options) > alone + added).mean() > 0.9
 
 
-def test_image_may_have_another_resolution_than_the_patches(room, same_mean):
-    seen = room.load(hidden=(2, 3))
-    image = np.random.default_rng(0).random((2, 3, 3))
-    doubled = np.kron(image, np.ones((2, 4, 1)))
-    pictures = [
-        [
-            render_photograph(seen, shown, samples=64, bounces=1, seed=first + seed)
-            for seed in range(12)
-        ]
-        for shown, first in ((image, 0), (doubled, 50))
-    ]
-    same_mean(*pictures)
-
-
 @pytest.mark.parametrize(
     ("image", "reason"),
     [

@@ -138,14 +138,6 @@ def test_wall_elsewhere_and_turned_gets_the_same_background(tmp_path):
     assert np.ptp(pictures[0]) > 0.1 * pictures[0].mean()
 
 
-def test_coloured_wall_scales_the_light_by_its_reflectance(office, room, scenario):
-    paint = '<bsdf type="diffuse"><rgb name="reflectance" value="0.9, 0.4, 0.1"/></bsdf>'
-    coloured = room.load(wall=room.wall(paint), camera=room.camera((12, 12)))
-    grey, painted = (render_background(office, s, **COARSE) for s in (scenario, coloured))
-    ratio = painted.photograph / grey.photograph
-    np.testing.assert_allclose(ratio, np.broadcast_to([1.8, 0.8, 0.2], ratio.shape), rtol=1e-5)
-
-
 @pytest.mark.thorough
 def test_told_error_is_the_scatter_over_seeds(office, scenario):
     count = 12

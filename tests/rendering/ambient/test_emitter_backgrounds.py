@@ -77,26 +77,6 @@ def test_each_pane_of_a_panel_is_a_column_of_its_own(written, scenario):
 
 
 @pytest.mark.usefixtures("jit")
-def test_light_of_a_glass_of_many_colours_is_spanned_by_its_panes(written, scenario):
-    """A panel whose right half is dark is none of one column, but of two."""
-    import mitsuba as mi
-
-    image = np.array([[[1, 1, 1], [0, 0, 0]]], np.float32)
-    mi.Bitmap(image).write(str(scenario.path.parent / "glass.exr"))
-    half = (
-        '<texture type="bitmap" name="radiance"><string name="filename" value="glass.exr"/>'
-        '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
-    )
-    seen = render_background(written(panel(half)), scenario, target=1e-3).photograph[..., 0].ravel()
-    left = {}
-    for pane in (0.5, 0.25):
-        B = emitter_backgrounds(written(panel()), scenario, pane=pane, target=1e-3)
-        fitted = B @ np.linalg.lstsq(B, seen, rcond=None)[0]
-        left[pane] = np.linalg.norm(seen - fitted) / np.linalg.norm(seen)
-    assert left[0.5] > 0.02 and left[0.25] < 3e-3
-
-
-@pytest.mark.usefixtures("jit")
 def test_what_stands_before_a_lamp_casts_its_shadow(room, written, scenario):
     """Lamp and panel, each alone, against the path tracer."""
     ball = room.blocker("0.62, 0.8, 0.35", 0.05)

@@ -65,9 +65,7 @@ def place(room):
 
 SENDS_ON = {
     **{kind: (bsdf, kind) for kind, bsdf in CLEAR.items()},
-    "glass": ('<bsdf type="dielectric"/>', "dielectric"),
     "mirror": (f'<bsdf type="twosided">{MIRROR}</bsdf>', "conductor"),
-    "plastic": ('<bsdf type="plastic"/>', "plastic"),
     "blend": (
         f'<bsdf type="blendbsdf"><float name="weight" value="0.5"/>{BLACK}{MIRROR}</bsdf>',
         "conductor",

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
-from scipy import stats
 
-from periscopy_sim.rendering import wall_polynomials
 from periscopy_sim.rendering.ambient.replicas import SITES, best_estimate
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 
@@ -74,26 +72,6 @@ def stripes(shape):
     """Light that a window's bars cut: steep down, smooth across."""
     y, x = axes(shape)
     return np.outer(1 + 0.1 * np.sin(40 * y) * (1 + x), [1.0, 2.0, 0.5])
-
-
-def test_bias_is_estimated_without_bias(monkeypatch):
-    """Of a misfit that is as noise from pixel to pixel, by its error at all pixels."""
-    monkeypatch.setattr(wall_polynomials, "LARGEST", (8,))
-    sites, told, true = chosen_sites(SHAPE, SITES), [], []
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        field = np.outer(rng.normal(size=SHAPE[0] * SHAPE[1]), [1, 2, 0.5])
-        found = best_estimate(noisy(field[sites], 0.5, seed), sites, SHAPE)
-        told.append(found.squared_bias)
-        clean = best_estimate(np.stack([field[sites]] * 2), sites, SHAPE)
-        true.append(np.mean((clean.replicas[0] - field) ** 2, axis=0))
-    assert found.largest == (8, 8)
-    difference = np.mean(told, axis=0) - np.mean(true, axis=0)
-    deviation = np.std(np.array(told) - true, axis=0, ddof=1) / np.sqrt(len(told))
-    # Sites are some of the pixels: of 896, 256. At these the error is smaller.
-    expected = np.mean(true, axis=0)
-    assert np.all(deviation < 0.02 * expected)
-    assert np.all(np.abs(difference) < 0.12 * expected + stats.norm.isf(1e-5) * deviation)
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -105,25 +105,6 @@ def test_radiance_follows_the_profile_about_the_screens_own_axes(axes, scale, ex
     assert 1000 < (radiance[0] > 0).sum() < 3000
 
 
-def test_radiance_is_the_texture_times_the_profile():
-    import mitsuba as mi
-
-    values = np.array([[1.0, 2.0], [3.0, 5.0], [0.0, 7.0]])
-    axes, scale = TURNED
-    scene, shape = screen(axes, scale, radiance=picture(values))
-    rng = np.random.default_rng(1)
-    uv = rng.random((2, 1000))
-    away = np.abs(rng.normal(size=(3, 1000)))
-    origin = on_screen(axes, scale, uv) + axes @ away
-    seen = scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(-(axes @ away))))
-    shown = values[(uv[1] * 3).astype(int), (uv[0] * 2).astype(int)]
-    edge = np.abs(uv[1] * 3 - np.round(uv[1] * 3)) < 1e-3
-    edge |= np.abs(uv[0] * 2 - np.round(uv[0] * 2)) < 1e-3
-    expected = shown * EmissionProfile(*EXPONENTS)(*away)
-    radiance = np.array(shape.emitter().eval(seen))[1]
-    np.testing.assert_allclose(radiance[~edge], expected[~edge], rtol=2e-4, atol=1e-5)
-
-
 @FRAMES
 @pytest.mark.parametrize("values", [np.ones((1, 1)), np.array([[1.0, 4.0], [2.0, 0.5]])])
 def test_sampled_light_and_density_integrate_over_the_screen(axes, scale, values):
@@ -240,16 +221,3 @@ def test_light_found_by_sampling_the_screen_the_surface_or_both_is_the_same(same
     )
     same_mean(by_screen, by_surface)
     same_mean(by_both, by_screen)
-
-
-def test_without_falloff_the_screen_is_mitsubas_area_emitter(same_mean):
-    flat = {"type": "lcd", "vertical_exponent": 0.0, "horizontal_exponent": 0.0}
-    ours, theirs = (
-        [
-            render(corner_scene(emitter), {"type": "path", "max_depth": 6}, 256, first + seed)
-            for seed in range(12)
-        ]
-        for emitter, first in ((flat, 0), ({"type": "area"}, 50))
-    )
-    same_mean(ours, theirs)
-    assert np.mean(ours) > 0.1

@@ -11,8 +11,6 @@ from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, rend
 
 pytestmark = pytest.mark.usefixtures("jit")
 
-PLATE = np.array([(0.4, 0.5, 0.2), (0.5, 0.5, 0.2), (0.5, 0.5, 0.35), (0.4, 0.5, 0.35)])
-HALVES = [(0, 1, 2), (0, 2, 3)]
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
 
@@ -73,41 +71,11 @@ def line(room, *extra, **parts):
 # -- occluders -----------------------------------------------------------------------------------
 
 
-def test_box_that_pierces_the_wall_is_rendered_and_refused_by_the_closed_form(room, box):
-    pierces = room.load(box((0.3, 0.5, -0.5), (0.42, 1.1, 1.5)))
-    stands = room.load(box((0.3, 0.5, -0.5), (0.42, 1, 1.5)))
-    rendered = [render_transport(scene, strata="midpoint") for scene in (pierces, stands)]
-    np.testing.assert_allclose(*rendered, rtol=1e-5, atol=1e-8)
-    with pytest.raises(SceneError, match="shape 'box' reaches as far as the wall"):
-        analytic_transport(pierces)
-
-
 def test_monitor_within_a_box_lights_nothing(room, box):
     closed = room.load(box((-1, -0.1, -1), (1, 0.1, 1)))
     for render in (render_transport, partial(render_penumbrae, samples=4, pixel_samples=4)):
         with pytest.raises(SceneError, match="no light of the monitor reaches the wall"):
             render(closed)
-
-
-def test_inverted_normals_cast_the_same_shadow(room, box):
-    low, high = (0.4, 0.4, 0.2), (0.5, 0.5, 0.35)
-    shadows = [both(room.load(box(low, high, inside_out))) for inside_out in (False, True)]
-    np.testing.assert_array_equal(*shadows)
-    assert (shadows[0] < both(room.load())).any()
-
-
-@pytest.mark.parametrize(
-    ("vertices", "faces"),
-    [
-        (PLATE, [*HALVES, (0, 0, 0)]),
-        (PLATE, [*HALVES, (0, 1, 1)]),
-        ([*PLATE, (900, 900, 900)], HALVES),
-    ],
-    ids=["a point", "a line", "an unused vertex"],
-)
-def test_faces_without_area_and_vertices_without_faces_cast_no_shadow(room, mesh, vertices, faces):
-    plate = both(room.load(mesh(PLATE, HALVES)))
-    np.testing.assert_array_equal(both(room.load(mesh(vertices, faces))), plate)
 
 
 # -- monitor and wall ----------------------------------------------------------------------------

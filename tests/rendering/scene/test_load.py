@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.scene.load import build_scene, load_scenario, shape_of
 from periscopy_sim.scenario import EmissionProfile
 
@@ -73,60 +72,15 @@ def test_monitor_that_faces_away_is_refused(room, turn, flip):
     assert "faces away from the wall" in refusal(room, monitor=room.monitor(turn=turn, flip=flip))
 
 
-SCREEN_PLY = """ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-{properties}element face 2
-property list uchar int vertex_indices
-end_header
-{vertices}
-3 0 1 2
-3 0 2 3
-"""
-CORNERS = [(0.4, 0.15), (0.0, 0.15), (0.0, 0.45), (0.4, 0.45)]  # a viewer's lower left, and on
-UNIT = [(0, 0), (1, 0), (1, 1), (0, 1)]
-
-
-def mesh_monitor(room, uv, flip=False):
-    """The room's monitor as two triangles with the given UV coordinates of its corners."""
-    rows = [f"{x} 0 {z}" for x, z in CORNERS]
-    if uv:
-        rows = [f"{row} {u} {v}" for row, (u, v) in zip(rows, uv, strict=True)]
-    text = SCREEN_PLY.format(
-        properties="property float u\nproperty float v\n" if uv else "", vertices="\n".join(rows)
-    )
-    if flip:
-        text = text.replace("3 0 1 2", "3 2 1 0").replace("3 0 2 3", "3 3 2 0")
-    (room.folder / "screen.ply").write_text(text)
-    return (
-        '<shape type="ply" id="monitor"><string name="filename" value="screen.ply"/><boolean '
-        f'name="flip_normals" value="{str(flip).lower()}"/>{room.lcd()}{room.black}</shape>'
-    )
-
-
 def test_mesh_without_uv_coordinates_is_refused(room):
-    assert "give its mesh UV coordinates" in refusal(room, monitor=mesh_monitor(room, None))
-
-
-def test_a_refused_monitor_that_is_still_referenced_disturbs_no_rendering(room):
-    """As by a notebook's last traceback."""
-    with pytest.raises(SceneError) as refused:
-        room.load(monitor=mesh_monitor(room, None), hidden=(2, 3))
-    scenario = room.load(monitor=room.monitor(room.lcd()), hidden=(2, 3))
-    photograph = render_photograph(scenario, np.ones((2, 3, 3)), samples=16)
-    assert photograph.mean() > 0 and refused.tb is not None
-
-
-def test_mesh_whose_uv_coordinates_leave_a_gap_is_refused(room):
-    half = [(u, v / 2) for u, v in UNIT]
-    message = refusal(room, monitor=mesh_monitor(room, half), hidden=(4, 5))
-    assert "UV coordinates do not cover the unit square" in message
-    left = [(u / 2, v) for u, v in UNIT]
-    message = refusal(room, monitor=mesh_monitor(room, left), hidden=(4, 5))
-    assert "UV coordinates do not cover the unit square" in message
+    (room.folder / "screen.obj").write_text(
+        "v 0.4 0 0.15\nv 0 0 0.15\nv 0 0 0.45\nv 0.4 0 0.45\nf 1 2 3\nf 1 3 4\n"
+    )
+    monitor = (
+        '<shape type="obj" id="monitor"><string name="filename" value="screen.obj"/>'
+        f"{room.lcd()}{room.black}</shape>"
+    )
+    assert "give its mesh UV coordinates" in refusal(room, monitor=monitor)
 
 
 # -- the wall as the camera sees it ----------------------------------------------------------------
@@ -165,15 +119,6 @@ def test_perspective_pixels_see_what_a_pinhole_sees(room):
             hit = origin + ray * (1 - origin[1]) / ray[1]
             index = 7 * row + column
             np.testing.assert_allclose(seen.wall_points[index], hit, atol=3e-6)
-
-
-def test_cropped_film_sees_its_part_of_the_wall(room):
-    crop = {"crop_offset_x": 2, "crop_offset_y": 1, "crop_width": 3, "crop_height": 2}
-    inside = "".join(f'<integer name="{key}" value="{value}"/>' for key, value in crop.items())
-    seen = room.load(camera=room.camera(inside_film=inside))
-    assert seen.photograph_shape == (2, 3)
-    full = on_grid(room.load().wall_points, (5, 6))
-    np.testing.assert_allclose(on_grid(seen.wall_points, (2, 3)), full[1:3, 2:5], rtol=0, atol=1e-6)
 
 
 # -- the hidden patches ----------------------------------------------------------------------------

@@ -105,19 +105,6 @@ def test_files_are_found_beside_the_scene_whatever_the_working_folder(room, tmp_
     assert len(load_scenario(path.relative_to(tmp_path), (1, 1)).occluders) == 1
 
 
-def test_folders_that_a_scene_names_are_its_own_alone(room, tmp_path, refusal):
-    import mitsuba as mi
-
-    before = [str(folder) for folder in mi.file_resolver()]
-    (tmp_path / "m").mkdir()
-    (tmp_path / "m" / "ball.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')
-    include = '<include filename="ball.xml"/>'
-    *_, last = SceneNodes(room.write('<path value="m"/>', include)).of_type("Shape")
-    assert last.id() == "ball"
-    assert [str(folder) for folder in mi.file_resolver()] == before
-    assert '"ball.xml" not found' in refusal(room.write(include))
-
-
 @pytest.mark.parametrize(
     "tag",
     [

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import EmissionProfile
@@ -83,27 +82,6 @@ def test_chair_fills_the_published_millimetres_and_no_others():
     np.testing.assert_array_equal(filled, expected)
 
 
-def test_chair_of_other_sizes_holds_together():
-    """Each size at another value, drawn from the sizes alone."""
-    sizes = {
-        "seat_width": 80, "seat_depth": 70, "seat_thickness": 6, "back_height": 60,
-        "back_thickness": 9, "leg_width": 12, "leg_thickness": 3, "crossbar_drop": 50,
-        "crossbar_height": 20, "crossbar_thickness": 2,
-    }  # fmt: skip
-    declared = declared_errors(CHAIR, {})
-    assert all(0 < declared[name] <= 0.002 for name in sizes)
-    shape, top = (80, 70, 302), 242
-    expected = np.zeros(shape, bool)
-    expected[:, :, top - 6 : top] = True
-    expected[:, 61:, top:] = True
-    for x in (slice(12), slice(68, 80)):
-        for y in (slice(3), slice(67, 70)):
-            expected[x, y, :top] = True
-    expected[:, :2, top - 70 : top - 50] = True
-    parts = boxes("chair", **{name: size / 1000 for name, size in sizes.items()})
-    np.testing.assert_array_equal(filled_millimetres(parts, [0.506, 0.594, 0], shape), expected)
-
-
 @pytest.mark.parametrize(
     ("scene", "size", "part"),
     [
@@ -127,21 +105,6 @@ def test_chair_turns_and_stretches_as_one_about_the_middle_of_its_seats_top():
     for before, after in zip(plain, moved, strict=True):
         expected = pivot + ((before.vertices - pivot) * [1.1, 1, 0.9]) @ turn.T
         np.testing.assert_allclose(after.vertices, expected, atol=1e-6)
-
-
-def test_plate_is_a_square_on_a_centred_stick_that_reaches_the_table():
-    parts = boxes("plate")
-    assert list(parts) == ["plate", "stick"]
-    np.testing.assert_allclose(
-        parts["plate"], [[0.475, 0.5695, 0.214], [0.55, 0.5705, 0.289]], atol=1e-6
-    )
-    np.testing.assert_allclose(
-        parts["stick"], [[0.50975, 0.5695, 0], [0.51525, 0.5705, 0.214]], atol=1e-6
-    )
-    other = boxes("plate", plate_width=0.08, plate_height=0.07, stick_width=0.004)
-    assert other["plate"][:, 0] == pytest.approx([0.4725, 0.5525], abs=1e-6)
-    assert other["plate"][1, 2] == pytest.approx(0.284, abs=1e-6)
-    assert other["stick"][:, 0] == pytest.approx([0.5105, 0.5145], abs=1e-6)
 
 
 def test_parameters_move_the_occluder_and_the_monitor_by_just_so_much():

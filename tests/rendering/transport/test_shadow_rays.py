@@ -161,15 +161,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_s
     assert np.mean(first[lit] != other[lit]) > 0.99
 
 
-def test_matrix_can_be_rendered_into_a_memory_map(shipped, tmp_path):
-    seen = shipped("chair")
-    out = np.memmap(tmp_path / "A.bin", np.float32, "w+", shape=seen.transport_shape)
-    assert render_transport(seen, out=out) is out
-    out.flush()
-    stored = np.fromfile(tmp_path / "A.bin", np.float32).reshape(seen.transport_shape)
-    np.testing.assert_array_equal(stored, render_transport(seen))
-
-
 @pytest.mark.parametrize(
     "wrong",
     [{"samples": 0}, {"pixel_samples": 0}, {"samples": -4}, {"strata": "random"}],
@@ -195,24 +186,3 @@ def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):
     assert partly.mean() > 0.1
     assert clear.mean() > 0.1
     same_mean([A[partly | clear] for A in jittered], [exact[partly | clear]] * 64)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("samples", "pixel_samples"), [(1, 1), (2, 2)])
-def test_noise_of_entries_and_of_seeds_is_independent(room, samples, pixel_samples):
-    """The variance of a sum is the sum of variances, at 5 standard deviations."""
-    seen, count = room.load(), 200
-    renders = np.array(
-        [
-            render_transport(seen, samples=samples, pixel_samples=pixel_samples, seed=seed)
-            for seed in range(count)
-        ],
-        dtype=np.float64,
-    )
-    noise = (renders - renders.mean(axis=0)) / renders.std(axis=0, ddof=1)
-    for axes in [(1,), (2,), (1, 2)]:
-        number = np.prod([noise.shape[axis] for axis in axes])
-        ratio = noise.sum(axis=axes).var(axis=0, ddof=1) / number
-        assert abs(np.mean(ratio) - 1) < 5 * np.sqrt(2 / (count - 1) / ratio.size)
-    neighbours = np.mean(noise[1:] * noise[:-1])
-    assert abs(neighbours) < 5 / np.sqrt(noise[1:].size)
