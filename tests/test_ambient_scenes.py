@@ -1,16 +1,13 @@
 """The lighting conditions under ``scenes/ambient`` keep their contract and are what they claim."""
 
-import importlib.util
 import os
 import xml.etree.ElementTree as ET
 from functools import cache, lru_cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from periscopy_sim.rendering.scene.load import camera_of, load_scenario, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -42,15 +39,6 @@ def jit() -> None:
 
 
 vectorized = pytest.mark.usefixtures("jit")
-
-
-def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCENES))
-    spec = importlib.util.spec_from_file_location(name, SCENES / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @lru_cache(maxsize=1)  # every scene that is alive makes kernels slower to compile
@@ -219,24 +207,3 @@ def test_every_prop_is_used_and_every_file_exists() -> None:
     assert all(path.is_file() for path in named)
     props = {path for folder in ("meshes", "textures") for path in (AMBIENT / folder).iterdir()}
     assert props <= named
-
-
-def test_committed_meshes_are_what_the_script_builds(monkeypatch: pytest.MonkeyPatch) -> None:
-    trimesh = pytest.importorskip("trimesh")
-    meshes = script("make_ambient_meshes", monkeypatch)
-    files = {path.stem: path for path in (AMBIENT / "meshes").glob("*.ply")}
-    assert set(files) == set(meshes.MESHES)
-    for name, path in files.items():
-        built = meshes.build(name)
-        committed = trimesh.load(path, process=False)
-        np.testing.assert_allclose(committed.vertices, built.vertices, atol=2e-6, err_msg=name)
-        np.testing.assert_array_equal(committed.faces, built.faces, err_msg=name)
-
-
-def test_committed_textures_are_what_the_script_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    textures = script("make_ambient_textures", monkeypatch)
-    files = {path.stem: path for path in (AMBIENT / "textures").glob("*.png")}
-    assert set(files) == set(textures.TEXTURES)
-    for name, path in files.items():
-        drawn = textures.encode(textures.TEXTURES[name]()).astype(int)
-        assert np.abs(drawn - np.asarray(Image.open(path))).max() <= 1, name

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,39 +9,14 @@ from periscopy_sim.analytic.point_light import (
     point_light_backgrounds,
     point_light_response,
 )
-from periscopy_sim.scenario import Scenario
+from tests.analytic.test_transport import make_scenario
 
 FILM = (5, 7)
 CENTER = np.array([0.74, 1.03, 0.26])
 GRID = np.array([[0.3, 1.2, -0.4], [-2.0, 0.5, 1.0], [0.0, 3.0, 0.0]])
+# In the coordinates of `make_scenario`, whose field of view has this middle.
 LIGHTS = CENTER + np.array([[0.3, -1.2, -0.4], [-2.0, -0.5, 1.0], [0.0, -3.0, 0.0]])
 ANGLES = [(0, 0, 90), (25, -70, 130), (-160, 35, 10), (90, 0, 0)]
-
-
-def make_scenario(film=FILM):
-    """A wall at y = 1.03 m seen squarely, x to the right and z up; nothing else counts."""
-    row, column = np.divmod(np.arange(np.prod(film)), film[1])
-    across, up = 0.4 * ((column + 0.5) / film[1] - 0.5), 0.3 * (0.5 - (row + 0.5) / film[0])
-    points = CENTER + np.stack([across, np.zeros(len(row)), up], axis=1)
-    normals = np.tile([0.0, -1.0, 0.0], (len(points), 1))
-    one = np.ones((1, 3))
-    return Scenario(
-        path=Path("room.xml"),
-        parameters={},
-        photograph_shape=film,
-        hidden_shape=(1, 1),
-        wall_points=points,
-        wall_normals=normals,
-        wall_reflectance=None,
-        channel_gain=np.ones(3),
-        patch_centers=one,
-        patch_normals=one,
-        patch_across=one,
-        patch_up=one,
-        mirrored=False,
-        emission=None,
-        occluders=(),
-    )
 
 
 def loop_response(lights, points, normals):
@@ -92,7 +66,7 @@ def test_paper_grid_is_the_half_open_one_of_the_paper():
 
 
 def test_lights_stand_about_the_centre_of_the_field_of_view():
-    scenario = make_scenario()
+    scenario = make_scenario(film=FILM)
     np.testing.assert_allclose(
         point_light_backgrounds(scenario, GRID),
         loop_response(LIGHTS, scenario.wall_points, scenario.wall_normals),
@@ -102,7 +76,7 @@ def test_lights_stand_about_the_centre_of_the_field_of_view():
 
 @pytest.mark.parametrize("angles", ANGLES)
 def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
-    room, turn = make_scenario(), Rotation.from_euler("xyz", angles, degrees=True)
+    room, turn = make_scenario(film=FILM), Rotation.from_euler("xyz", angles, degrees=True)
     shift = np.array([3.0, -5.0, 2.0])
     turned = replace(
         room,
@@ -117,7 +91,7 @@ def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
 @pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 2, 3)])
 def test_grid_that_is_no_list_of_positions_is_refused(shape):
     with pytest.raises(ValueError, match=r"a grid of lights is \(L, 3\)"):
-        point_light_backgrounds(make_scenario(), np.ones(shape))
+        point_light_backgrounds(make_scenario(film=FILM), np.ones(shape))
 
 
 @pytest.mark.parametrize("away", [0.0, -1.0, np.nan])
@@ -125,4 +99,4 @@ def test_grid_with_a_light_not_in_front_of_the_wall_is_refused(away):
     grid = GRID.copy()
     grid[1, 1] = away
     with pytest.raises(ValueError, match="in front of the wall"):
-        point_light_backgrounds(make_scenario(), grid)
+        point_light_backgrounds(make_scenario(film=FILM), grid)

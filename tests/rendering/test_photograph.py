@@ -119,10 +119,7 @@ def test_other_lights_add_up_unless_the_monitor_is_to_shine_alone(room):
     ("image", "reason"),
     [
         (np.ones((2, 3)), r"\(rows, columns, 3\), not \(2, 3\)"),
-        (np.ones((2, 3, 4)), r"not \(2, 3, 4\)"),
-        (np.ones((1, 2, 3, 3)), r"not \(1, 2, 3, 3\)"),
         (np.full((2, 3, 3), np.nan), "must be finite"),
-        (np.full((2, 3, 3), np.inf), "must be finite"),
         (np.full((2, 3, 3), -1e-9), "not negative"),
     ],
 )

@@ -8,7 +8,6 @@ from periscopy_sim.rendering.ambient.irradiance import (
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import pixel_edges
-from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -127,26 +126,6 @@ def test_even_sky_gives_pi_times_its_radiance(room, same_mean):
     sky = '<emitter type="constant"><rgb name="radiance" value="1, 2, 4"/></emitter>'
     found = direct(room.write(sky, monitor=""), on_wall(3, 0.1), 1024)
     same_mean(found, np.broadcast_to(np.pi * np.array([1.0, 2, 4]), found.shape))
-
-
-def test_textured_light_counts_where_no_ray_is_aimed(room, same_at_each_point):
-    """Mitsuba aims at texels without regard to how the texture is turned over."""
-    write_exr(room.folder / "lamp.exr", np.pad(np.ones((1, 1, 3)), ((1, 2), (1, 2), (0, 0))), {})
-    texture = (
-        '<emitter type="area"><texture type="bitmap" name="radiance">'
-        '<string name="filename" value="lamp.exr"/>'
-        '<transform name="to_uv"><scale y="-1"/></transform></texture></emitter>'
-    )
-    turn = '<scale value="0.5"/><rotate x="1" angle="-90"/><translate x="0.7" y="0.2" z="0.3"/>'
-    lamp = shape("lamp", turn, inside=texture)
-    path = room.write(lamp, monitor="", camera=room.camera((25, 25)))
-    scene = scene_of(path)
-    brute = [path_trace(scene, 2, samples=400, seed=seed)[2::5, 2::5] for seed in SEEDS]
-    brute = np.stack(brute).reshape(-1, 25, 3) * np.pi / 0.5
-    points, normals, _ = on_wall(5, 0.08)
-    found = direct(path, (points, normals, on_wall(5, 0.016)[2]), 256)
-    same_at_each_point(found, brute)
-    assert np.abs(found.mean(axis=(0, 1)) / brute.mean(axis=(0, 1)) - 1).max() < 0.02
 
 
 # -- light that has bounced ----------------------------------------------------------------------

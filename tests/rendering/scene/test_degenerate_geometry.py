@@ -11,43 +11,16 @@ from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, rend
 
 pytestmark = pytest.mark.usefixtures("jit")
 
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
-
-@pytest.fixture
-def mesh(room):
-    """Write a black PLY occluder, and give its shape."""
-
-    def shape(vertices, faces, name="box"):
-        lines = [
-            "ply", "format ascii 1.0", f"element vertex {len(vertices)}", "property float x",
-            "property float y", "property float z", f"element face {len(faces)}",
-            "property list uchar int vertex_indices", "end_header",
-        ]  # fmt: skip
-        lines += [" ".join(f"{x:.9g}" for x in vertex) for vertex in vertices]
-        lines += [" ".join(str(n) for n in (len(face), *face)) for face in faces]
-        (room.folder / f"{name}.ply").write_text("\n".join(lines) + "\n")
-        return (
-            f'<shape type="ply" id="{name}"><string name="filename" value="{name}.ply"/>'
-            f'<boolean name="face_normals" value="true"/>{room.black}</shape>'
-        )
-
-    return shape
-
-
-@pytest.fixture
-def box(mesh):
-    def shape(low, high, inside_out=False):
-        vertices = [
-            (x, y, z)
-            for x in (low[0], high[0])
-            for y in (low[1], high[1])
-            for z in (low[2], high[2])
-        ]
-        faces = [f for a, b, c, d in QUADS for f in ((a, b, c), (a, c, d))]
-        return mesh(vertices, [face[::-1] for face in faces] if inside_out else faces)
-
-    return shape
+def box(x, y, z, half):
+    scale, place = (
+        " ".join(f'{k}="{v}"' for k, v in zip("xyz", each, strict=True))
+        for each in (half, (x, y, z))
+    )
+    return (
+        f'<shape type="cube" id="box"><transform name="to_world"><scale {scale}/>'
+        f"<translate {place}/></transform></shape>"
+    )
 
 
 def both(scenario):
@@ -68,17 +41,11 @@ def line(room, *extra, **parts):
     return str(caught.value)
 
 
-# -- occluders -----------------------------------------------------------------------------------
-
-
-def test_monitor_within_a_box_lights_nothing(room, box):
-    closed = room.load(box((-1, -0.1, -1), (1, 0.1, 1)))
+def test_monitor_within_a_box_lights_nothing(room):
+    closed = room.load(box(0, 0, 0, (1, 0.1, 1)))
     for render in (render_transport, partial(render_penumbrae, samples=4, pixel_samples=4)):
         with pytest.raises(SceneError, match="no light of the monitor reaches the wall"):
             render(closed)
-
-
-# -- monitor and wall ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scale", [(0, 0.15), (0.2, 0), (0, 0)])
@@ -111,16 +78,13 @@ def test_reflectance_that_is_not_finite_is_refused(room, value):
     assert "scene" in line(room, wall=room.wall(bsdf))
 
 
-# -- sizes ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("film", "hidden"),
     [((1, 1), (1, 1)), ((1, 9), (1, 1)), ((1, 9), (3, 3)), ((7, 3), (1, 5)), ((5, 6), (30, 1))],
 )
-def test_every_size_down_to_one_pixel_and_one_patch_is_rendered(room, box, film, hidden):
+def test_every_size_down_to_one_pixel_and_one_patch_is_rendered(room, film, hidden):
     # Of odd size: no ray of the few meets an edge, where rounding would decide.
-    block = box((0.407, 0.411, 0.203), (0.503, 0.497, 0.349))
+    block = box(0.455, 0.454, 0.276, (0.048, 0.043, 0.073))
     A = both(room.load(block, camera=room.camera(film), hidden=hidden))
     assert A.shape == (film[0] * film[1], hidden[0] * hidden[1])
 
