@@ -131,16 +131,24 @@ def compared(scene, same_mean):
     same_mean(found, expected)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bsdf", BSDFS)
 def test_light_is_that_of_mitsubas_path_integrator_whatever_it_meets(bsdf, same_mean):
     compared(scene_of(bsdf, EMITTERS["all"]), same_mean)
 
 
-@pytest.mark.parametrize("kind", EMITTERS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "all",
+        *(pytest.param(kind, marks=pytest.mark.thorough) for kind in EMITTERS if kind != "all"),
+    ],
+)
 def test_each_kind_of_emitter_counts_once(kind, same_mean):
     compared(scene_of("gloss", EMITTERS[kind]), same_mean)
 
 
+@pytest.mark.thorough
 def test_numbers_beyond_the_sequence_are_as_good(monkeypatch, same_mean):
     monkeypatch.setattr(paths, "DIMENSIONS", 5)
     compared(scene_of("gloss", EMITTERS["all"]), same_mean)

@@ -28,6 +28,7 @@ WALLS = {
 
 
 @pytest.mark.usefixtures("jit")
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", WALLS)
 def test_wall_that_is_rough_is_right(room, is_right, kind):
     write_files(room.folder)

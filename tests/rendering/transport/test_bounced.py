@@ -76,9 +76,14 @@ def traced(seen, image, bounces, samples=1024):
     ("bounces", "parts", "target"),
     [
         (2, {"board": painted("0.8, 0.4, 0.2")}, 2e-3),
-        (None, {"board": painted("0.8, 0.4, 0.2"), "floor": painted("0.5, 0.6, 0.7")}, 2e-3),
+        pytest.param(
+            None,
+            {"board": painted("0.8, 0.4, 0.2"), "floor": painted("0.5, 0.6, 0.7")},
+            2e-3,
+            marks=pytest.mark.thorough,
+        ),
         pytest.param(3, {"board": GLOSSY, "floor": painted(0.8)}, 2e-3, marks=pytest.mark.thorough),
-        (None, {"floor": SHINY}, 1e-2),
+        pytest.param(None, {"floor": SHINY}, 1e-2, marks=pytest.mark.thorough),
     ],
     ids=["once more", "corner", "glossy", "mirror"],
 )
@@ -92,16 +97,14 @@ def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, boun
     assert np.mean(found) > 1.02 * direct.mean()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "wall",
     [
         painted("0.9, 0.5, 0.3"),
         checkered("0.9, 0.8, 0.2", "0.3, 0.2, 0.4", 40),
-        pytest.param(
-            '<bsdf type="roughplastic"><float name="alpha" value="0.4"/></bsdf>',
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(SLOPE, marks=pytest.mark.thorough),
+        '<bsdf type="roughplastic"><float name="alpha" value="0.4"/></bsdf>',
+        SLOPE,
     ],
     ids=["coloured", "textured", "glossy", "sloping"],
 )
@@ -117,6 +120,7 @@ def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
     same_mean(list(traced(seen, image, None, 256)), list(predicted(seen, image, None)))
 
 
+@pytest.mark.thorough
 def test_in_a_sphere_it_is_a_geometric_series(tmp_path):
     """What a sphere of albedo ρ sends on is even: ρ²/(1 - ρ) of the power over π and its area."""
     albedo, half = 0.9, 0.02
