@@ -216,15 +216,11 @@ REFUSALS = [
     ("wall_normals", bent(SCENE.wall_normals), "'wall' is not one plane"),
     ("emission", None, "'monitor' has no closed angular profile"),
     ("patch_centers", bent(SCENE.patch_centers), NOT_A_GRID),
-    ("patch_centers", SCENE.patch_centers * [1.1, 1, 1], NOT_A_GRID),
     ("patch_normals", bent(SCENE.patch_normals), NOT_A_GRID),
     ("patch_up", SCENE.patch_up * np.linspace(0.9, 1, 6)[:, None], NOT_A_GRID),
-    ("patch_normals", SCENE.patch_normals + np.array([0.1, 0, 0]), NOT_A_GRID),
-    ("patch_normals", SCENE.patch_normals + np.array([0, 0, 0.1]), NOT_A_GRID),
     ("occluders", (Occluder("ball", None, None),), "'ball' has no triangles"),
     ("occluders", at(1.0), "'stool' reaches as far as the wall"),
     ("occluders", at(0.05), "'stool' reaches the monitor's plane"),
-    ("occluders", at(-1), "'stool' reaches the monitor's plane"),
 ]
 
 

@@ -55,16 +55,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(room):
     assert np.all(first != other)
 
 
-def test_brightness_is_that_of_the_image(room):
-    seen = room.load()
-    image = np.random.default_rng(0).random((2, 3, 3))
-    first = render_photograph(seen, image, samples=64)
-    np.testing.assert_allclose(
-        render_photograph(seen, 1000 * image, samples=64), 1000 * first, rtol=1e-5
-    )
-    assert not render_photograph(seen, 0 * image, samples=4).any()
-
-
 @pytest.mark.parametrize(("bounces", "terms"), [(1, 1), (2, 2), (4, 4), (None, np.inf)])
 def test_light_in_an_integrating_sphere_grows_by_the_geometric_series(room, bounces, terms):
     """A small patch on a sphere lights all of it alike, and so does the sphere itself."""

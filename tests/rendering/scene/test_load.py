@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import build_scene, load_scenario, shape_of
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import EmissionProfile
 
 MIRROR = '<bsdf type="conductor"/>'
@@ -204,19 +204,6 @@ def test_meshes_of_one_material_stay_apart(room):
 
 
 # -- built scenes ----------------------------------------------------------------------------------
-
-
-def test_built_scene_can_lose_its_other_lights_and_its_falloff(room):
-    lamp = (
-        '<emitter type="point"><point name="position" value="1, 0.2, 0.4"/>'
-        '<rgb name="intensity" value="3"/></emitter>'
-    )
-    seen = room.load(lamp)
-    assert len(build_scene(seen).emitters()) == 2
-    (alone,) = build_scene(seen, only_monitor=True).emitters()
-    assert "Lcd" in str(alone)
-    plain = build_scene(seen, plain_emitter=True)
-    assert "Lcd" not in str(shape_of(plain, "monitor").emitter())
 
 
 # -- other values ----------------------------------------------------------------------------------

@@ -136,14 +136,6 @@ def test_pixels_are_averaged_whatever_film_filter_and_sampler_the_file_asks_for(
     np.testing.assert_array_equal(pictures[0], pictures[1])
 
 
-def test_pixels_have_box_filters_and_stratified_samples(room):
-    nodes = SceneNodes(room.write())
-    nodes.average_pixels()
-    camera = camera_of(nodes.instantiate())
-    assert "Box" in str(camera.film().rfilter())
-    assert "MultijitterSampler" in str(camera.sampler())
-
-
 def test_film_that_is_not_an_hdrfilm_is_refused(room):
     nodes = SceneNodes(room.write(camera=room.camera(film="specfilm")))
     with pytest.raises(SceneError, match="sensor 'camera' has no film of type hdrfilm"):

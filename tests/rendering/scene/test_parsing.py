@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 
 
@@ -91,18 +90,6 @@ def triangle(path, x):
         "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
         f"{x} 0.5 0.2\n0.5 0.5 0.2\n0.4 0.5 0.3\n3 0 1 2\n"
     )
-
-
-def test_files_are_found_beside_the_scene_whatever_the_working_folder(room, tmp_path, monkeypatch):
-    triangle(tmp_path / "meshes" / "sofa.ply", 0.4)
-    path = room.write(mesh("meshes/sofa.ply"))
-    (tmp_path / "work").mkdir()
-    monkeypatch.chdir(tmp_path / "work")
-    (sofa,) = load_scenario(path, (1, 1)).occluders
-    assert sofa.name == "sofa"
-    np.testing.assert_allclose(sofa.vertices[1], [0.5, 0.5, 0.2], atol=1e-7)
-    monkeypatch.chdir(tmp_path)
-    assert len(load_scenario(path.relative_to(tmp_path), (1, 1)).occluders) == 1
 
 
 @pytest.mark.parametrize(

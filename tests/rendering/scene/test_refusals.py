@@ -131,19 +131,6 @@ def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(roo
 # -- the wall ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "bsdf",
-    [
-        '<bsdf type="plastic"/>',
-        '<bsdf type="twosided"><bsdf type="plastic"/></bsdf>',
-        '<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse"/>'
-        '<bsdf type="conductor"/></bsdf>',
-    ],
-)
-def test_wall_with_a_mirrors_part_is_refused(room, bsdf):
-    assert "reflects as a mirror does, in part or entirely" in refusal(room, wall=room.wall(bsdf))
-
-
 # -- the monitor's UV square ---------------------------------------------------------------------
 
 

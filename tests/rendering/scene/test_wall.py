@@ -39,16 +39,6 @@ def test_grey_texture_is_in_the_rows_and_the_colour_in_the_gain(room):
     np.testing.assert_allclose(point_light_backgrounds(seen), without * grey[:, None])
 
 
-def test_texture_of_several_colours_is_a_gain_of_each_pixel(room):
-    seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.15", "0.2, 0.2, 0.5", 5)))
-    assert seen.channel_gain.shape == (30, 3)
-    np.testing.assert_allclose(seen.channel_gain.mean(axis=1), 1, rtol=1e-6)
-    albedo = seen.wall_texture[:, None] * seen.channel_gain
-    np.testing.assert_allclose(
-        albedo / albedo.mean(), seen.wall_reflectance / seen.wall_reflectance.mean(), rtol=1e-6
-    )
-
-
 def test_pixels_that_lack_a_colour_are_left_out(room):
     seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.3", "0.5, 0.3, 0.01", 3)))
     dark = (seen.channel_gain == 0).all(axis=1)
