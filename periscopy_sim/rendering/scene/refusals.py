@@ -98,22 +98,28 @@ def check_monitor(monitor: Any, path: Path) -> None:
     """
     import drjit as dr
 
-    def locate(uv: Any) -> tuple[Any]:
+    def locate(uv: Any) -> tuple[Any, Any]:
         si = surface_at(monitor, uv)
         found = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
-        return (dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
+        return found, dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0)
 
     if monitor.class_name() == "Rectangle":  # always right
         return
     row, column = np.divmod(np.arange(GRID**2), GRID)
     # Off the middle, where meshes have their edges.
-    (area,) = map_points(locate, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
+    found, area = map_points(locate, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
+    if not monitor.is_mesh() and not found.all():
+        raise SceneError(
+            f"scene '{path}': Mitsuba finds no point of the monitor, or a wrong one, at "
+            f"{1 - found.mean():.1%} of its UV coordinates; turn it otherwise, or use a mesh with "
+            "UV coordinates"
+        )
     share = area.mean() / float(np.ravel(monitor.surface_area())[0])
     if not abs(share - 1) <= SHARE:
         raise SceneError(
-            f"scene '{path}': the monitor's patches would hold {share:.1%} of its surface, as "
-            "Mitsuba finds it; give each of its points UV coordinates of its own, from 0 to 1, and "
-            "let other surfaces be shapes of their own (of a box, its front alone is the monitor)"
+            f"scene '{path}': the monitor's patches would hold {share:.1%} of its surface; give "
+            "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
+            "be shapes of their own (of a box, its front alone is the monitor)"
         )
 
 
