@@ -124,6 +124,7 @@ def test_impossible_samples_and_bounces_are_refused(room, wrong):
         render_photograph(room.load(), np.ones((1, 1, 3)), **{"samples": 1} | wrong)
 
 
+@pytest.mark.thorough
 def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, monkeypatch):
     seen, image = room.load(), np.ones((2, 3, 3))
     whole = [render_photograph(seen, image, samples=64, seed=seed) for seed in range(12)]

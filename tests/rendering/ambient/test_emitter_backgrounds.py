@@ -76,6 +76,7 @@ def test_each_pane_of_a_panel_is_a_column_of_its_own(written, scenario):
         assert np.count_nonzero(nearest < 2e-3) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_what_stands_before_a_lamp_casts_its_shadow(room, written, scenario):
     """Lamp and panel, each alone, against the path tracer."""

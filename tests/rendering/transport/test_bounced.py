@@ -144,6 +144,7 @@ def test_in_a_sphere_it_is_a_geometric_series(tmp_path):
     assert found == pytest.approx(expected * (1 - lost), rel=1e-2)
 
 
+@pytest.mark.thorough
 def test_told_error_is_that_of_a_white_photograph(room):
     seen = room.load(board(painted("0.8, 0.4, 0.2")), camera=room.camera((18, 20)), hidden=(4, 5))
     A = render_transport(seen, pixel_samples=4)
@@ -205,6 +206,7 @@ def test_an_array_of_it_is_the_channels_mean_and_so_are_its_rows(room):
         A @ f[:, 0]
 
 
+@pytest.mark.thorough
 def test_shadows_that_a_small_mirror_sends_are_warned_of(room, monkeypatch):
     monkeypatch.setattr(bounced, "ROUNDS", 4)
     strip = board(SHINY, x=0.75, y=0.6, size=0.03)
