@@ -175,7 +175,7 @@ class Session:
     ) -> tuple[Any, NDArray[np.float32]]:
         """Fit a method to the scene's A and B; return it and A, the channels' mean."""
         from periscopy_sim.evaluation.methods import fit_method
-        from periscopy_sim.rendering.transport.bounced_transport import channels_mean
+        from periscopy_sim.rendering.transport.bounced import channels_mean
         from periscopy_sim.storage.transport_matrix import record_of
 
         with self.timed("transport matrix"):

@@ -23,7 +23,7 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.threads import in_parallel
-from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
+from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 Block = dict[str, NDArray[Any]]

