@@ -186,7 +186,7 @@ def test_only_the_rendering_and_the_variants_name_need_mitsuba():
     others = {name for name in importers if not name.startswith("periscopy_sim.rendering.")}
     # These ask for the variant's name alone.
     assert others <= {
-        "periscopy_sim.cli.inputs",
+        "periscopy_sim.cli.session",
         "periscopy_sim.dataset.make",
         "periscopy_sim.storage.ambient_library",
     }

@@ -1,6 +1,6 @@
 """The `periscopy` command.
 
-Exit codes: 0; 2 with one clear line for what a user can fix; 130 after Ctrl-C.
+Exit codes: 0; 2 with one line for an error that a user can fix; 130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib import import_module
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -33,11 +33,11 @@ MODULES = {
     "ambient": "ambient", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
     "calibrate": "calibration.calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
 }  # fmt: skip
-"""Where each command is: a function of its name, or the Typer `app` of a group of commands."""
+"""The module of each command: a function of its name, or the Typer `app` of a group."""
 
 
 class _Commands(Mapping[str, Any]):
-    """The parsers of the commands by name; each imports its command when it is asked for."""
+    """The commands' parsers by name, each imported when it is first needed."""
 
     def __iter__(self) -> Iterator[str]:
         return iter(MODULES)
@@ -84,11 +84,11 @@ def _periscopy(
 
 
 def main() -> None:
-    """Run the command line; turn what a user can fix into one line and exit code 2."""
-    warnings.showwarning = _one_line_warning
+    """Run the command line; report an error that a user can fix on one line, with exit code 2."""
+    warnings.showwarning = lambda message, *_, **__: warn(" ".join(str(message).split()))
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
-    signal.signal(signal.SIGTERM, _interrupt)  # as batch queues send it
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as batch queues send it
     sys.unraisablehook = partial(_keep_interrupts, sys.unraisablehook)
     try:
         code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
@@ -109,7 +109,7 @@ def main() -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Return what a user can fix of an error; nothing if it is a defect of the package."""
+    """Return the message of an error that a user can fix; empty for a defect of the package."""
     if isinstance(error, PeriscopyError):
         return str(error)
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRA_OF:
@@ -128,10 +128,6 @@ def _reason(error: BaseException) -> str:
     return reason + (f" Try '{context.command_path} --help'." if context else "")
 
 
-def _interrupt(*_: Any) -> NoReturn:
-    raise KeyboardInterrupt
-
-
 def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:
     """Interrupt again where a callback from compiled code, such as numba's compiler, ignored it."""
     if issubclass(lost.exc_type, KeyboardInterrupt):
@@ -141,11 +137,7 @@ def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHoo
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C caused an error, as while a compiled library is being imported."""
+    """Return whether Ctrl-C caused an error, as during the import of a compiled library."""
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return True
     return error is not None and _is_interrupt(error.__cause__ or error.__context__)
-
-
-def _one_line_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    warn(" ".join(str(message).split()))

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli.options import OUTPUT, Define, SceneOption, Seed, option
+from periscopy_sim.cli.options import Define, ResumedFolder, SceneOption, Seed, option
 from periscopy_sim.cli.output import progress, say, to_be_continued
 from periscopy_sim.cli.session import Session
 from periscopy_sim.scenario import Scenario
@@ -19,32 +19,20 @@ from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 def ambient(
     scene: SceneOption,
-    out: Annotated[
-        Path,
-        option(
-            "FOLDER",
-            "Folder of the pictures; each appears complete or not at all, and stays.",
-            group=OUTPUT,
-        ),
-    ],
+    out: ResumedFolder,
     names: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[NAME]...",
-            help="Shipped conditions or scene files; if none, all the shipped: "
-            f"{len(REALISTIC)} realistic, {len(ADVERSARIAL)} adversarial.",
-        ),
+        typer.Argument(metavar="[NAME]...", help="Scene files or shipped conditions."),
     ] = None,
     target: Annotated[
-        float,
-        option("NUMBER", "Relative error of a pixel at which to stop.", min=1e-5, max=1),
+        float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
     ] = 3e-4,
     seed: Seed = 0,
     define: Define = None,
 ) -> None:
     """Photograph the wall of a scene under ambient light.
 
-    Each condition is path traced and written as NAME.exr.
+    The command path traces each condition and writes NAME.exr.
     """
     from periscopy_sim.storage.formats.exr import read_exr
 

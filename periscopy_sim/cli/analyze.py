@@ -6,25 +6,25 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
 from periscopy_sim.cli.options import Model, option, parse_bounces
-from periscopy_sim.cli.output import fixable, progress, say, told_folder
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.session import Session, pixel_record
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
 MEANINGS = {
     "condition_A": "largest over smallest singular value of A: how much noise may grow",
-    "condition_DA": "the same of D A, D taking differences of neighbouring pixels",
-    "background_rank": "dimensions of ambient light, range(B), that are projected out",
+    "condition_DA": "the same of D A, where D takes differences of neighbouring pixels",
+    "background_rank": "dimensions of range(B), ambient light, projected out",
     "largest_angle": "degrees, the largest principal angle between range(A) and range(B)",
     "smallest_angle": "degrees, the smallest: near 0, some image looks like ambient light",
     "identity_error": "largest entry of |P A - I|: 0 but for rounding",
     "residual_background": "% of ambient light that P lets pass, mean of |P B_i|/(|P||B_i|)",
     "bound_ratio": "summed noise variance of patches, by A alone over by [A, B]: 1 at best",
 }
-"""What is printed of `Diagnostics`, with its unit, where it has one, and its meaning."""
+"""Meaning, with its unit if any, of each printed number of `Diagnostics`."""
 
 
 def analyze(
@@ -43,9 +43,9 @@ def analyze(
     seed: options.Seed = 0,
     define: options.Define = None,
 ) -> None:
-    """Say how well a scene determines its hidden image.
+    """Report how well a scene determines its hidden image.
 
-    By condition numbers, angles, residual background and Cramer-Rao bounds.
+    The report has condition numbers, angles, residual background and Cramer-Rao bounds.
     """
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
@@ -55,56 +55,54 @@ def analyze(
     request = TransportRequest(samples, seed, model, parse_bounces(bounces), strata="gauss")
     lights = LightModel.of(light_model, seed)
     session = Session(scene, hidden, define, seed)
-    with told_folder(out) as folder:
+    with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        used = inputs.read_mask(mask, scenario)
-        dark = inputs.read_backgrounds(monitor_off, scenario, used)
+        used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
         A = channels_mean(request.matrix(scenario))
         columns = lights.matrix(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
-        with fixable(f"scene '{scenario.path}'", dark), progress("analyzing") as report:
-            observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], dark)
+        with fixable(f"scene '{scenario.path}'", off), progress("analyzing") as report:
+            observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
             B = observed.joined(columns)
             used = observed.mask  # dark spots of a textured wall are left out, too
-            found = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
+            result = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)
             report(0.4)
             table = []
             for number, tolerance in enumerate(TOLERANCES, 1):
                 table.append(diagnostics.rank_row(seen, modelled, tolerance))
                 report(0.4 + 0.6 * number / len(TOLERANCES))
-        np.save(folder / "bounds.npy", found.bounds)
-        np.save(folder / "bounds_without_background.npy", found.bounds_without_background)
+        np.save(folder / "bounds.npy", result.bounds)
+        np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(seen.sum(axis=1).mean())
         panels.draw_maps(
             folder / "bounds.png",
             [
-                ("A alone", noise * found.bounds_without_background),
-                ("[A, B]", noise * found.bounds),
+                ("A alone", noise * result.bounds_without_background),
+                ("[A, B]", noise * result.bounds),
             ],
             "standard error of a patch, white = 1",
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,
         )
-        numbers: dict[str, Any] = {name: getattr(found, name) for name in MEANINGS}
+        numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
         session.write_summary(
             folder / "summary.json",
             {
                 **request.origin,
                 **lights.origin,
                 "rank_tolerance": rank_tolerance,
-                **inputs.mask_record(mask, used),
-                "backgrounds": list(dark),
+                **pixel_record(mask, used, off),
                 **numbers,
                 "rank_table": table,
             },
         )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")
-    say("what is kept of B at each rank tolerance, what P lets pass of it, what noise costs:")
+    say("rank of B at each tolerance, residual background of P, noise gain:")
     say("     tolerance  rank  largest |P B_i|/(|P||B_i|)   trace(P P')")
     for row in table:
         say(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -13,8 +12,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, option
-from periscopy_sim.cli.output import counted_progress, progress, say, to_be_continued, warn
+from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, Scheduler, option, parse_indices
+from periscopy_sim.cli.output import progress, say, to_be_continued, warn
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
 
@@ -24,7 +23,7 @@ Archive = Annotated[
 
 
 class _MakesByDefault(TyperGroup):
-    """Takes what names no command of the group for the arguments of `make`."""
+    """A group whose default command is `make`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] != "--help":
@@ -34,8 +33,7 @@ class _MakesByDefault(TyperGroup):
 
 app = typer.Typer(
     cls=_MakesByDefault,
-    help="Make, check and export a data set of photographs.\n\n"
-    "One archive holds them with their hidden images.",
+    help="Make, check and export a data set of photographs.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -45,25 +43,20 @@ app = typer.Typer(
 @app.command("make", cls=GroupedCommand)
 def make(
     configuration: Annotated[
-        Path | None, typer.Argument(metavar="CONFIG.yaml", help="What it shall hold.")
+        Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
     ] = None,
     out: Annotated[
-        Path | None,
-        option(
-            "FOLDER", "The archive, a Zarr folder; goes on with one that is begun.", group=OUTPUT
-        ),
+        Path | None, option("FOLDER", "The Zarr archive, made or continued.", group=OUTPUT)
     ] = None,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1, max=10**8)
     ] = None,
-    scheduler: Annotated[
-        str | None, option("ADDRESS", "A Dask scheduler; without it, this machine.")
-    ] = None,
+    scheduler: Scheduler = None,
     example: Annotated[
         bool, typer.Option("--example", help="Print a commented configuration and exit.")
     ] = False,
 ) -> None:
-    """Make what is missing of a data set ('make' may be left out)."""
+    """Make or continue a data set ('make' is optional)."""
     from periscopy_sim.dataset.configuration import EXAMPLE, load_configuration
     from periscopy_sim.dataset.make import make_dataset
 
@@ -79,7 +72,7 @@ def make(
     start = time.perf_counter()
     with (
         to_be_continued(),
-        counted_progress("making samples", "samples") as show_blocks,
+        progress("making samples", "samples") as show_blocks,
         _between_blocks() as check,
     ):
 
@@ -104,8 +97,8 @@ def make(
     seconds = time.perf_counter() - start
     if made.empty_splits:
         warn(
-            f"no geometry is for {' or '.join(made.empty_splits)}: give more of them, by more "
-            "samples or a smaller samples_per_geometry"
+            f"no geometry is for {' or '.join(made.empty_splits)}: make more samples, or choose a "
+            "smaller samples_per_geometry"
         )
     if not made.made:
         say(f"{out} is complete: {made.count} samples")
@@ -121,7 +114,7 @@ def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
-    """Print how large a data set is, and what it holds."""
+    """Print the size and the contents of a data set."""
     import json
 
     from periscopy_sim.dataset.reading import describe
@@ -139,7 +132,7 @@ def verify(data: Archive) -> None:
     """Compare every file with its checksum; exit 2 if one is damaged."""
     from periscopy_sim.dataset.reading import verify_dataset
 
-    with counted_progress("verifying", "blocks") as report:
+    with progress("verifying", "blocks") as report:
         damaged = verify_dataset(data, report)
     for first, after in damaged:
         say(f"samples {first} to {after - 1} are missing or damaged")
@@ -154,10 +147,7 @@ def verify(data: Archive) -> None:
 def export(
     data: Archive,
     out: Out,
-    samples: Annotated[
-        str,
-        option("NUMBERS", "Which: 0,5,7 or ranges such as 0-11, by comma."),
-    ] = "0-11",
+    samples: Annotated[str, option("NUMBERS", "Numbers and ranges, such as 0,4-7.")] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
     from periscopy_sim.dataset.export import export_samples
@@ -167,23 +157,9 @@ def export(
     count = open_dataset(data, incomplete=True).sizes["sample"]
     if data.resolve() in (out.resolve(), *out.resolve().parents):
         raise OutputError(f"{out} lies within the data set; name another folder")
-    with staged_folder(out) as folder, counted_progress("exporting", "samples") as report:
+    with staged_folder(out) as folder, progress("exporting", "samples") as report:
         written = export_samples(data, folder, parse_indices(samples, count), report)
     say(f"wrote {out}: {len(written)} files, and among them sheet.png")
-
-
-def parse_indices(text: str, count: int) -> list[int]:
-    """Read numbers and ranges such as ``0,4-7``; a range ends at `count` at the latest."""
-    indices: list[int] = []
-    for part in text.split(","):
-        numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
-        if not numbers:
-            raise PeriscopyError(f"'{text}' are no samples; write 0,5,7 or a range such as 0-11")
-        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
-    if not indices:
-        raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
-    return list(dict.fromkeys(indices))
 
 
 def _in_words(name: str, value: Any) -> str:
@@ -200,9 +176,9 @@ def _in_words(name: str, value: Any) -> str:
 
 @contextmanager
 def _between_blocks() -> Iterator[Callable[[], None]]:
-    """Keep Ctrl-C for where the work can stop; a second one stops it anywhere.
+    """Delay Ctrl-C until the work can stop; a second Ctrl-C stops it anywhere.
 
-    Interrupted anywhere, Dr.Jit and Zarr's threads complain at length. The function that is yielded
+    Dr.Jit and Zarr's threads print long complaints if interrupted elsewhere. Yield a function that
     raises KeyboardInterrupt if Ctrl-C was pressed.
     """
     pressed: list[int] = []

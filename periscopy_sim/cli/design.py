@@ -12,9 +12,10 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, check_memory
-from periscopy_sim.cli.options import Model, number, option, parse_definitions, parse_list
+from periscopy_sim.cli.options import Model, number, option, parse_list, parse_ranges
 from periscopy_sim.cli.output import (
-    counted_progress,
+    check_folder,
+    progress,
     say,
     say_written,
     to_be_continued,
@@ -23,13 +24,7 @@ from periscopy_sim.cli.output import (
 )
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.storage.outputs.resume import (
-    alone_in,
-    check_settings,
-    read_settings,
-    refuse_results,
-    write_settings,
-)
+from periscopy_sim.storage.outputs.resume import alone_in, write_settings
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -37,20 +32,20 @@ if TYPE_CHECKING:
     from periscopy_sim.evaluation.merit import Comparison
     from periscopy_sim.scenario import Scenario
 
-TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
+FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
 
 VALUES = {1: 21, 2: 11}
-"""Values of each parameter on the grid, by how many vary; more are drawn."""
+"""Grid values of each of one or two parameters; more parameters are drawn at random."""
 
 MOST_POINTS = 20_000
-"""Points of one design: hours, at a second a point."""
+"""Limit of points, which take hours at a second each."""
 
 LISTED = 5
-"""Points that are printed."""
+"""Points that the command prints."""
 
 
 class By(StrEnum):
-    """What ranks the points."""
+    """Criterion that ranks the points."""
 
     bound = "bound"
     told = "told"
@@ -62,75 +57,39 @@ NUMBER = {By.bound: "bound", By.told: "told_error", By.time: "exposure_time"}
 
 
 class Equal(StrEnum):
-    """What scenes have in common, see `periscopy_sim.evaluation.merit`."""
+    """Quantity that all scenes share, see `periscopy_sim.evaluation.merit`."""
 
     level = "level"
     time = "time"
 
 
+_BY = "Least Cramer-Rao bound, least error that noise-aware reports, or shortest exposure."
+_EQUAL = "Scenes share SNR and SBR (level), or exposure and the room's light (time)."
+
+
 def design(
     scene: options.SceneArgument,
     vary: Annotated[
-        str,
-        option(
-            "NAME=LOW:HIGH,...",
-            "The scene's <default>s to vary, each from LOW to HIGH: occluder_dx=-0.05:0.05.",
-        ),
+        str, option("NAME=LOW:HIGH,...", "Scene <default>s to vary: occluder_dx=-0.05:0.05.")
     ],
-    out: Annotated[
-        Path, option("FOLDER", "Folder of results; a design that stopped goes on there.")
-    ],
-    hidden: Annotated[
-        str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.")
-    ] = "15x18",
+    out: options.ResumedFolder,
+    hidden: options.Hidden = "15x18",
     grid: Annotated[
         int | None,
-        option(
-            "NUMBER",
-            "Values of each parameter, all combined. Default: 21 of one parameter, 11 of each of "
-            "two.",
-            min=1,
-            max=MOST_POINTS,
-        ),
+        option("NUMBER", "Values of each parameter, all combined.", min=1, max=MOST_POINTS),
     ] = None,
     draws: Annotated[
         int | None,
-        option(
-            "NUMBER",
-            "Points spread evenly over all ranges instead of a grid; a larger number goes on with "
-            "a smaller one's. Default: 64 of three parameters or more.",
-            min=1,
-            max=MOST_POINTS,
-        ),
+        option("NUMBER", "Points spread evenly, instead of a grid.", min=1, max=MOST_POINTS),
     ] = None,
-    by: Annotated[
-        By,
-        typer.Option(
-            help="What is best: the least Cramer-Rao bound, the least error that the noise-aware "
-            "method reports, or the shortest exposure for the bound of the scene as it stands."
-        ),
-    ] = By.bound,
-    equal: Annotated[
-        Equal,
-        typer.Option(
-            help="What scenes have in common: level, the photograph's SNR and SBR; or time, the "
-            "exposure and the room's light, where a scene that sends more light has more of both."
-        ),
-    ] = Equal.level,
+    by: Annotated[By, typer.Option(help=_BY)] = By.bound,
+    equal: Annotated[Equal, typer.Option(help=_EQUAL)] = Equal.level,
     sbr: Annotated[
-        float,
-        number(
-            "Signal-to-background ratio of the scene as it stands; inf: there is no ambient light.",
-            form="RATIO",
-        ),
+        float, number("Signal-to-background ratio; inf: no ambient light.", form="RATIO")
     ] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[
-        str,
-        option(
-            "LIST",
-            "Images, by comma, that the noise-aware method recovers; none leaves its errors out.",
-        ),
+        str, option("LIST", "Images that noise-aware recovers, by comma, or none.")
     ] = "mushroom,still_life,letters",
     samples: options.Samples = 36,
     model: options.ModelOption = Model.rendered,
@@ -140,8 +99,8 @@ def design(
 ) -> None:
     """Find where to look, which occluder to take, and how long.
 
-    Scenes are compared over their <default>s: a curve of one, a map of two, a ranking of more. The
-    best scene is written. A design that was stopped goes on by the same command.
+    The command compares scenes over their <default>s: a curve of one, a map of two, a ranking of
+    more. It writes the best scene. The same command resumes an interrupted design.
     """
     from periscopy_sim.evaluation.design import Design, points_of, ranked, run_design
     from periscopy_sim.evaluation.merit import Comparison
@@ -188,12 +147,12 @@ def design(
         "model": model.value,
         **prototypes.origin,
     }
-    _check_folder(out, settings)
+    check_folder(out, settings, "design", FILES)
     whole.scenario({})
     with to_be_continued(), alone_in(out):
-        _check_folder(out, settings)
+        check_folder(out, settings, "design", FILES)
         write_settings(out, settings)
-        with counted_progress("designing", "scenes") as report:
+        with progress("designing", "scenes") as report:
             rows = run_design(whole, out / TABLE, report)
         order = ranked(rows, NUMBER[by])
         best = order[0] if order else None
@@ -225,33 +184,19 @@ def design(
 
 
 def _ranges(vary: str, path: Path, given: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read ``NAME=LOW:HIGH,...``, each the name of a number of the scene, once."""
+    """Read ``--vary``, whose names are those of numbers of the scene."""
     from periscopy_sim.calibration.prior import start_values
     from periscopy_sim.rendering.scene.document import read_document
 
-    ranges, errors = {}, read_document(path).errors
-    entries = [entry.strip() for entry in vary.split(",") if entry.strip()]
-    for name, ends in parse_definitions(entries, "--vary").items():
-        try:
-            low, high = map(float, ends.split(":"))
-        except ValueError:
-            low = high = np.nan
-        if not (np.isfinite([low, high]).all() and low < high):
-            raise PeriscopyError(
-                f"--vary {name}={ends}: write NAME=LOW:HIGH, a number and a higher one, such as "
-                "occluder_dx=-0.05:0.05"
-            )
-        if name in errors:
-            raise SceneError(f"--vary {name}: it is an error of measurement; vary {errors[name]}")
-        ranges[name] = (low, high)
-    if not ranges:
-        raise PeriscopyError("--vary names no parameter; write NAME=LOW:HIGH")
+    ranges, errors = parse_ranges(vary, "--vary"), read_document(path).errors
+    for name in ranges.keys() & errors.keys():
+        raise SceneError(f"--vary {name}: a measurement error cannot vary; vary {errors[name]}")
     start_values(path, list(ranges), given)
     return ranges
 
 
 def _transport(scenario: Scenario, samples: int, model: Model, seed: int) -> Any:
-    """Return A by rays to fixed places of patches: noise of random ones looks like information."""
+    """Return A, rendered without random rays, whose noise would look like information."""
     if model is Model.analytic:
         from periscopy_sim.analytic.area_transport import analytic_transport
 
@@ -261,15 +206,6 @@ def _transport(scenario: Scenario, samples: int, model: Model, seed: int) -> Any
     return render_transport(scenario, samples=samples, strata="gauss", seed=seed)
 
 
-def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
-    """Reject a folder of another design, or with files of unknown settings."""
-    held = read_settings(out)
-    if held is not None and (out / TABLE).exists():
-        check_settings(held, settings, str(out), "design")
-    else:
-        refuse_results(out, (TABLE, RECORD, PICTURE, BEST))
-
-
 def _caption(comparison: Comparison, hidden: str) -> str:
     light = f"SBR {comparison.sbr:g}" if comparison.has_ambient_light else "no ambient light"
     equal = "in equal time" if comparison.equal_time else "at an equal level"
@@ -277,7 +213,7 @@ def _caption(comparison: Comparison, hidden: str) -> str:
 
 
 def _write_best(path: Path, design: Design, best: Row, remark: str) -> None:
-    """Write the scene of a point, and check that it loads."""
+    """Write the scene of a point; check that it loads."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
     from periscopy_sim.rendering.scene.load import load_scenario
 
@@ -294,12 +230,12 @@ def _at_border(ranges: Mapping[str, tuple[float, float]], row: Row) -> list[str]
 
 
 def _finite(row: Row) -> Row:
-    """Return a row as JSON takes it."""
+    """Return a row without infinities, which JSON lacks."""
     return {name: "inf" if value == float("inf") else value for name, value in row.items()}
 
 
 def _say(rows: list[Row], order: list[Row], edges: list[str]) -> None:
-    """Print the best points beside the scene as it stands, and warnings."""
+    """Print the given scene, the best points and warnings."""
     failed = [row for row in rows if row["failure"]]
     for row in failed[:LISTED]:
         warn(f"{_place(row)}: {row['failure']}")
@@ -307,7 +243,7 @@ def _say(rows: list[Row], order: list[Row], edges: list[str]) -> None:
         warn(f"{len(failed) - LISTED} more points failed, see {TABLE}")
     has_errors = rows[0]["told_error"] is not None
     names = ("bound", *(("told_error", "error") if has_errors else ()))
-    say("bound" + "  told   error" * has_errors + "  time    point (errors in % of white)")
+    say("bound" + "  stderr error" * has_errors + "  time    point (errors in % of white)")
     for row in [rows[0], *(row for row in order[:LISTED] if row["point"])]:
         errors = "  ".join(f"{100 * row[name]:<5.3g}" for name in names)
         time = row["exposure_time"]
@@ -315,16 +251,13 @@ def _say(rows: list[Row], order: list[Row], edges: list[str]) -> None:
         if row["remark"]:
             warn(f"{_place(row)}: {row['remark']}")
     if not order:
-        warn(
-            "no point is best: none makes a scene that determines all patches; ask for fewer "
-            "patches by --hidden, or rank by another --by"
-        )
+        warn("no point is best: no scene determines all patches; choose fewer (--hidden)")
     elif order[0]["point"] == 0:
-        say("no point is better than the scene as it stands")
+        say("no point is better than the given scene")
     elif edges:
-        say(f"the best lies at the border of {', '.join(edges)}: better ones may lie beyond")
+        say(f"the best point is at the limit of {', '.join(edges)}: widen that range")
 
 
 def _place(row: Row) -> str:
     values = ", ".join(f"{name}={value}" for name, value in row["values"].items())
-    return values if row["point"] else f"as it stands ({values})"
+    return values if row["point"] else f"given scene ({values})"

@@ -28,8 +28,7 @@ GRID = "grid"
 class TransportRequest:
     """Where A comes from: a file, or a rendering.
 
-    Where noise in A would count as information, as in a bound, its `strata` should be ``"gauss"``:
-    random rays make patches look different.
+    Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
     """
 
     samples: int
@@ -41,12 +40,12 @@ class TransportRequest:
 
     @property
     def is_direct(self) -> bool:
-        """Whether A holds the light alone that goes straight to the wall."""
+        """Whether A holds direct light only."""
         return self.bounces == 1
 
     @property
     def is_rendered(self) -> bool:
-        """Whether A is what `render_transport` returns of direct light."""
+        """Whether `render_transport` gives A."""
         return self.file is None and self.model is Model.rendered and self.is_direct
 
     @property
@@ -95,7 +94,7 @@ class TransportRequest:
 
 @dataclass(frozen=True)
 class LightModel:
-    """Where B comes from, the light that ambient light may be made of: sources, in this order."""
+    """Where B comes from: the sources of ambient light, in this order."""
 
     sources: tuple[str, ...]
     seed: int
@@ -152,7 +151,7 @@ def _is_file(source: str) -> bool:
 
 
 def check_memory(scenario: Scenario, method: str | None = None) -> None:
-    """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
+    """Reject a scene whose A and method need more memory than there is."""
     from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
     from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
@@ -161,7 +160,7 @@ def check_memory(scenario: Scenario, method: str | None = None) -> None:
     needed = transport_memory(pixels, patches, 4 if method is None else entry.bytes_per_entry)
     if not has_memory(needed):
         raise PeriscopyError(
-            f"{pixels} pixels x {patches} patches need about {needed / 1e9:.1f} GB of memory, "
-            f"where {(available_memory() or 0) / 1e9:.1f} GB are available; average pixels by "
-            "periscopy prepare --bin, or ask for fewer patches by --hidden"
+            f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
+            f"{(available_memory() or 0) / 1e9:.1f} GB; average pixels (prepare --bin) or choose "
+            "fewer patches (--hidden)"
         )

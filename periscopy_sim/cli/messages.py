@@ -17,13 +17,13 @@ SENTENCES = {
         "the monitor was on and that the scene is the photograph's"
     ),
     "wall_gain": (
-        "the monitor's light over the wall is {low:.2f} to {high:.2f} times what the scene makes; "
-        "the image allows for this smooth gain"
+        "the monitor's light over the wall is {low:.2f} to {high:.2f} times the scene's; the image "
+        "allows for this smooth gain"
     ),
     "does_not_fit": (
         "the scene does not fit: it leaves {unexplained} % of the photograph unexplained, where "
         "noise alone would leave {noise_alone} %. Measure or calibrate the scene (periscopy "
-        "calibrate), mask what is not bare wall (--mask), or allow for more light (--bounces all)"
+        "calibrate), mask all but bare wall (--mask), or allow for more light (--bounces all)"
     ),
     "uneven_paint": (
         "the wall's paint is uneven: {unexplained} % of the photograph is unexplained, where noise "
@@ -43,7 +43,7 @@ def sentences(notes: Iterable[Note]) -> list[str]:
 
 
 def report_sentences(report: Report) -> list[str]:
-    """Return all that a report has to say, warnings first."""
+    """Return the sentences of a report, warnings first."""
     warning = residual_warning(report.residual)
     return [*sentences(report.warnings), *filter(None, [warning]), *sentences(report.notes)]
 
@@ -69,4 +69,4 @@ def assumptions(uncertain: Iterable[str]) -> str:
     """Return what standard errors assume, given the uncertain parameters that they count."""
     names = ", ".join(uncertain)
     scene = f"the scene is right but for {names}" if names else "the scene is right"
-    return f"assuming that {scene}, and that what the wall hides varies like what it shows"
+    return f"assuming that {scene}, and that unseen details vary like seen ones"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any, TypeVar
 
-from periscopy_sim.cli.options import EXPERT, SOLVER, number
+from periscopy_sim.cli.options import EXPERT, SOLVER, number, option
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
 
@@ -23,13 +23,26 @@ COUPLINGS = tuple(dict.fromkeys(each for taken in _COUPLINGS.values() for each i
 
 
 def method_help(offered: Offered) -> str:
-    """Return the help of ``--method``: each method, what it is, and its certainty for stills."""
+    """Return the help of ``--method``: each method's help, and its certainty for stills."""
     words = []
     for name in offered:
         entry = METHODS[name]
         certainty = entry.certainty if offered is FOR_STILLS else ""
         words.append(f"{name}: {entry.help}" + (f" (with {certainty})" if certainty else ""))
     return "; ".join(words)
+
+
+def _name_of(words: str, names: Collection[str]) -> Any:
+    """Return an option that takes one of some names, which the shell completes."""
+    return option("NAME", f"{words}.", group=SOLVER, autocompletion=lambda: list(names))
+
+
+_OWN = "yours as module:callable or file.py:callable"
+StillMethod = Annotated[str, _name_of(f"{method_help(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
+VideoMethod = Annotated[str, _name_of(method_help(FOR_VIDEOS), FOR_VIDEOS)]
+Coupling = Annotated[
+    str, _name_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
+]
 
 
 def takes_options_of(offered: Offered) -> Callable[[Command], Command]:
@@ -58,8 +71,8 @@ def settings_for(
 ) -> dict[str, float]:
     """Return the values of a method's options: the user's, else the defaults.
 
-    A user's own method takes none. Options of other couplings of a video's frames are left out; a
-    PeriscopyError names an option of the user's that belongs to another coupling or method.
+    A user's own method has no options. A PeriscopyError names an option that belongs to another
+    method or coupling of a video's frames.
     """
     options = {
         option.name: option
@@ -98,8 +111,8 @@ def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
     """Return, for each option's name, the methods that take it and its entry there."""
     taken: dict[str, dict[str, Option]] = {}
     for method, options in offered.items():
-        for option in options:
-            taken.setdefault(option.name, {})[method] = option
+        for each in options:
+            taken.setdefault(each.name, {})[method] = each
     return taken
 
 

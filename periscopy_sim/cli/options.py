@@ -64,8 +64,8 @@ _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PATCHES = "Patches of the hidden image, such as 29x36."
 _SET = "Set one of the scene's <default>s; repeatable."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
-_MASK = "A picture of the photograph's size: bright where the wall is used, black where it is not."
-_OFF = "A photograph of the same wall with the monitor off, which is projected out; repeatable."
+_MASK = "A picture of the photograph's size, black where the wall is not used."
+_OFF = "A photograph of the wall with the monitor off; repeatable."
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE, rich_help_panel=SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
@@ -91,12 +91,9 @@ class Model(StrEnum):
 
 _SAMPLES = "Samples of a patch for each wall point."
 _MODEL = "A by shadow rays, or in closed form (planar scenes, convex parts)."
-_BOUNCES = "The monitor's light in A: direct, reflected by all surfaces, or at most N times."
-_MATRIX = "Take A from this NPY file rather than render it."
-_LIGHT_MODEL = (
-    "What ambient light may be made of: Eq. 4's point lights (grid), the columns of a file, "
-    "(pixels, lights), or the emitters of a scene; repeatable: all of them. Default: grid."
-)
+_BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
+_MATRIX = "NPY file of A, instead of a rendering."
+_LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's lamps; repeatable."
 
 # More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[int, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
@@ -109,20 +106,23 @@ LightModelOption = Annotated[
 
 # -- output, noise -------------------------------------------------------------------------------
 
-_COMPLETE = "to write; appears complete or not at all."
-_SNR = (
-    "Gaussian noise at this signal-to-noise ratio, -100 to 300 dB; the signal is the root mean "
-    "square of the whole photograph, ambient light included."
-)
+_SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
-Out = Annotated[Path, option("FOLDER", f"Folder {_COMPLETE}", group=OUTPUT)]
-OutFile = Annotated[Path, option("FILE", f"File {_COMPLETE}", group=OUTPUT)]
+Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
+ResumedFolder = Annotated[
+    Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
+]
+OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
 Seed = Annotated[
     int, option("NUMBER", "Seed of every random draw.", group=EXPERT, min=0, max=2**31 - 1)
 ]
 Snr = Annotated[float, number(_SNR, form="DB", min=-100, max=300)]
 OptionalSnr = Annotated[float | None, number(_SNR, form="DB", min=-100, max=300)]
+
+Scheduler = Annotated[
+    str | None, option("ADDRESS", "A Dask scheduler. [default: this machine]", group=EXPERT)
+]
 
 # -- forms of values -----------------------------------------------------------------------------
 
@@ -177,11 +177,10 @@ def known_errors(
     declared, errors = declared_errors(path, given), {}
     for name, error in named.items():
         ruler = f"{name}{RULER_ERROR}"
-        # A declared error of 0 keeps a parameter where it is; it may be uncertain all the same.
+        # A declared error of 0 fixes a parameter, which may be uncertain all the same.
         if error is not None and ruler in given and declared.get(name) not in (0, error):
             raise PeriscopyError(
-                f"--uncertain {name}={error:g} and -D {ruler}={given[ruler]} contradict each "
-                "other; give one of them"
+                f"--uncertain {name}={error:g} contradicts -D {ruler}={given[ruler]}; give one"
             )
         known = declared.get(name) if error is None else error
         if known is None:
@@ -190,8 +189,7 @@ def known_errors(
             )
         if not 0 < known < math.inf:
             raise PeriscopyError(
-                f"--uncertain {name}: an error of {known:g}; give a positive number, or leave it "
-                "out"
+                f"--uncertain {name}: an error of {known:g}; give a positive number"
             )
         errors[name] = known
     return errors
@@ -215,6 +213,39 @@ def parse_list(flag: str, text: str) -> list[str]:
 def _refuse_doubles(flag: str, names: list[str]) -> None:
     if doubles := {name for name in names if names.count(name) > 1}:
         raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
+
+
+def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
+    """Read ``NAME=LOW:HIGH,...``, each name once."""
+    ranges = {}
+    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
+    for name, ends in parse_definitions(entries, flag).items():
+        try:
+            low, high = map(float, ends.split(":"))
+        except ValueError:
+            low = high = math.nan
+        if not -math.inf < low < high < math.inf:
+            raise PeriscopyError(
+                f"{flag} {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
+            )
+        ranges[name] = (low, high)
+    if not ranges:
+        raise PeriscopyError(f"{flag} names no parameter; write NAME=LOW:HIGH")
+    return ranges
+
+
+def parse_indices(text: str, count: int) -> list[int]:
+    """Read indices and ranges of them, such as ``0,4-7``; ranges end below `count`."""
+    indices: list[int] = []
+    for part in text.split(","):
+        numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
+        if not numbers:
+            raise PeriscopyError(f"'{text}': write numbers and ranges of samples, such as 0,5,8-11")
+        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
+    if not indices:
+        raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
+    return list(dict.fromkeys(indices))
 
 
 def parse_ratios(text: str) -> list[float]:
@@ -246,7 +277,7 @@ MOST_RATIOS = 1000
 def parse_ambient(text: str) -> dict[str, Path | None]:
     """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
 
-    Return name to EXR file; None for a shipped condition, which is yet to be rendered.
+    Return the EXR file of each name; None for a shipped condition.
     """
     lights: list[tuple[str, Path | None]] = []
     groups = {"all": REALISTIC, "adversarial": ADVERSARIAL}
@@ -260,8 +291,8 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
             lights.append((path.stem, path))
         else:
             raise PeriscopyError(
-                f"--ambient '{entry}' is no lighting condition; use an EXR file, a folder of them, "
-                f"all, adversarial, or {', '.join((*REALISTIC, *ADVERSARIAL))}"
+                f"--ambient '{entry}': write an EXR file, a folder of EXR files, all, adversarial, "
+                f"{', '.join((*REALISTIC, *ADVERSARIAL))}"
             )
     _refuse_doubles("--ambient", [name for name, _ in lights])
     return dict(lights)

@@ -1,4 +1,4 @@
-"""What the commands print and write: lines, warnings, progress, times, JSON."""
+"""Lines, warnings, progress, times and JSON of the commands."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ BETWEEN_LINES = 20.0
 
 @contextmanager
 def fixable(what: str, files: Iterable[str] = ()) -> Iterator[None]:
-    """Report a ValueError about the user's data as the user's mistake.
+    """Turn a ValueError about the user's data into a PeriscopyError that names `what`.
 
-    A message that begins with one of the files' names is about that file, before what it is for.
+    A message about one of the `files` begins with that file's name.
     """
     try:
         yield
@@ -35,7 +35,7 @@ def fixable(what: str, files: Iterable[str] = ()) -> Iterator[None]:
 
 
 def say(message: str) -> None:
-    """Print one line to the user."""
+    """Print one line."""
     print(message, flush=True)
 
 
@@ -45,28 +45,24 @@ def warn(message: str) -> None:
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
-    """Print a warning that nobody overlooks, with its reasons and what to do."""
+    """Print a boxed warning with its reasons and advice."""
     import textwrap
 
-    lines = [title.upper(), ""]
-    for reason in reasons:
-        lines += textwrap.wrap(f"- {reason}", 92, subsequent_indent="  ")
-    lines += ["", *textwrap.wrap(advice, 92)]
-    print("#" * 96, file=sys.stderr)
-    for line in lines:
-        print(f"# {line:92} #", file=sys.stderr)
-    print("#" * 96, file=sys.stderr, flush=True)
+    bullets = [textwrap.fill(f"- {reason}", 92, subsequent_indent="  ") for reason in reasons]
+    text = "\n".join([title.upper(), "", *bullets, "", textwrap.fill(advice, 92)])
+    box = "\n".join(f"# {line:92} #" for line in text.splitlines())
+    print("#" * 96, box, "#" * 96, sep="\n", file=sys.stderr, flush=True)
 
 
 def fail(message: str, code: int) -> NoReturn:
-    """Print why a command failed, as one line, and end with an exit code."""
+    """Print an error on one line, and exit with a code."""
     print(f"periscopy: error: {' '.join(message.split())}", file=sys.stderr)
     raise SystemExit(code)
 
 
 @contextmanager
-def told_folder(out: Path) -> Iterator[Path]:
-    """Fill a staged folder, and print the path of each file once all are in their place."""
+def output_folder(out: Path) -> Iterator[Path]:
+    """Yield a staged folder; print the path of each of its files when all are complete."""
     with staged_folder(out) as folder:
         yield folder
         names = sorted(entry.name for entry in folder.iterdir())
@@ -74,13 +70,35 @@ def told_folder(out: Path) -> Iterator[Path]:
 
 
 def say_written(*paths: Path) -> None:
-    """Print what was written, each path from here."""
+    """Print the paths of written files."""
     say(f"wrote {', '.join(map(str, paths))}")
+
+
+def check_folder(
+    out: Path,
+    settings: Mapping[str, Any],
+    what: str,
+    files: Sequence[str],
+    varied: Iterable[str] | None = None,
+) -> None:
+    """Reject a folder of other settings, or with files of unknown settings.
+
+    Until the first of its files exists, the `varied` settings may differ; all of them by default.
+    """
+    from periscopy_sim.storage.outputs.resume import check_settings, read_settings, refuse_results
+
+    held = read_settings(out)
+    if held is None:
+        refuse_results(out, files)
+        return
+    if not (out / files[0]).exists():
+        held |= {name: settings[name] for name in varied or settings}
+    check_settings(held, settings, str(out), what)
 
 
 @contextmanager
 def to_be_continued() -> Iterator[None]:
-    """Say after Ctrl-C that the same command goes on where it stopped."""
+    """Print after Ctrl-C that the same command resumes."""
     try:
         yield
     except KeyboardInterrupt:
@@ -88,28 +106,12 @@ def to_be_continued() -> Iterator[None]:
 
 
 @contextmanager
-def progress(label: str, *, lines: bool = True) -> Iterator[Callable[[float], None]]:
-    """Show how far a long computation is: a bar on a terminal, a plain line now and then elsewhere.
+def progress(label: str, unit: str = "", *, lines: bool = True) -> Iterator[Callable[..., None]]:
+    """Show the progress of a long computation: a bar on a terminal, else a line now and then.
 
-    What is yielded takes the fraction done, 0 to 1. Without `lines` there are none elsewhere.
+    Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
+    Without `lines`, only a terminal shows the progress.
     """
-    with _bar(label, lines=lines) as update:
-        yield lambda fraction: update(fraction, f"{100 * fraction:.0f} %")
-
-
-@contextmanager
-def counted_progress(label: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how many of many things are done; see `progress`.
-
-    What is yielded takes how many are done, and of how many.
-    """
-    with _bar(label) as update:
-        yield lambda done, total: update(done / max(total, 1), f"{done} of {total} {unit}")
-
-
-@contextmanager
-def _bar(label: str, *, lines: bool = True) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows a fraction done, and its text."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -117,25 +119,23 @@ def _bar(label: str, *, lines: bool = True) -> Iterator[Callable[[float, str], N
     lines &= not console.is_terminal
     last = time.monotonic()
 
-    def say_stage(text: str) -> None:
+    def print_line(text: str) -> None:
         if lines:
             print(f"periscopy: {text}", file=sys.stderr, flush=True)
 
-    def update(fraction: float, text: str) -> None:
+    def update(done: float, total: float = 1.0) -> None:
         nonlocal last
-        bar.update(task, total=1.0, completed=fraction, text=text)
+        text = f"{label}: " + (f"{done} of {total} {unit}" if unit else f"{100 * done:.0f} %")
+        bar.update(task, description=text, completed=done, total=total or 1)
         if time.monotonic() - last > BETWEEN_LINES:
             last = time.monotonic()
-            say_stage(f"{label}: {text}")
+            print_line(text)
 
-    say_stage(label)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"),
-        TimeRemainingColumn(),
-    )  # fmt: skip
+    print_line(label)
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
     disabled = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=disabled) as bar:
-        task = bar.add_task(label, total=None, text="")
+        task = bar.add_task(label, total=None)
         yield update
 
 
@@ -154,15 +154,11 @@ class Stopwatch:
 
 
 def as_json(values: Mapping[str, Any]) -> str:
-    """Return values as JSON, human-readable, with arrays as lists; a ValueError if one is NaN."""
+    """Return values as readable JSON, arrays as lists; a ValueError if one is not finite."""
     import json
 
-    import numpy as np
-
     def plain(value: Any) -> Any:
-        if isinstance(value, np.ndarray | np.generic):
-            return value.tolist()
-        return str(value)
+        return value.tolist() if hasattr(value, "tolist") else str(value)
 
     return json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n"
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.options import LIGHT, SCENE, option
 from periscopy_sim.cli.output import fixable, say, warn
 from periscopy_sim.cli.session import Session
@@ -34,8 +34,7 @@ _sensor_number = partial(option, "NUMBER", group="Sensor")
 def photograph(
     scene: options.SceneArgument,
     image: Annotated[
-        str,
-        typer.Argument(metavar="IMAGE", help="What the monitor shows: a file, or a shipped image."),
+        str, typer.Argument(metavar="IMAGE", help="The hidden image: a file, or a shipped one.")
     ],
     out: options.OutFile,
     hidden: Annotated[
@@ -46,31 +45,16 @@ def photograph(
     ] = 4096,
     ambient: Annotated[
         str | None,
-        option(
-            "LIGHT",
-            "Ambient light to add, at --sbr: a photograph of it, or a shipped condition, which is "
-            f"path traced: {', '.join((*REALISTIC, *ADVERSARIAL))}.",
-            group=LIGHT,
-        ),
+        option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
     ] = None,
     sbr: Annotated[
         float | None,
-        option(
-            "RATIO",
-            "Signal-to-background ratio, monitor's light over ambient; scales the sum to mean 1.",
-            min=1e-6,
-            max=1e6,
-            group=LIGHT,
-        ),
+        option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT),
     ] = None,
     snr: options.OptionalSnr = None,
     electrons: Annotated[
         float | None,
-        _sensor_number(
-            "Expose a sensor, instead of --snr: mean electrons a value collects in a frame.",
-            min=1e-3,
-            max=1e12,
-        ),
+        _sensor_number("Mean electrons of a value, instead of --snr.", min=1e-3, max=1e12),
     ] = None,
     read_noise: Annotated[
         float | None, _sensor_number("Read noise, electrons. [default: 2.5]", min=0, max=1e12)
@@ -85,9 +69,9 @@ def photograph(
     seed: options.Seed = 0,
     define: options.Define = None,
 ) -> None:
-    """Path trace what the camera sees, as an EXR file.
+    """Path trace a photograph of the wall, as an EXR file.
 
-    The monitor shows IMAGE. Without --snr or --electrons no noise is added.
+    The photograph has noise if you give --snr or --electrons.
     """
     from periscopy_sim import measurement
     from periscopy_sim.storage.formats.exr import write_exr
@@ -138,14 +122,11 @@ def _ambient_light(name: str, session: Session) -> Array:
         return session.ambient_light(name)
     if not Path(name).is_file() and (guess := did_you_mean(name, shipped)):
         raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
-    return inputs.read_photograph(Path(name), session.scenario).values
+    return session.photograph(Path(name)).values
 
 
 def _grain(scenario: Scenario, photograph: Array) -> float:
-    """Return the path tracing's standard error, the root mean square of the channels'.
-
-    Neighbouring pixels give it; those of a textured wall differ anyway, and it is 0 there.
-    """
+    """Return the root mean square of the path tracing's standard error; 0 of a textured wall."""
     from periscopy_sim.model.noise import camera_noise
 
     noise = camera_noise(np.moveaxis(photograph, 2, 0))

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.inputs import SUGGESTED
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.messages import (
     assumptions,
@@ -17,16 +15,18 @@ from periscopy_sim.cli.messages import (
     residual_warning,
     sentences,
 )
-from periscopy_sim.cli.method_options import FOR_STILLS, method_help, settings_for, takes_options_of
-from periscopy_sim.cli.options import SCENE, SOLVER, option
-from periscopy_sim.cli.output import as_json, fixable, progress, say, told_folder, warn
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.method_options import FOR_STILLS, StillMethod, settings_for, takes_options_of
+from periscopy_sim.cli.options import SCENE, option
+from periscopy_sim.cli.output import as_json, fixable, output_folder, progress, say, warn
+from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
 
 NOTHING = "none"
-"""What --uncertain takes for a scene that is to be taken for right."""
+"""Value of --uncertain for a scene without uncertain parameters."""
+
+DERIVATIVES = "rendering the scene's parameter derivatives"
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.reconstruction.report import Report
-    from periscopy_sim.scenario import Array, Scenario
+    from periscopy_sim.scenario import Array
 
 
 @takes_options_of(FOR_STILLS)
@@ -43,34 +43,17 @@ def reconstruct(
     scene: options.SceneOption,
     hidden: options.Hidden,
     out: options.Out,
-    method: Annotated[
-        str,
-        option(
-            "NAME",
-            f"{method_help(FOR_STILLS)}; yours as module:callable or file.py:callable.",
-            group=SOLVER,
-            autocompletion=lambda: list(FOR_STILLS),
-        ),
-    ] = DEFAULT,
+    method: StillMethod = DEFAULT,
     samples: options.Samples = 16,
     model: options.ModelOption = options.Model.rendered,
     bounces: options.BouncesOption = "direct",
     matrix: options.MatrixOption = None,
     truth: Annotated[
-        str | None,
-        option(
-            "IMAGE",
-            "The hidden image, if known (a file or a shipped one): adds metrics, a picture.",
-        ),
+        str | None, option("IMAGE", "The hidden image, if known: adds metrics and a picture.")
     ] = None,
     uncertain: Annotated[
         str | None,
-        option(
-            "NAME[=ERROR],...",
-            "Scene <default>s that may be wrong, such as occluder_dx,occluder_dz=0.005, in which "
-            "the standard errors count. Default: what a calibrated scene carries; none: nothing.",
-            group=SCENE,
-        ),
+        option("NAME[=ERROR],...|none", "Uncertain scene <default>s.", group=SCENE),
     ] = None,
     monitor_off: options.MonitorOffOption = None,
     light_model: options.LightModelOption = None,
@@ -87,21 +70,21 @@ def reconstruct(
     find_method(method)
     settings = settings_for(method, numbers, FOR_STILLS)
     session = Session(scene, hidden, define, seed)
-    doubted = _uncertain_errors(uncertain, method, scene, session.definitions)
+    errors = _uncertain_errors(uncertain, method, scene, session.definitions)
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
-    with told_folder(out) as folder:
+    with output_folder(out) as folder:
         session.check_scene(method)
         scenario, timed = session.scenario, session.timed
         wall = session.wall(
             photo, mask, monitor_off, suggested=out / SUGGESTED, maskable=method in METHODS
         )
         known = None if truth is None else session.hidden_image(truth)
-        with timed("uncertain scene") if doubted or uncertain else nullcontext():
-            moved, untold = _uncertain_transport(
-                doubted, uncertain, method, scenario, scene, samples, seed
-            )
-        session.warnings += untold
+        moved = None
+        if errors:
+            moved = _uncertain_transport(session, errors, samples)
+        elif uncertain is None and _has_errors(method):
+            moved = _calibrated_transport(session, samples)
         fitted, _ = session.fit(method, settings, request, lights, wall, moved)
         text = session.metadata
         with (
@@ -117,9 +100,11 @@ def reconstruct(
         warnings = [*sentences(report.warnings), *filter(None, [warning])]
         _write_report(folder, report, image, wall.values, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
-        wall.defects.suggest_mask(folder, text)
+        session.suggest_mask(folder)
         panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
         compared = None if known is None else _compare(folder, image, known, wall.values, text)
+        for line in warnings:
+            warn(f"{photo}: {line}")
         session.warnings += warnings
         session.write_summary(
             folder / "summary.json",
@@ -131,13 +116,11 @@ def reconstruct(
                 **lights.origin,
                 **settings,
                 **report.numbers,
-                **wall.record,
+                **pixel_record(mask, wall.mask, wall.monitor_off),
                 "truth": truth,
                 **(compared or {}),
             },
         )
-    for line in warnings:
-        warn(f"{photo}: {line}")
     if report.residual is not None:
         say(residual_summary(report.residual))
     for line in sentences(report.notes):
@@ -154,11 +137,11 @@ def reconstruct(
 def _uncertain_errors(
     text: str | None, method: str, scene: str, given: Mapping[str, str]
 ) -> dict[str, float]:
-    """Read and check ``--uncertain``, before anything is rendered; empty where there are none."""
+    """Read ``--uncertain``, before anything is rendered; empty without errors."""
     if text is None or text == NOTHING:
         return {}
-    if method not in METHODS or not METHODS[method].uncertain:
-        able = " or ".join(name for name, entry in METHODS.items() if entry.uncertain)
+    if not _has_errors(method):
+        able = " or ".join(name for name in METHODS if _has_errors(name))
         raise PeriscopyError(
             f"--uncertain belongs to --method {able}, not to {method}; leave it out"
         )
@@ -168,76 +151,71 @@ def _uncertain_errors(
     return options.known_errors(named, find_scene(scene), given)
 
 
-def _uncertain_transport(
-    errors: Mapping[str, float],
-    asked: str | None,
-    method: str,
-    scenario: Scenario,
-    scene: str,
-    samples: int,
-    seed: int,
-) -> tuple[UncertainTransport | None, list[str]]:
-    """Render derivatives by uncertain parameters, as asked or as a calibrated scene carries them.
+def _has_errors(method: str) -> bool:
+    """Return whether a method's standard errors may count uncertain parameters."""
+    return method in METHODS and METHODS[method].uncertain
 
-    The warnings, a line each, say that what the scene carries does not hold.
+
+def _uncertain_transport(
+    session: Session, errors: Mapping[str, float], samples: int
+) -> UncertainTransport | None:
+    """Render derivatives by the parameters of ``--uncertain``, with their errors."""
+    from periscopy_sim.calibration.uncertain_scene import uncertain_transport
+
+    with session.timed("uncertain scene"), progress(DERIVATIVES) as report:
+        return uncertain_transport(
+            session.scenario, errors, samples=samples, seed=session.seed, progress=report
+        )
+
+
+def _calibrated_transport(session: Session, samples: int) -> UncertainTransport | None:
+    """Render derivatives by the parameters that the scene's calibration left uncertain.
+
+    Warn where that calibration does not hold.
     """
     from periscopy_sim.calibration.scene_covariance import scene_covariance
-    from periscopy_sim.calibration.uncertain_scene import calibrated_transport, uncertain_transport
+    from periscopy_sim.calibration.uncertain_scene import calibrated_transport
 
-    label = "rendering the scene's parameter derivatives"
-    if errors:
-        with progress(label) as report:
-            found = uncertain_transport(
-                scenario, errors, samples=samples, seed=seed, progress=report
-            )
-        return found, []
-    able = method in METHODS and METHODS[method].uncertain
-    known = scene_covariance(scenario.path) if asked is None and able else None
-    if known is None:
-        return None, []
-    if not known.names:
-        distrust = f"{scene}: its silhouette did not converge, so the image is unreliable"
-        warn(distrust)
-        return None, [distrust]
-    warnings, carried = [], None
-    changed = known.changed(scenario.path, scenario.parameters)
-    if changed:
-        why = f"{', '.join(changed)} is not as it was calibrated"
-    else:
+    scenario, scene = session.scenario, session.name
+    covariance = scene_covariance(scenario.path)
+    if covariance is None:
+        return None
+    if not covariance.names:
+        session.warn(f"{scene}: its silhouette did not converge, so the image is unreliable")
+        return None
+    changed = ", ".join(covariance.changed(scenario.path, scenario.parameters))
+    transport, reason = None, f"{changed} changed since" if changed else "no effect on A"
+    if not changed:
         try:
-            with progress(label) as report:
-                carried = calibrated_transport(
-                    scenario, known, samples=samples, seed=seed, progress=report
+            with session.timed("uncertain scene"), progress(DERIVATIVES) as report:
+                transport = calibrated_transport(
+                    scenario, covariance, samples=samples, seed=session.seed, progress=report
                 )
-            why = "which the photograph does not show"
         except PeriscopyError as error:
-            why = str(error)
-    if carried is None:
-        warnings.append(
-            f"{scene}: the standard errors leave out what its calibration left uncertain ({why}); "
-            "tell how uncertain it is by --uncertain"
+            reason = str(error)
+    if transport is None:
+        session.warn(
+            f"{scene}: the standard errors ignore the calibration's ({reason}); pass --uncertain"
         )
-    elif not known.trusted:
-        warnings.append(
-            f"{scene}: its calibration is not to be trusted, so neither are the image's place and "
-            "its standard errors"
+    elif not covariance.trusted:
+        session.warn(
+            f"{scene}: its calibration is unreliable, and so are the image's place and its "
+            "standard errors"
         )
-    for warning in warnings:
-        warn(warning)
-    return carried, warnings
+    return transport
 
 
 def _recovered(
     method: Method, photograph: Array, hidden_shape: tuple[int, int]
 ) -> tuple[Array, Any]:
-    """Reconstruct, once; of a method of the package, keep its solution, which tells more."""
+    """Return the image, (R, C, 3), and the solution of a method of the package."""
     from periscopy_sim.evaluation.methods import promised
     from periscopy_sim.reconstruction.method import StillMethod
 
-    # What a user derives from a method and reconstructs otherwise tells of another image.
+    # A user's subclass may override `reconstruct`; then `solve` gives another image.
     if isinstance(method, StillMethod) and type(method).reconstruct is StillMethod.reconstruct:
-        found = method.solve(photograph)
-        return promised(found.image, hidden_shape).astype(np.float64), found
+        solution = method.solve(photograph)
+        return promised(solution.image, hidden_shape).astype(np.float64), solution
     return promised(method.reconstruct(photograph), hidden_shape).astype(np.float64), None
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,28 +12,60 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.cli import inputs
-from periscopy_sim.cli.inputs import Defects, Mask
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
 from periscopy_sim.cli.options import parse_definitions, parse_size
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertain_transport import UncertainTransport
+    from periscopy_sim.photograph import Photograph
     from periscopy_sim.scenario import Array, Scenario
 
+SUGGESTED = "mask.png"
+"""File of the mask that `Session.suggest_mask` writes."""
 
-@dataclass(frozen=True, eq=False)
-class WallInput:
-    """A photograph of the wall, black where its mask leaves the wall out, and its companions."""
 
-    values: Array  # (rows, columns, 3), linear light
-    mask: Mask | None  # (rows, columns); None where all of the wall is used
-    monitor_off: Mapping[str, Array]  # (rows, columns, 3) each, by the names of their files
-    defects: Defects
-    record: Mapping[str, Any]  # the entries of a summary
+def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
+    """Load the scene that a command names."""
+    from periscopy_sim.rendering.scene.load import load_scenario
+
+    return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
+
+
+def provenance_of(scenario: Scenario, seed: int = 0) -> dict[str, Any]:
+    """Return versions, scene, variant, seed and command line."""
+    import mitsuba as mi
+
+    from periscopy_sim.storage.outputs.provenance import provenance
+
+    command = ["periscopy", *sys.argv[1:]]
+    record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
+    return {**record, "parameters": dict(scenario.parameters)}
+
+
+def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
+    """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
+    from periscopy_sim.rendering.checks import shadow_doubt
+
+    doubt = shadow_doubt(scenario)
+    if doubt:
+        warn(f"{name}: {doubt}")
+    return [f"{name}: {doubt}"] if doubt else []
+
+
+def pixel_record(
+    mask_file: Path | None, mask: Mask | None, monitor_off: Mapping[str, Array]
+) -> dict[str, Any]:
+    """Return a summary's entries about the mask and the monitor-off photographs."""
+    return {
+        "mask": mask_file,
+        "pixels_left_out": 0 if mask is None else np.count_nonzero(~mask),
+        "backgrounds": list(monitor_off),
+    }
 
 
 class Session:
@@ -55,7 +88,12 @@ class Session:
         Seconds of each stage.
     warnings : list of str
         The lines that a summary repeats.
+    sound : (rows, columns) bool
+        The pixels without defects, after `without_defects`.
     """
+
+    sound: Mask
+    _suggests = False
 
     def __init__(
         self, scene: str, hidden: str = "1x1", define: list[str] | None = None, seed: int = 0
@@ -71,12 +109,12 @@ class Session:
     def scenario(self) -> Scenario:
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
-            return inputs.load(self.name, self._hidden, self._define)
+            return load(self.name, self._hidden, self._define)
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
         """Versions, scene, variant, seed and command line."""
-        return inputs.provenance_of(self.scenario, self.seed)
+        return provenance_of(self.scenario, self.seed)
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -84,12 +122,12 @@ class Session:
         return as_text(self.provenance)
 
     def check_scene(self, method: str | None = None) -> None:
-        """Reject a scene that a method cannot work with; warn where it shows little."""
-        from periscopy_sim.evaluation.methods import check_able
-
+        """Reject a scene that a method cannot use; warn without shadows."""
         if method is not None:
+            from periscopy_sim.evaluation.methods import check_able
+
             check_able(method, self.scenario.hidden_shape)
-        self.warnings += inputs.warn_without_shadows(self.scenario, self.name)
+        self.warnings += warn_without_shadows(self.scenario, self.name)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
@@ -99,8 +137,11 @@ class Session:
     # -- reading ---------------------------------------------------------------------------------
 
     def hidden_image(self, name: str) -> NDArray[np.float64]:
-        """Read a hidden image, (R, C, 3), of the session's patches."""
-        return inputs.hidden_image(name, self.scenario.hidden_shape)
+        """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
+        from periscopy_sim.shipped import find_image
+        from periscopy_sim.storage.pictures import read_hidden_image
+
+        return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Path trace ambient light, (rows, columns, 3), to a relative error of a pixel."""
@@ -124,43 +165,83 @@ class Session:
                 self.scenario, image, samples=samples, seed=self.seed, progress=report
             )
 
+    def photograph(self, path: Path, mask: Mask | None = None) -> Photograph:
+        """Read a photograph of the size that the scene's camera has."""
+        from periscopy_sim.storage.photographs import read_photograph
+
+        photograph = read_photograph(path, self.scenario.photograph_shape, mask)
+        for warning in photograph.warnings:
+            self.warn(warning)
+        return photograph
+
+    def companions(
+        self, mask: Path | None, monitor_off: list[Path] | None
+    ) -> tuple[Mask | None, dict[str, Array]]:
+        """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
+        from periscopy_sim.model.observation import checked_mask
+        from periscopy_sim.storage.photographs import read_mask
+
+        used = None if mask is None else read_mask(mask, self.scenario.photograph_shape)
+        with fixable(str(mask)):
+            used = None if used is None else checked_mask(used, self.scenario.transport_shape)
+        files = list(map(str, monitor_off or []))
+        if len(set(files)) < len(files):
+            raise PhotographError(f"--monitor-off {', '.join(files)}: name each photograph once")
+        return used, {file: self.photograph(Path(file), used).values for file in files}
+
     def wall(
         self,
         path: Path,
         mask: Path | None = None,
         monitor_off: list[Path] | None = None,
-        *,
-        suggested: Path | None = None,
-        maskable: bool = True,
-    ) -> WallInput:
-        """Read a photograph with its mask and monitor-off photographs, and look for defects."""
-        used = inputs.read_mask(mask, self.scenario)
-        photograph = inputs.read_photograph(path, self.scenario, used)
-        off = inputs.read_backgrounds(monitor_off, self.scenario, used)
-        self.warnings += photograph.warnings
-        return self.checked_wall(
-            photograph.values, str(path), mask, used, off, suggested=suggested, maskable=maskable
-        )
+        **defects: Any,
+    ) -> Photograph:
+        """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
+        used, off = self.companions(mask, monitor_off)
+        photograph = replace(self.photograph(path, used), monitor_off=off)
+        return self.without_defects(photograph, str(path), **defects)
 
-    def checked_wall(
+    def without_defects(
         self,
-        values: Array,
+        photograph: Photograph,
         name: str,
-        mask: Path | None,
-        used: Mask | None,
-        off: Mapping[str, Array],
         *,
-        suggested: Path | None = None,
+        suggested: Path | str = "FILE",
         maskable: bool = True,
-    ) -> WallInput:
-        """Look for the defects of a photograph that was read; its border may be left out."""
-        from periscopy_sim.photograph import blackened
+    ) -> Photograph:
+        """Warn of a photograph's defects; return it black outside of its mask.
 
-        defects = inputs.look_for_defects(values, used, name, suggested, maskable=maskable)
-        self.warnings += defects.warnings
-        record = {**inputs.mask_record(mask, defects.used), "backgrounds": list(off)}
-        seen = blackened(values, defects.used)
-        return WallInput(seen, defects.used, off, defects, record)
+        Without a mask, the result has one that leaves out border lines that stand out, if the
+        method is `maskable`. `suggested` is where `suggest_mask` will write its mask.
+        """
+        from periscopy_sim.photographs.border import BadBorder, bad_border
+        from periscopy_sim.photographs.defects import defective_pixels
+
+        values, used = photograph.values, photograph.mask
+        border = bad_border(values) if used is None else BadBorder()
+        sound = border.inside(photograph.shape) if used is None else used
+        remedy = f"leave them out by --mask {suggested}"
+        if border:
+            lines = f"border lines that are far too dark or bright ({border})"
+            if maskable:
+                used = sound
+                self.warn(f"{name}: left out {lines}; --mask replaces this choice")
+            else:
+                self.warn(f"{name}: {lines}; {remedy}")
+        defects = defective_pixels(values, used)
+        if defects.any_kind.any():
+            self.warn(f"{name}: {defects}; {remedy}")
+        self.sound = sound & ~defects.any_kind
+        self._suggests = not self.sound[... if used is None else used].all()
+        return replace(photograph, values=blackened(values, used), mask=used)
+
+    def suggest_mask(self, folder: Path) -> None:
+        """Write a mask that leaves out the defects of `without_defects`, if there are any."""
+        from periscopy_sim.storage.pictures import write_png
+
+        if self._suggests:
+            mask = np.repeat(self.sound[..., np.newaxis], 3, axis=2)
+            write_png(folder / SUGGESTED, mask, self.metadata)
 
     # -- fitting and writing ---------------------------------------------------------------------
 
@@ -170,7 +251,7 @@ class Session:
         settings: Mapping[str, float],
         transport: TransportRequest,
         light: LightModel,
-        wall: WallInput,
+        wall: Photograph,
         uncertain: UncertainTransport | None = None,
     ) -> tuple[Any, NDArray[np.float32]]:
         """Fit a method to the scene's A and B; return it and A, the channels' mean."""

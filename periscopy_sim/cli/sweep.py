@@ -4,33 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli import transport as matrices
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import fixable, progress, say, say_written, to_be_continued
+from periscopy_sim.cli.output import (
+    check_folder,
+    fixable,
+    progress,
+    say,
+    say_written,
+    to_be_continued,
+)
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
-from periscopy_sim.storage.outputs.resume import (
-    alone_in,
-    check_settings,
-    read_settings,
-    refuse_results,
-    write_settings,
-)
+from periscopy_sim.storage.outputs.resume import alone_in, write_settings
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from periscopy_sim.photograph import Mask
     from periscopy_sim.scenario import Array, Scenario
 
 RENDERED = ("A.npy", "photograph.exr", "ambient")
@@ -45,30 +46,20 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 def sweep(
     scene: options.SceneArgument,
     hidden: options.Hidden,
-    out: Annotated[
-        Path, option("FOLDER", "Folder of results; a sweep that stopped goes on there.")
-    ],
+    out: options.ResumedFolder,
     photograph: Annotated[
         Path | None,
         option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
     ] = None,
-    truth: Annotated[
-        str | None, option("IMAGE", "What the monitor showed in --photograph.")
-    ] = None,
+    truth: Annotated[str | None, option("IMAGE", "The hidden image of --photograph.")] = None,
     hidden_image: Annotated[
-        str | None, option("IMAGE", "What the monitor shows; the photograph is path traced.")
+        str | None, option("IMAGE", "A hidden image whose photograph is path traced.")
     ] = None,
     sbr: Annotated[
         str, option("RATIOS", "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9.")
     ] = "0.1:10:log:9",
     ambient: Annotated[
-        str,
-        option(
-            "LIST",
-            f"Ambient light, by comma: all (the {len(REALISTIC)} realistic shipped conditions), "
-            f"adversarial (the {len(ADVERSARIAL)} others), names of shipped conditions, EXR files, "
-            "folders of EXR files.",
-        ),
+        str, option("LIST", "all, adversarial, shipped conditions, EXR files or folders of them.")
     ] = "all",
     flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
     methods: Annotated[
@@ -76,9 +67,7 @@ def sweep(
     ] = "noise-aware,preconditioned,differencing",
     snr: options.Snr = 60.0,
     seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
-    scheduler: Annotated[
-        str | None, option("ADDRESS", "A Dask scheduler; without it, this machine's cores.")
-    ] = None,
+    scheduler: options.Scheduler = None,
     samples: options.Samples = 16,
     bounces: options.BouncesOption = "direct",
     monitor_off: options.MonitorOffOption = None,
@@ -89,7 +78,7 @@ def sweep(
 ) -> None:
     """Compare methods over ambient light and SBRs.
 
-    A sweep that was stopped goes on by the same command.
+    The same command resumes an interrupted sweep.
     """
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
@@ -97,7 +86,7 @@ def sweep(
     from periscopy_sim.figures import panels
     from periscopy_sim.rendering.transport.bounced import channels_mean
 
-    # Whatever can be refused is refused here, before hours of rendering.
+    # Reject wrong values here, before hours of rendering.
     require_all()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
@@ -112,14 +101,14 @@ def sweep(
     session = Session(scene, hidden, define, seed)
     scenario = session.scenario
     shown = session.hidden_image(truth or hidden_image or "")
-    used = inputs.read_mask(mask, scenario)
-    dark = inputs.read_backgrounds(monitor_off, scenario, used)
+    used, off = session.companions(mask, monitor_off)
     signal = None
     if photograph is not None:
-        signal = inputs.read_photograph(photograph, scenario, used).values
-        inputs.look_for_defects(signal, used, str(photograph))
+        given = session.photograph(photograph, used)
+        signal = given.values
+        session.without_defects(given, str(photograph), maskable=False)
     ambience = {
-        name: _background(path, scenario, used, flips) if path else None
+        name: _background(path, session, used, flips) if path else None
         for name, path in lights.items()
     }
     settings = {
@@ -130,7 +119,7 @@ def sweep(
         **prototypes.origin,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
-        "monitor_off": [sweeps.array_sha256(image) for image in dark.values()],
+        "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
         "truth": sweeps.image_sha256(shown),
         "ambient": [
@@ -143,12 +132,13 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    _check_folder(out, settings)
+    check_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED)
     if scheduler is not None:
-        with workers.connect(scheduler):  # does it answer?
+        with workers.connect(scheduler):  # fails if it does not answer
             pass
     with to_be_continued(), alone_in(out):
-        _check_folder(out, settings)  # again, now that nobody else writes there
+        # Again, now that no other process writes there.
+        check_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED)
         if not (out / STORE).exists():
             write_settings(out, settings)
         if not (out / "A.npy").is_file():
@@ -158,15 +148,15 @@ def sweep(
             )  # fmt: skip
         A = channels_mean(request.matrix(scenario))
         B = prototypes.matrix(scenario)
-        with fixable(f"scene '{scenario.path}'", dark):
-            fitted = fit_methods(names, scenario, A, B, used, dark)
+        with fixable(f"scene '{scenario.path}'", off):
+            fitted = fit_methods(names, scenario, A, B, used, off)
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():
                 photographs.photograph(
                     scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
                 )
-            signal = inputs.read_photograph(file, scenario).values
+            signal = session.photograph(file).values
         lit = _rendered(ambience, scenario, out / "ambient", seed)
         whole = sweeps.Sweep(
             signal=signal,
@@ -192,17 +182,17 @@ def sweep(
     say_written(*(out / name for name in RESULTS))
 
 
-def _background(path: Path, scenario: Scenario, used: inputs.Mask | None, flips: bool) -> Array:
-    """Read ambient light, (rows, columns, 3); all that its flips show must be finite, too."""
+def _background(path: Path, session: Session, used: Mask | None, flips: bool) -> Array:
+    """Read ambient light, (rows, columns, 3), whose flips are finite inside the mask, too."""
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.photograph import used_pixels
 
-    light = inputs.read_photograph(path, scenario, used).values
+    light = session.photograph(path, used).values
     turned = sweeps.flips({"": light}).values() if flips else ()
     if not all(np.isfinite(used_pixels(each, used)).all() for each in turned):
         raise PhotographError(
-            f"{path}: holds NaN or infinite values where the mask leaves the wall out, and flips "
-            "show them where it is used; replace them, or give --no-flips"
+            f"{path}: flips move NaN or infinite values into the mask; replace them, or pass "
+            "--no-flips"
         )
     return light
 
@@ -220,23 +210,9 @@ def _rendered(
     return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
 
 
-def _check_folder(out: Path, settings: Mapping[str, Any]) -> None:
-    """Reject a folder of other settings, or with files of unknown settings.
-
-    Until there are results, the `VARIED` settings may differ.
-    """
-    held = read_settings(out)
-    if held is None:
-        refuse_results(out, (*RENDERED, *RESULTS))
-        return
-    if not (out / STORE).exists():
-        held |= {name: settings[name] for name in VARIED}
-    check_settings(held, settings, str(out), "sweep")
-
-
 def _say_means(results: xr.Dataset) -> None:
     """Print the mean error of each method at each SBR, and the failures."""
-    errors = results["mean_squared_error"].mean(("background", "seed"))  # of what did not fail
+    errors = results["mean_squared_error"].mean(("background", "seed"))  # without failures
     names = [str(name) for name in results["algorithm"].values]
     heading = "mean squared error at SBR"
     width = max(map(len, [heading, *names]))

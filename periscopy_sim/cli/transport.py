@@ -22,8 +22,8 @@ def transport(
 ) -> None:
     """Render the light transport matrix A of a scene.
 
-    It is written as an (M, N) float32 NPY file, and a JSON file beside it. Where light bounces, the
-    NPY file holds the mean of the channels' matrices, and an NPZ file what they differ by.
+    The command writes an (M, N) float32 NPY file and a JSON file. Where light bounces, the NPY
+    file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 

@@ -12,21 +12,22 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.messages import residual_summary, residual_warning, sentences
 from periscopy_sim.cli.method_options import (
-    COUPLINGS,
     FOR_VIDEOS,
+    Coupling,
+    VideoMethod,
     check_coupling,
-    method_help,
     settings_for,
     takes_options_of,
 )
-from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, SOLVER, number, option
-from periscopy_sim.cli.output import counted_progress, fixable, progress, say, told_folder
-from periscopy_sim.cli.session import Session, WallInput
+from periscopy_sim.cli.options import EXPERT, OUTPUT, PHOTOGRAPH, number, option
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
 from periscopy_sim.errors import OutputError
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
@@ -47,58 +48,23 @@ def video(
     scene: options.SceneOption,
     hidden: options.Hidden,
     out: options.Out,
-    method: Annotated[
-        str,
-        option(
-            "NAME",
-            f"How each frame is recovered. {method_help(FOR_VIDEOS)}.",
-            group=SOLVER,
-            autocompletion=lambda: list(FOR_VIDEOS),
-        ),
-    ] = DEFAULT,
-    coupling: Annotated[
-        str,
-        option(
-            "NAME",
-            f"How each frame is tied to the one before it: {', '.join(COUPLINGS)}.",
-            group=SOLVER,
-            autocompletion=lambda: list(COUPLINGS),
-        ),
-    ] = "l1",
+    method: VideoMethod = DEFAULT,
+    coupling: Coupling = "l1",
     samples: options.Samples = 16,
     model: options.ModelOption = options.Model.rendered,
     bounces: options.BouncesOption = "direct",
     matrix: options.MatrixOption = None,
     truth: Annotated[
-        str | None,
-        option(
-            "IMAGES",
-            "The hidden images, if known: a folder of pictures or an NPY stack, one for each "
-            "photograph, or one image (a file or a shipped one) for all; adds metrics and "
-            "frames_sheet.png.",
-        ),
+        str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
     rate: Annotated[
-        float, number("Animation's frames a second.", group=OUTPUT, min=0.1, max=1000)
+        float, number("Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000)
     ] = 16.0,
     also: Annotated[
-        list[str] | None,
-        option(
-            "mp4|webm",
-            "Write the animation in this format too, as video.mp4 or video.webm, by PyAV (the "
-            "extra video); repeatable.",
-            group=OUTPUT,
-        ),
+        list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
     ] = None,
     batch: Annotated[
-        int,
-        option(
-            "NUMBER",
-            "Photographs that P or A is applied to in one product.",
-            group=options.EXPERT,
-            min=1,
-            max=4096,
-        ),
+        int, option("NUMBER", "Photographs in one product.", group=EXPERT, min=1, max=4096)
     ] = 16,
     monitor_off: options.MonitorOffOption = None,
     light_model: options.LightModelOption = None,
@@ -119,13 +85,13 @@ def video(
     check_coupling(method, coupling)
     settings = settings_for(method, numbers, FOR_VIDEOS, coupling)
     entry = METHODS[method]
-    names_for_stills = {option.name for option in entry.options} & settings.keys()
-    for_stills = {name: settings[name] for name in names_for_stills}
-    weights = {name: settings[name] for name in settings if name not in for_stills}
+    of_still = {option.name for option in entry.options}
+    for_stills = {name: value for name, value in settings.items() if name in of_still}
+    weights = {name: value for name, value in settings.items() if name not in of_still}
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
     session = Session(scene, hidden, define, seed)
-    with told_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
+    with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
         still, _ = session.fit(method, for_stills, request, lights, clip.wall)
@@ -152,17 +118,12 @@ def video(
                         *(clip.photographs, images, clip.truth, white, rate, text, drawn),
                     )
         if residual is not None:
-            draw_residual(
-                folder / "residual.png",
-                clip.photographs[0],
-                residual,
-                residual_summary(residual),
-                text,
-            )
-        clip.wall.defects.suggest_mask(folder, text)
+            caption = residual_summary(residual)
+            draw_residual(folder / "residual.png", clip.photographs[0], residual, caption, text)
+        session.suggest_mask(folder)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
-        summary: dict[str, Any] = {
+        summary = {
             "photographs": clip.name,
             "frames": len(clip.names),
             **request.origin,
@@ -175,7 +136,7 @@ def video(
             "rate": rate,
             "formats": formats,
             "white": white,
-            **clip.wall.record,
+            **pixel_record(mask, clip.wall.mask, clip.wall.monitor_off),
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,
@@ -193,12 +154,12 @@ def video(
 
 @dataclass(frozen=True, eq=False)
 class _Clip:
-    """The photographs of a video, (frames, rows, columns, 3), and what belongs to them."""
+    """The photographs of a video, (frames, rows, columns, 3), and their companions."""
 
     name: str
     names: Sequence[str]  # of the frames
     photographs: NDArray[np.floating[Any]]
-    wall: WallInput  # of the first frame
+    wall: Photograph  # of the first frame
     truth: NDArray[np.floating[Any]] | None  # (frames, R, C, 3)
 
 
@@ -219,17 +180,21 @@ def _read_clip(
     scenario = session.scenario
     shape = scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
-        used = inputs.read_mask(mask, scenario)
-        off = inputs.read_backgrounds(monitor_off, scenario, used)
+        used, off = session.companions(mask, monitor_off)
         sequence = open_frames(frames, shape, used)
-        _check_left_over(out / "frames", picture_names(len(sequence)))
+        held = {file.name for file in (out / "frames").glob("*.png")}
+        if held - set(picture_names(len(sequence))):
+            raise OutputError(f"{out}: holds a longer video; name another folder")
         photographs, warnings = decoded_photographs(
             sequence, shape, used, scratch / "y.npy", report
         )
         for warning in warnings:
             session.warn(warning)
-        first, suggested = f"{frames}, first frame", out / inputs.SUGGESTED
-        wall = session.checked_wall(photographs[0], first, mask, used, off, suggested=suggested)
+        wall = session.without_defects(
+            Photograph(photographs[0], used, off),
+            f"{frames}, first frame",
+            suggested=out / SUGGESTED,
+        )
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
@@ -240,10 +205,10 @@ def _read_clip(
 def _recover(
     session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
 ) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
-    """Recover the frames into an NPY file; warn where the first shows nothing or does not fit.
+    """Recover the frames into an NPY file; print the warnings of the first.
 
-    Return the frames, (frames, R, C, 3), a row of the table for each, the report of the first,
-    and frames a second.
+    Return the frames, (frames, R, C, 3), their rows of the table, the first one's report, and rates
+    in frames a second.
     """
     from threadpoolctl import threadpool_limits
 
@@ -255,13 +220,13 @@ def _recover(
     count, shape = len(clip.names), session.scenario.hidden_shape
     records: list[dict[str, Any]] = []
     report = Report()
-    # Products this small gain little from threads, which wait for each other on a busy machine.
+    # Small products gain little from threads, which wait for each other on a busy machine.
     with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
         with session.timed("rehearse"):
             live = video_metrics.live_rate(recovery, clip.photographs)
         with (
             session.timed("reconstruct"),
-            counted_progress("reconstructing", "frames") as frame_done,
+            progress("reconstructing", "frames") as frame_done,
             npy_writer(file, (count, *shape, 3), np.float32) as write,
         ):
             solved = video_metrics.timed_solutions(recovery, clip.photographs, batch)
@@ -276,12 +241,3 @@ def _recover(
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
     return mapped_stack(file), records, report, rates
-
-
-def _check_left_over(folder: Path, names: list[str]) -> None:
-    """Reject a folder with pictures of a longer video."""
-    left_over = sorted({file.name for file in folder.glob("*.png")} - set(names))
-    if left_over:
-        raise OutputError(
-            f"{folder / left_over[0]} is of a longer video; remove {folder}, or name another folder"
-        )

@@ -43,7 +43,7 @@ def test_curve_of_one_parameter_and_the_best_scene(succeeds, tmp_path):
     assert defaults["occluder_dx"] == best["values"]["occluder_dx"]
     assert defaults["resolution"] == "12"
     assert ps.load_scenario(scene, (3, 4)).photograph_shape == (12, 12)
-    assert "as it stands (occluder_dx=0)" in told
+    assert "given scene (occluder_dx=0)" in told
 
 
 def test_point_that_makes_no_scene_fails_by_name_and_the_rest_go_on(periscopy, tmp_path):

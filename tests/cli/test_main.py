@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from periscopy_sim import cli
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli import session
 from periscopy_sim.cli.light import TransportRequest
 from periscopy_sim.cli.options import GroupedCommand
 from periscopy_sim.errors import PeriscopyError
@@ -137,12 +137,12 @@ def test_what_the_parser_refuses_is_one_line_with_a_way_on(arguments, message, r
     ],
 )
 def test_error_of_a_user_is_one_line(error, line, monkeypatch, refused):
-    monkeypatch.setattr(inputs, "load", failing(error))
+    monkeypatch.setattr(session, "load", failing(error))
     assert refused(*TRANSPORT) == line
 
 
 def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr(inputs, "load", failing(RuntimeError("a defect")))
+    monkeypatch.setattr(session, "load", failing(RuntimeError("a defect")))
     with pytest.raises(RuntimeError, match="a defect"):
         periscopy(*TRANSPORT)
     assert list(tmp_path.iterdir()) == []
@@ -157,7 +157,7 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
 
 
 def test_place_that_cannot_be_written_is_refused_before_anything_is_read(monkeypatch, refused):
-    monkeypatch.setattr(inputs, "load", None)
+    monkeypatch.setattr(session, "load", None)
     Path("file").write_text("kept")
     for command in (
         ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "file/new"),
@@ -213,7 +213,7 @@ def test_interrupt_is_one_line_and_130_even_in_a_string_of_code(moment, monkeypa
     ids=lambda arguments: arguments[0],
 )
 def test_interrupt_ends_with_130_and_writes_nothing(arguments, monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr(inputs, "load", failing(KeyboardInterrupt))
+    monkeypatch.setattr(session, "load", failing(KeyboardInterrupt))
     outcome = periscopy(*arguments)
     assert (outcome.code, outcome.err) == (130, INTERRUPTED)
     assert list(tmp_path.iterdir()) == []
@@ -230,7 +230,7 @@ def test_interrupt_of_which_another_error_is_made_still_interrupts(error, monkey
         except ImportError:
             raise error("name '_drjit_ext' is not defined")  # noqa: B904  nobody says from what
 
-    monkeypatch.setattr(inputs, "load", load)
+    monkeypatch.setattr(session, "load", load)
     outcome = periscopy(*TRANSPORT)
     assert (outcome.code, outcome.err) == (130, INTERRUPTED)
 
@@ -239,8 +239,8 @@ def test_termination_leaves_nothing_half_written(tmp_path):
     code = (
         "import os, signal, sys\n"
         "from periscopy_sim import cli\n"
-        "from periscopy_sim.cli import inputs\n"
-        "inputs.load = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "from periscopy_sim.cli import session\n"
+        "session.load = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
         "sys.argv = ['periscopy', 'analyze', 'chair', '--hidden', '4x5', '--out', 'out']\n"
         "cli.main()\n"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.cli import output
-from periscopy_sim.cli.output import counted_progress, fixable, progress, write_json
+from periscopy_sim.cli.output import fixable, progress, write_json
 from periscopy_sim.errors import PeriscopyError, SceneError
 
 
@@ -74,7 +74,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(monkeypatch, capfd):
         monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
         report(0.42)
         silent(1.0)
-    with counted_progress("making", "samples") as count:
+    with progress("making", "samples") as count:
         count(3, 12)
     lines = ["rendering", "rendering: 42 %", "making", "making: 3 of 12 samples"]
     assert capfd.readouterr() == ("", "".join(f"periscopy: {line}\n" for line in lines))

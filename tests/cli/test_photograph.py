@@ -3,7 +3,7 @@ import re
 import numpy as np
 import pytest
 
-from periscopy_sim.cli import inputs
+from periscopy_sim.cli import session
 from periscopy_sim.measurement import Sensor
 from periscopy_sim.storage.formats.exr import read_exr
 
@@ -154,7 +154,7 @@ def test_sensor_exposes_the_photograph_and_is_recorded(succeeds, shoot, tmp_path
     ],
 )
 def test_impossible_sensor_is_refused_before_rendering(options, message, refused, monkeypatch):
-    monkeypatch.setattr(inputs, "load", None)
+    monkeypatch.setattr(session, "load", None)
     assert message in refused("photograph", "chair", "bars", *TINY, *options, "--out", "y.exr")
 
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, pixel_record
 from periscopy_sim.errors import PeriscopyError, PhotographError
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -87,7 +87,9 @@ def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photog
     wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)), tmp_path / "mask.png")
     np.testing.assert_array_equal(wall.values, np.where(MASK[..., None], y, 0))
     np.testing.assert_array_equal(wall.mask, MASK)
-    assert wall.record["pixels_left_out"] == LEFT_OUT and session.warnings == []
+    assert (
+        pixel_record(None, wall.mask, {})["pixels_left_out"] == LEFT_OUT and session.warnings == []
+    )
 
 
 def test_defects_are_warned_of_and_a_mask_is_suggested(
@@ -99,10 +101,10 @@ def test_defects_are_warned_of_and_a_mask_is_suggested(
     path = saved(y=y, mask=MASK)
     for given, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
         session.warnings.clear()
-        wall = session.wall(path, given, suggested=tmp_path / "mask.png")
+        session.wall(path, given, suggested=tmp_path / "mask.png")
         (line,) = session.warnings
         assert line in capfd.readouterr().err and f"--mask {tmp_path / 'mask.png'}" in line
-        wall.defects.suggest_mask(tmp_path, session.metadata)
+        session.suggest_mask(tmp_path)
         expected = used.copy()
         expected[[11, 17, 20], [3, 20, 5]] = False
         np.testing.assert_array_equal(ps.read_mask(tmp_path / "mask.png", (24, 24)), expected)
@@ -124,7 +126,7 @@ def test_border_that_stands_out_is_left_out_by_methods_that_take_masks(maskable,
     wall = session.wall(saved(y=y), maskable=maskable)
     (line,) = session.warnings
     assert "at the top" in line and "at the left" in line
-    np.testing.assert_array_equal(wall.defects.sound, inside)
+    np.testing.assert_array_equal(session.sound, inside)
     if maskable:
         np.testing.assert_array_equal(wall.mask, inside)
     else:

@@ -310,7 +310,7 @@ def test_pictures_of_a_longer_video_are_not_mixed_with_this_one(
     np.save(tmp_path / "short.npy", photographs[:4])
     video("y.npy")
     line = refused("video", "short.npy", *tiny, "--out", "out")
-    assert line.startswith("out/frames/0004.png is of a longer video; remove out/frames")
+    assert line.startswith("out: holds a longer video")
     frames, _, _ = video("y.npy", "--coupling", "none")  # the same length may replace it
     assert len(frames) == 9
 

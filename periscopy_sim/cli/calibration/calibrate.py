@@ -6,21 +6,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from periscopy_sim.cli import inputs
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.calibration.report import say_found, told
 from periscopy_sim.cli.calibration.silhouette import find_silhouette, refuse_others
-from periscopy_sim.cli.options import option, parse_definitions, parse_size
+from periscopy_sim.cli.options import option, parse_size
 from periscopy_sim.cli.output import (
-    Stopwatch,
     progress,
     say_written,
     warn_boxed,
     write_json,
 )
+from periscopy_sim.cli.session import Session, pixel_record
 from periscopy_sim.errors import SceneError
-from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
@@ -101,7 +98,6 @@ def calibrate(
     """
     from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
-    from periscopy_sim.photograph import blackened
 
     if silhouette is not None:
         refuse_others({"--free": free, "--uncertain": uncertain})
@@ -113,39 +109,32 @@ def calibrate(
     if cells is not None:
         raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     arguments.require_suffix(out, ".xml", "the scene")
-    path, given = find_scene(scene), parse_definitions(define)
+    session = Session(scene, hidden, define, seed)
+    path, given, timed = session.path, session.definitions, session.timed
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
     spare_inputs((out, record, picture), (photo, path, *(background or []), mask))
     freed = None if free is None else arguments.parse_errors(free, "--free")
     held = arguments.parse_errors(",".join(uncertain or []), "--uncertain")
     errors = arguments.known_errors(held, path, given)
     start_values(path, list(free_parameters(path, freed, given, errors)), given)
-    timed = Stopwatch()
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
-        with timed("load the scene"), progress("loading the scene"):
-            # Takes seconds, in which a user would see nothing.
+        with progress("loading", lines=False):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate as search
             from periscopy_sim.calibration.scene_covariance import SceneCovariance
             from periscopy_sim.rendering.scene.document import CALIBRATED
 
-            scenario = inputs.load(scene, hidden, define)
-        used = inputs.read_mask(mask, scenario)
-        given_photograph = inputs.read_photograph(photo, scenario, used)
-        dark = inputs.read_backgrounds(background, scenario, used)
+        wall = session.wall(photo, mask, background)
         _write_copy(scene_file, path, given, hidden, out)  # proves now that it can be written
-        defects = inputs.look_for_defects(given_photograph.values, used, str(photo))
-        used = defects.used
-        warnings = [*given_photograph.warnings, *defects.warnings]
         with timed("calibrate"), progress("calibrating") as report:
             found = search(
-                given_photograph.values,
+                wall.values,
                 path,
                 parse_size(hidden),
                 freed,
                 parameters=given,
                 uncertain=errors,
-                backgrounds=dark,
-                mask=used,
+                backgrounds=wall.monitor_off,
+                mask=wall.mask,
                 samples=samples,
                 seed=seed,
                 progress=report,
@@ -153,26 +142,23 @@ def calibrate(
         values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
         values[CALIBRATED] = SceneCovariance.of(found).text()
         _write_copy(scene_file, path, values, hidden, out, _remark(found))
-        provenance = inputs.provenance_of(scenario, seed)
         summary = {
             "photograph": str(photo),
             "scene": str(path),
-            "hidden_shape": scenario.hidden_shape,
-            **inputs.mask_record(mask, used),
-            "backgrounds": list(dark),
+            "hidden_shape": session.scenario.hidden_shape,
+            **pixel_record(mask, wall.mask, wall.monitor_off),
             "samples": samples,
-            "warnings": [*warnings, *found.doubts],
+            "warnings": [*session.warnings, *found.doubts],
             **told(found),
             "seconds": timed.seconds,
-            "provenance": provenance,
+            "provenance": session.provenance,
         }
         write_json(json, summary)
-        seen = blackened(given_photograph.values, used)
-        draw_calibration(png, seen, found, as_text(provenance))
-    say_found(found, has_backgrounds=bool(dark))
+        draw_calibration(png, wall.values, found, session.metadata)
+    say_found(found, has_backgrounds=bool(wall.monitor_off))
     say_written(out, record, picture)
     if found.doubts:
-        advice = DISTRUSTED.format(UNTOLD[bool(dark)])
+        advice = DISTRUSTED.format(UNTOLD[bool(wall.monitor_off)])
         warn_boxed("this calibration is not to be trusted", found.doubts, advice)
 
 

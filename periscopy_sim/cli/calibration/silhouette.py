@@ -7,13 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.cli import inputs
 from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.output import Stopwatch, progress, say, say_written, warn_boxed, write_json
+from periscopy_sim.cli.output import progress, say, say_written, warn_boxed, write_json
+from periscopy_sim.cli.session import Session, pixel_record
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.percentages import percentages
-from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
@@ -51,18 +49,17 @@ def find_silhouette(
 ) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.figures.silhouette import draw_silhouette
-    from periscopy_sim.photograph import blackened
 
     arguments.require_suffix(out, ".xml", "the scene")
-    path, given = find_scene(scene), arguments.parse_definitions(define)
+    session = Session(scene, hidden, define, seed)
+    path, given, timed = session.path, session.definitions, session.timed
     size = None if cells is None else arguments.parse_size(cells)
     record, mesh = out.with_suffix(".json"), _mesh(out, shape)
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = [out, mesh, record, picture]
-    timed = Stopwatch()
     with ExitStack() as stack:
         spare_inputs(outputs, (photo, path, *(background or []), mask))
-        with timed("load the scene"), progress("loading the scene"):
+        with progress("loading", lines=False):  # takes seconds
             from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
             from periscopy_sim.calibration.silhouette.masked_scene import (
                 local_coordinates,
@@ -70,25 +67,20 @@ def find_silhouette(
             )
             from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 
-            scenario = inputs.load(scene, hidden, define)
-            mask_plane(scenario, shape)
-            local_coordinates(path, shape, given)
+        mask_plane(session.scenario, shape)
+        local_coordinates(path, shape, given)
         staged = [stack.enter_context(staged_file(file)) for file in outputs]
-        used = inputs.read_mask(mask, scenario)
-        taken = inputs.read_photograph(photo, scenario, used)
-        dark = inputs.read_backgrounds(background, scenario, used)
-        defects = inputs.look_for_defects(taken.values, used, str(photo))
-        used = defects.used
+        wall = session.wall(photo, mask, background)
         with timed("find the silhouette"), progress("finding the silhouette") as report:
             found = recover_silhouette(
-                taken.values,
+                wall.values,
                 path,
                 arguments.parse_size(hidden),
                 shape,
                 size,
                 parameters=given,
-                backgrounds=dark,
-                mask=used,
+                backgrounds=wall.monitor_off,
+                mask=wall.mask,
                 seed=seed,
                 progress=report,
             )
@@ -103,21 +95,19 @@ def find_silhouette(
             write_masked_scene(
                 path, answer, given, here, its_mesh, _mesh(file, shape).name, _remark(answer)
             )
-        provenance = inputs.provenance_of(scenario, seed)
         summary = {
             "photograph": str(photo),
             "scene": str(path),
-            "hidden_shape": scenario.hidden_shape,
-            **inputs.mask_record(mask, used),
-            "backgrounds": list(dark),
-            "warnings": [*taken.warnings, *defects.warnings, *found.doubts],
+            "hidden_shape": session.scenario.hidden_shape,
+            **pixel_record(mask, wall.mask, wall.monitor_off),
+            "warnings": [*session.warnings, *found.doubts],
             **_told(found),
             "others": [_told(other) for other in found.others],
             "seconds": timed.seconds,
-            "provenance": provenance,
+            "provenance": session.provenance,
         }
         write_json(staged[2], summary)
-        draw_silhouette(staged[3], blackened(taken.values, used), found, as_text(provenance))
+        draw_silhouette(staged[3], wall.values, found, session.metadata)
     _say(found)
     say_written(*outputs)
     if found.doubts:

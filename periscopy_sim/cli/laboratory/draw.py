@@ -1,16 +1,17 @@
-"""`periscopy draw`: a laboratory to scale, so that a wrong number is seen."""
+"""`periscopy draw`: a laboratory to scale, which shows wrong numbers."""
 
 from __future__ import annotations
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.output import progress, say_written
+from periscopy_sim.cli.session import provenance_of, warn_without_shadows
 from periscopy_sim.storage.outputs.staging import staged_file
 
 PATCHES = {True: "18x24", False: "5x6"}
-"""Points of the monitor for shadows; fewer where one ray is traced after the other."""
+"""Points of the monitor for shadows, by whether the variant is vectorized."""
 
 PIXELS = (32, 32)
-"""Points of the wall by which the scene is tried."""
+"""Pixels of the trial photograph."""
 
 
 def draw(
@@ -18,9 +19,9 @@ def draw(
     out: options.OutFile,
     define: options.Define = None,
 ) -> None:
-    """Draw a scene to scale: plan, side view, shadows, an overview.
+    """Draw a scene to scale: plan, side view, shadows, overview.
 
-    Look for wrong signs and units in it before an hour is lost.
+    The drawing shows wrong signs and units.
     """
     options.require_suffix(out, ".png", "the drawing")
     from periscopy_sim.figures.laboratory.drawing import draw_laboratory
@@ -38,7 +39,7 @@ def draw(
             photograph=PIXELS,
         )
         with progress("drawing"):
-            text = as_text(inputs.provenance_of(scenario, 0))
+            text = as_text(provenance_of(scenario))
             draw_laboratory(staged, scenario, metadata=text)
     say_written(out)
-    inputs.warn_without_shadows(scenario, scene)
+    warn_without_shadows(scenario, scene)

@@ -7,34 +7,30 @@ from typing import Annotated
 
 import typer
 
-from periscopy_sim.cli import inputs
 from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import say, say_written
+from periscopy_sim.cli.session import warn_without_shadows
 from periscopy_sim.errors import PeriscopyError
 
 TRIED = (32, 32)
-"""Pixels by which a new scene is looked through."""
+"""Pixels of the trial photograph."""
 
 
 def lab(
     measurements: Annotated[
-        Path | None, typer.Argument(metavar="MEASUREMENTS.yaml", help="What was measured.")
+        Path | None, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements.")
     ] = None,
     out: Annotated[
         Path | None,
-        option(
-            "FILE",
-            "The scene's XML file; its meshes are written beside it. All or nothing.",
-            group=OUTPUT,
-        ),
+        option("FILE", "The scene's XML file; its meshes are written beside it.", group=OUTPUT),
     ] = None,
     example: Annotated[
         bool, typer.Option("--example", help="Print commented measurements and exit.")
     ] = False,
 ) -> None:
-    """Make a scene of a laboratory as measured by a ruler.
+    """Make a scene of a laboratory from a ruler's measurements.
 
-    Every number becomes a <default> of the scene, its error another beside it.
+    Each number and its error become <default>s of the scene.
     """
     from periscopy_sim.laboratory.document import EXAMPLE
 
@@ -52,5 +48,5 @@ def lab(
     written = build_laboratory(measurements, out)
     say_written(*written)
     scenario = load_scenario(out, (1, 1), photograph=TRIED)
-    inputs.warn_without_shadows(scenario, str(out))
+    warn_without_shadows(scenario, str(out))
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")

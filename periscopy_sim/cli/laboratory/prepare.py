@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.options import number, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
+    from periscopy_sim.photograph import Mask
     from periscopy_sim.photographs.film_size import FilmAdvice
     from periscopy_sim.photographs.marks import WallPoints, WallTags
     from periscopy_sim.photographs.prepare import Prepared
@@ -32,88 +33,52 @@ FILM_SIZES = (
     ("height", "width"), ("rows", "columns"), ("film_height", "film_width"),
     ("resolution_y", "resolution_x"), ("resolution",),
 )  # fmt: skip
-"""Names that a scene's <default>s for the rows and columns of its film may have."""
+"""Possible names of the <default>s for the rows and columns of a scene's film."""
 
 Photos = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="PHOTO...",
-        help="Camera raw, TIFF, PNG, JPEG, EXR, NPY, NPZ (key photograph) or MATLAB raw, of any "
-        "size; several are averaged, or merged by --exposures.",
-    ),
+    typer.Argument(metavar="PHOTO...", help="Photographs, averaged, or merged by --exposures."),
 ]
+Files = list[Path] | None
 
 
 def prepare(
     photos: Photos,
     scene: options.SceneOption,
     out: options.OutFile,
-    black: Annotated[
-        float,
-        number("The camera's black level, subtracted. Raw files know theirs.", form="VALUE"),
-    ] = 0.0,
+    black: Annotated[float, number("Black level of the camera, subtracted.", form="VALUE")] = 0.0,
     dark: Annotated[
-        list[Path] | None,
-        option("FILE", "A photograph with the lens covered, subtracted; repeatable, averaged."),
+        Files, option("FILE", "Photograph with the lens covered, subtracted; repeatable.")
     ] = None,
     flat: Annotated[
-        list[Path] | None,
-        option(
-            "FILE",
-            "A photograph of an evenly lit white surface, same lens, to divide by; repeatable.",
-        ),
+        Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
     ] = None,
     white: Annotated[
-        float | None,
-        number(
-            "Pixels are saturated from this value on. [default: as the file shows]", form="VALUE"
-        ),
+        float | None, number("Saturation value. [default: from the file]", form="VALUE")
     ] = None,
     exposures: Annotated[
-        str | None,
-        option("T1,T2,...", "Exposure times of the photographs, which are merged to one."),
+        str | None, option("T1,T2,...", "Exposure times of photographs to merge.")
     ] = None,
     points: Annotated[
-        Path | None,
-        option(
-            "FILE.csv",
-            "Rectify by points of the wall: rows column,row,x,y,z, pixels (the first one's centre "
-            "is 0.5,0.5) and metres; four or more, seven or more for the lens's distortion.",
-        ),
+        Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
     ] = None,
     tags: Annotated[
-        Path | None,
-        option(
-            "FILE.csv",
-            "Rectify by AprilTag or ArUco markers on the wall: rows id,x,y,z,size, the middle and "
-            "the side of the black square in metres; two or more, turned in any way.",
-        ),
+        Path | None, option("FILE.csv", "AprilTag or ArUco markers to rectify by: id,x,y,z,size.")
     ] = None,
     mask: Annotated[
         Path | None,
-        option(
-            "FILE", "A grey picture of the photograph's or the film's size, black what is not wall."
-        ),
+        option("FILE", "Picture of the photograph's or film's size, black off wall."),
     ] = None,
     bin_by: Annotated[
-        str | None,
-        option(
-            "auto|K",
-            "Set the scene's film so that a pixel covers K x K of the photograph, or as the "
-            "shadows need. [default: the film of the scene]",
-            "--bin",
-        ),
+        str | None, option("auto|K", "Set the film to blocks of K x K pixels.", "--bin")
     ] = None,
-    hidden: Annotated[
-        str, option("ROWSxCOLUMNS", "Patches that --bin auto and the advice are for.")
-    ] = "29x36",
+    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches for --bin auto and advice.")] = "29x36",
     define: options.Define = None,
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
 
-    It is written as an EXR file, NAME.exr. Beside it, NAME_mask.png leaves out what lies outside of
-    the photograph, what is saturated in every exposure, and the tags; NAME_preview.png is to look
-    at, black where the mask is.
+    The command writes NAME.exr; NAME_mask.png, which leaves out saturated pixels, tags and pixels
+    outside of the photograph; and NAME_preview.png, black outside of the mask.
     """
     from periscopy_sim.figures.display import save_png
     from periscopy_sim.figures.panels import enlarged
@@ -124,19 +89,20 @@ def prepare(
     from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
 
     options.require_suffix(out, ".exr", "the photograph")
+    session = Session(scene, define=define)
     if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags both show the view; give one of them")
+        raise PeriscopyError("--points and --tags exclude each other; give one")
     if min(patches := options.parse_size(hidden)) < 1:
         raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
     with fixable("--exposures"):
         times = None if exposures is None else [float(each) for each in exposures.split(",")]
     written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
-    given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, find_scene(scene)
+    given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
     spare_inputs(written, given_files)
     with ExitStack() as stack:
         staged = [stack.enter_context(staged_file(path)) for path in written]
-        with progress("reading the scene and the photograph"):
-            scenario = inputs.load(scene, "1x1", define)
+        scenario = session.scenario
+        with progress("reading the photograph"):
             light, used = _developed(photos, black, dark, flat, white, times, mask)
         on_wall = read_wall_points(points) if points else None
         tags_on_wall = read_wall_tags(tags) if tags else None
@@ -146,10 +112,11 @@ def prepare(
             shape = _film(light, scenario, advice, bin_by, on_wall or tags_on_wall)
             film = _film_definitions(scenario, shape, define)
             more = [f"{name}={value}" for name, value in film.items()]
-            scenario = inputs.load(scene, "1x1", [*(define or []), *more])
+            session = Session(scene, define=[*(define or []), *more])
+            scenario = session.scenario
         with progress("averaging its pixels"):
             prepared = prepared_from(light, scenario, points=on_wall, tags=tags_on_wall, mask=used)
-        shadowless = inputs.warn_without_shadows(scenario, scene)
+        session.check_scene()
         for warning in prepared.warnings:
             warn(f"{photos[0]}: {warning}")
         text = as_text({
@@ -158,17 +125,17 @@ def prepare(
             "black": black, "dark": _listed(dark), "flat": _listed(flat), "white": white,
             "exposures": exposures, "points": points, "tags": tags, "mask": mask, "bin": bin_by,
             **_record(prepared),
-            **inputs.provenance_of(scenario, None),
+            **session.provenance,
         })  # fmt: skip
         write_exr(staged[0], prepared.values, text)
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
         save_png(staged[2], enlarged(prepared.values), text=text)
-    for line in _lines(prepared, advice, light.size, casts=not shadowless):
+    for line in _lines(prepared, advice, light.size, casts=not session.warnings):
         say(line)
     say_written(*written)
     if film:
         definitions = " ".join(f"-D {name}={value}" for name, value in film.items())
-        say(f"the scene's film has this size with {definitions}: give it with every command")
+        say(f"give {definitions} with every command: it sets the scene's film to this size")
 
 
 # -- reading -------------------------------------------------------------------------------------
@@ -182,8 +149,8 @@ def _developed(
     white: float | None,
     times: Sequence[float] | None,
     mask: Path | None,
-) -> tuple[SensorImage, inputs.Mask | None]:
-    """Read the photographs, and make one picture of linear light of them."""
+) -> tuple[SensorImage, Mask | None]:
+    """Read the photographs into one picture of linear light, and the mask."""
     from periscopy_sim.photographs.develop import average, black_level_warning, develop
     from periscopy_sim.photographs.sensor_image import mask_of_pixels
     from periscopy_sim.storage.photographs import read_mask, read_sensor_image
@@ -230,7 +197,7 @@ def _film(
     by: str,
     marks: WallPoints | WallTags | None,
 ) -> tuple[int, int]:
-    """Return the (rows, columns) of the film for --bin: auto, or the side of a block."""
+    """Return (rows, columns) of the film for --bin auto or --bin SIDE."""
     from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
     from periscopy_sim.photographs.placing import place_film
 
@@ -248,9 +215,9 @@ def _film(
     sizes = films_of_blocks(light.size)
     if (factor and factor not in sizes) or rows * light.size[1] != columns * light.size[0]:
         raise PeriscopyError(
-            f"--bin: {light.size[0]} x {light.size[1]} pixels (rows x columns) are no film of the "
-            f"proportions of {rows} x {columns}, the scene's, by blocks with a side of one of "
-            f"{', '.join(map(str, sizes))}; crop the photograph, or change the scene's film"
+            f"--bin: {light.size[0]} x {light.size[1]} pixels do not divide into the scene's "
+            f"{rows} x {columns} by blocks with a side of {', '.join(map(str, sizes))}; crop the "
+            "photograph, or change the scene's film"
         )
     return sizes[factor] if factor else advice.choose(list(sizes.values()))
 
@@ -258,7 +225,7 @@ def _film(
 def _film_definitions(
     scenario: Scenario, shape: tuple[int, int], define: list[str] | None
 ) -> dict[str, str]:
-    """Return the values of the scene's <default>s that give its film a size of (rows, columns)."""
+    """Return the scene's <default>s that set its film to (rows, columns)."""
     from periscopy_sim.rendering.scene.document import read_document
 
     declared = read_document(scenario.path).defaults.keys()
@@ -268,9 +235,8 @@ def _film_definitions(
                 raise PeriscopyError(f"--bin and -D both set {' and '.join(names)}; give one")
             return dict(zip(names, map(str, shape), strict=False))
     raise PeriscopyError(
-        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; write <default "
-        'name="width" .../> and <default name="height" .../> into it, and $width and $height into '
-        "its film"
+        f"--bin: scene '{scenario.path}' declares no <default> for its film's size; declare width "
+        "and height, and use $width and $height in its film"
     )
 
 
@@ -280,7 +246,7 @@ def _film_definitions(
 def _lines(
     prepared: Prepared, advice: FilmAdvice, size: tuple[int, int], *, casts: bool
 ) -> Iterator[str]:
-    """Yield how well the view is known, what was left out, and which film the shadows need."""
+    """Yield the accuracy of the view, the pixels left out, and advice on the film."""
     from periscopy_sim.photographs.film_size import PIXELS_IN_STEP, films_of_marks
     from periscopy_sim.photographs.resampling import Flaw
 
@@ -325,7 +291,7 @@ def _lines(
 
 
 def _fit(view: FittedView) -> str:
-    """Return how well a view fits its marks, in words."""
+    """Return how well a view fits its marks."""
     if not view.freedom:
         return "are as many as the view needs: nothing checks them"
     lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
@@ -336,7 +302,7 @@ def _fit(view: FittedView) -> str:
 
 
 def _record(prepared: Prepared) -> dict[str, Any]:
-    """Return the metadata about the view and the pixels left out."""
+    """Return the metadata of the view and the pixels left out."""
     record: dict[str, Any] = {
         "pixels_left_out": int(np.count_nonzero(~prepared.mask)),
         "defects_left_out": prepared.defects,

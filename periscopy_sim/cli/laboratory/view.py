@@ -1,32 +1,36 @@
-"""`periscopy view`: a laboratory in the browser, to be moved by hand."""
+"""`periscopy view`: a laboratory in the browser, which you move by hand."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
-from periscopy_sim.cli import inputs, options
-from periscopy_sim.cli.laboratory.viewed import write_view
-from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import number, option, parse_definitions
-from periscopy_sim.cli.output import progress, say
+from periscopy_sim.cli import options
+from periscopy_sim.cli.messages import report_sentences, residual_summary
+from periscopy_sim.cli.options import number, option
+from periscopy_sim.cli.output import progress, say, say_written, write_json
+from periscopy_sim.cli.session import Session, provenance_of
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.live.choice import SBR, SNR, Choice
 from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 if TYPE_CHECKING:
-    from periscopy_sim.live.level import LivePictures, Shot
+    from periscopy_sim.live.level import LivePictures
     from periscopy_sim.live.page import Offered
-    from periscopy_sim.scenario import Scenario
 
-PORT = 8080
-HERE = "127.0.0.1"
 IMAGE = "mushroom"
+
+SOMETIMES = ("photograph.exr", "standard_error.npy", "certainty.png", "residual.png")
+"""Files that not every photograph or method has."""
 
 
 def view(
@@ -34,85 +38,62 @@ def view(
     hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = "29x36",
     photo: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="PHOTO",
-            help="A photograph, as reconstruct takes it: the page then shows its residual. Without "
-            "one, photographs are synthetic.",
-        ),
+        typer.Argument(metavar="PHOTO", help="A photograph. [default: synthetic photographs]"),
     ] = None,
-    out: Annotated[
-        Path,
-        option("FOLDER", "Where the page's button writes the scene and the pictures."),
-    ] = Path("view"),
-    image: Annotated[
-        str | None,
-        option("IMAGE", "What the monitor shows at first: a file, or a shipped image."),
-    ] = None,
+    out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
+    image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
     ambient: Annotated[
-        str | None,
-        option("PLACE", "Ambient light at first: a shipped place or a Mitsuba XML file."),
+        str | None, option("PLACE", "First ambient light: a shipped place or a Mitsuba XML file.")
     ] = None,
     sbr: Annotated[
-        float,
-        number("Signal-to-background ratio at first.", form="RATIO", min=1e-6, max=1e6),
+        float, number("First signal-to-background ratio.", form="RATIO", min=1e-6, max=1e6)
     ] = SBR,
     snr: options.Snr = SNR,
     method: Annotated[
-        str, option("NAME", "Method at first; yours as module:callable or file.py:callable.")
+        str, option("NAME", "First method; yours as module:callable or file.py:callable.")
     ] = DEFAULT,
     mask: options.MaskOption = None,
     host: Annotated[
-        str,
-        option("ADDRESS", "Where to listen; 0.0.0.0 lets all who know the address look and set."),
-    ] = HERE,
-    port: Annotated[
-        int, option("NUMBER", "The port; 0 takes a free one.", min=0, max=65535)
-    ] = PORT,
+        str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")
+    ] = "127.0.0.1",
+    port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", min=0, max=65535)] = 8080,
     define: options.Define = None,
 ) -> None:
     """Move a laboratory by hand, in the browser.
 
-    The page shows the scene in 3-D, with handles and sliders for the numbers among its <default>s.
-    Photograph, reconstruction and standard error follow. Ctrl-C ends the command.
+    The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
+    reconstruction and standard error. Ctrl-C ends the command.
     """
     require("viser")
-    _check_place(out)
-    given = parse_definitions(define)
+    with suppress(InterruptedError), staged_folder(out):  # rejects a folder that cannot be written
+        raise InterruptedError
+    session = Session(scene, hidden, define)
     image = image or (IMAGE if photo is None else "")
     first = Choice({}, image, ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
-        # Takes seconds, in which a user would see nothing.
+        from periscopy_sim.live.level import Shot
         from periscopy_sim.live.session import LiveSession
 
         _check(first, photo)
-        scenario = inputs.load(scene, hidden, define)
         if first.image:
-            inputs.hidden_image(first.image, scenario.hidden_shape)
-        shot = _shot(photo, scenario, inputs.read_mask(mask, scenario))
+            session.hidden_image(first.image)
+        wall = None if photo is None else session.wall(photo, mask)
+        shot = None if wall is None else Shot(wall.values, wall.mask)
 
         def save(pictures: LivePictures) -> str:
-            write_view(out, pictures, given, photo)
+            write_view(out, pictures, session.definitions, photo)
             return f"wrote {out}"
 
-        session = LiveSession(
-            scenario, first, _offered(), save, report_sentences, shot=shot, host=host, port=port
-        )
-    with session:
-        say(f"{session.page.gate.url} shows {scenario.path.name}; Ctrl-C ends it")
+        live = LiveSession(
+            session.scenario, first, _offered(), save, report_sentences,
+            shot=shot, host=host, port=port,
+        )  # fmt: skip
+    with live:
+        say(f"{live.page.gate.url} shows {session.path.name}; Ctrl-C ends it")
         try:
-            session.run()
+            live.run()
         except KeyboardInterrupt:
             say("closed")
-
-
-class _Tried(Exception):  # noqa: N818  nothing is wrong
-    """A folder can be made."""
-
-
-def _check_place(out: Path) -> None:
-    """Reject a folder that the page's button could not write; the trial leaves nothing."""
-    with suppress(_Tried), staged_folder(out):
-        raise _Tried
 
 
 def _check(first: Choice, photo: Path | None) -> None:
@@ -123,19 +104,8 @@ def _check(first: Choice, photo: Path | None) -> None:
     find_method(first.method)
     if first.place:
         if photo is not None:
-            raise PeriscopyError("--ambient is of synthetic photographs; leave it or PHOTO out")
+            raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
         find_condition(first.place)
-
-
-def _shot(photo: Path | None, scenario: Scenario, used: inputs.Mask | None) -> Shot | None:
-    """Read the photograph, and mask its defects."""
-    from periscopy_sim.live.level import Shot
-
-    if photo is None:
-        return None
-    given = inputs.read_photograph(photo, scenario, used)
-    defects = inputs.look_for_defects(given.values, used, str(photo))
-    return Shot(given.values, defects.used)
 
 
 def _offered() -> Offered:
@@ -149,3 +119,56 @@ def _offered() -> Offered:
     images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
     methods = [name for name, each in METHODS.items() if not each.needs or find_spec(each.needs)]
     return Offered(images, (*REALISTIC, *ADVERSARIAL), methods)
+
+
+def write_view(
+    out: Path, pictures: LivePictures, given: Mapping[str, str], photo: Path | None
+) -> None:
+    """Write pictures and their scene to a folder, in place of former ones.
+
+    A PeriscopyError names what cannot be written; then nothing is written.
+    """
+    from periscopy_sim.calibration.calibrated_scene import write_copy
+    from periscopy_sim.figures.panels import displayable, draw_certainty, draw_panels
+    from periscopy_sim.figures.residual import draw_residual
+    from periscopy_sim.rendering.scene.load import load_scenario
+    from periscopy_sim.storage.formats.exr import write_exr
+
+    scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
+    residual = report.residual
+    provenance = provenance_of(scenario)
+    text = as_text(provenance)
+    values = dict(given) | {name: f"{value:.9g}" for name, value in choice.values.items()}
+    panels = [("photograph", displayable(pictures.photograph))]
+    if pictures.truth is not None:
+        panels.insert(0, ("hidden image", displayable(pictures.truth, white=1)))
+    panels.append(("reconstruction", displayable(pictures.image)))
+    record: dict[str, Any] = {
+        **asdict(choice),
+        "photograph": None if photo is None else str(photo),
+        "hidden_shape": scenario.hidden_shape,
+        "psnr": pictures.psnr,
+        "notes": report_sentences(report),
+        **({} if residual is None else residual.numbers()),
+        "provenance": provenance,
+    }
+    with staged_folder(out) as folder:
+        write_copy(scenario.path, values, folder / "scene.xml")
+        load_scenario(folder / "scene.xml", scenario.hidden_shape)
+        if photo is None:
+            write_exr(folder / "photograph.exr", pictures.photograph, text)
+        np.save(folder / "reconstruction.npy", pictures.image)
+        draw_panels(folder / "pictures.png", panels, metadata=text)
+        if report.standard_errors is not None:
+            np.save(folder / "standard_error.npy", report.standard_errors.astype(np.float32))
+            draw_certainty(
+                folder / "certainty.png", pictures.image, report.standard_errors, metadata=text
+            )
+        if residual is not None:
+            caption = residual_summary(residual)
+            draw_residual(folder / "residual.png", pictures.photograph, residual, caption, text)
+        write_json(folder / "view.json", record)
+        names = sorted(file.name for file in folder.iterdir())
+    for name in set(SOMETIMES).difference(names):
+        (out / name).unlink(missing_ok=True)  # of former pictures
+    say_written(*(out / name for name in names))

@@ -1,1 +1,1 @@
-"""Commands for a first hour: does it work here, what does it do, what to try."""
+"""Commands for a first hour: `doctor`, `demo` and `tutorial`."""

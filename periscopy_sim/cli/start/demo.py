@@ -1,4 +1,4 @@
-"""`periscopy demo`: the main job, end to end, on shipped inputs."""
+"""`periscopy demo`: photograph and reconstruction of a shipped scene."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.cli.light import TransportRequest
 from periscopy_sim.cli.options import Out, Seed, option
-from periscopy_sim.cli.output import fixable, say, told_folder
+from periscopy_sim.cli.output import fixable, output_folder, say
 from periscopy_sim.cli.session import Session
 
 if TYPE_CHECKING:
@@ -18,29 +18,21 @@ if TYPE_CHECKING:
 SBR = 0.5
 SNR = 60.0
 LAMPS = ((-1.3, 1.7, 1.1), (1.9, 3.2, 1.4))
-"""Where only scalar works, ambient light is that of these (across, away, up), metres, by Eq. 4."""
+"""(across, away, up), metres, of Eq. 4's lamps, which replace path tracing by scalar variants."""
 COLOUR = (1.0, 0.9, 0.85)
 
 
 def demo(
     out: Out,
-    hidden: Annotated[
-        str | None, option("ROWSxCOLUMNS", "Hidden patches; 29x36, or 14x18 if only scalar works.")
-    ] = None,
-    resolution: Annotated[
-        int | None,
-        option("NUMBER", "Pixels along each side; 126, or 63 if only scalar works.", min=2),
-    ] = None,
-    image: Annotated[str, option("IMAGE", "What the monitor shows.")] = "mushroom",
+    hidden: Annotated[str | None, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = None,
+    resolution: Annotated[int | None, option("NUMBER", "Pixels along each side.", min=2)] = None,
+    image: Annotated[str, option("IMAGE", "The hidden image.")] = "mushroom",
     seed: Seed = 0,
     effort: Annotated[
         float, option("NUMBER", "Fraction of the path tracer's samples.", min=0, max=1, hidden=True)
     ] = 1.0,
 ) -> None:
-    """Photograph a shipped scene, and recover what it hides.
-
-    A hidden monitor and ambient light shine on the wall that is photographed.
-    """
+    """Photograph a shipped scene, and recover its hidden image."""
     from periscopy_sim.analytic.point_light import point_light_backgrounds
     from periscopy_sim.evaluation import metrics
     from periscopy_sim.figures import panels
@@ -50,7 +42,7 @@ def demo(
     from periscopy_sim.rendering.variant import is_vectorized, use_variant
     from periscopy_sim.storage.formats.exr import write_exr
 
-    with told_folder(out) as folder:
+    with output_folder(out) as folder:
         say(f"rendering with {use_variant()}")
         fast = is_vectorized()
         patches = hidden or ("29x36" if fast else "14x18")

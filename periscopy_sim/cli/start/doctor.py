@@ -1,4 +1,4 @@
-"""`periscopy doctor`: what works on this machine."""
+"""`periscopy doctor`: versions, extras and variants on this machine."""
 
 from __future__ import annotations
 
@@ -21,10 +21,7 @@ EXTRAS_OF = {
 
 
 def doctor() -> None:
-    """Show versions, missing extras, and which variants work.
-
-    Of each Mitsuba variant that does not work here, it says why.
-    """
+    """Show versions, missing extras and Mitsuba variants."""
     from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
 
     say(f"python       {platform.python_version()} ({sys.executable})")

@@ -159,7 +159,7 @@ def test_what_cannot_be_calibrated_is_refused(photograph, refused, tmp_path, opt
 
 
 def test_what_is_declared_nowhere_is_refused_before_anything_is_loaded(refused, monkeypatch):
-    monkeypatch.setattr("periscopy_sim.cli.inputs.load", None)
+    monkeypatch.setattr("periscopy_sim.cli.session.load", None)
     line = refused("calibrate", "y.npy", *SCENE, "--free", "sofa", "--out", "found.xml")
     assert "declares no parameter 'sofa'" in line
 

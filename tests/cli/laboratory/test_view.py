@@ -11,7 +11,7 @@ import numpy as np
 import psutil
 import pytest
 
-from periscopy_sim.cli.laboratory.viewed import write_view
+from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import Level, Shot
 from periscopy_sim.reconstruction.report import Report
