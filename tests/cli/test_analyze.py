@@ -156,8 +156,3 @@ def test_dark_spots_of_a_textured_wall_are_left_out_of_every_number(
 def test_patches_that_cannot_be_told_apart_are_refused(refused):
     line = refused("analyze", "chair", *TINY, "--hidden", "24x24", "--out", "analysis")
     assert "chair.xml" in line and "full column rank" in line and "use fewer patches" in line
-
-
-def test_impossible_tolerance_is_refused(refused):
-    arguments = ("analyze", "chair", *TINY, "--rank-tolerance", "1", "--out", "analysis")
-    assert "'--rank-tolerance'" in refused(*arguments)

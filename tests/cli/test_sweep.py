@@ -15,16 +15,8 @@ import periscopy_sim as ps
 pytestmark = pytest.mark.usefixtures("few_lights")
 
 FILES = {
-    *(
-        ".lock",
-        "settings.json",
-        "A.npy",
-        "A.json",
-        "sweep.zarr",
-        "sweep.csv",
-        "sweep.png",
-        "seconds.csv",
-    )
+    *(".lock", "settings.json", "A.npy", "A.json"),
+    *("sweep.zarr", "sweep.csv", "sweep.png", "seconds.csv"),
 }
 
 
@@ -126,30 +118,16 @@ def test_photograph_and_shipped_light_are_rendered_once(
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"photograph": None}, "--photograph"),
         ({"hidden_image": "bars"}, "--hidden-image"),
         ({"methods": "magic"}, "'magic'"),
-        ({"methods": "preconditioned,"}, "empty name"),
-        ({"methods": "pseudoinverse,pseudoinverse"}, "--methods has pseudoinverse twice"),
         ({"methods": "mine.py:Other"}, "'Other'"),
-        ({"ambient": "moon"}, "'moon'"),
         ({"ambient": "left.exr,./left.exr"}, "--ambient has left twice"),
-        ({"ambient": "empty"}, "empty"),
         ({"ambient": "left.exr,small.exr"}, "small.exr"),
         ({"sbr": "1,0"}, "--sbr '1,0'"),
-        ({"snr": "inf"}, "'--snr'"),
-        ({"seeds": "0"}, "'--seeds'"),
-        ({"truth": "sofa"}, "'sofa'"),
-        ({"photograph": "small.exr"}, "small.exr"),
         ({"scheduler": "tcp://127.0.0.1:1"}, "'tcp://127.0.0.1:1'"),
     ],
 )
-def test_bad_input_is_one_line(changes, message, refused, sweep_input, monkeypatch, sweep_command):
+@pytest.mark.usefixtures("sweep_input")
+def test_bad_input_is_one_line(changes, message, refused, monkeypatch, sweep_command):
     monkeypatch.setattr("periscopy_sim.evaluation.workers.PATIENCE", 0.2)
-    (sweep_input / "empty").mkdir()
     assert message in refused(*sweep_command(**changes))
-
-
-def test_place_that_is_a_file_is_refused(refused, sweep_input, sweep_command):
-    (sweep_input / "out").write_text("kept")
-    assert "cannot write out" in refused(*sweep_command())

@@ -76,13 +76,6 @@ def test_preview_shows_the_photograph_and_what_is_left_out_is_black(photo, succe
     assert np.abs(pixels[used > 0] - expected[used > 0]).max() <= 0.51
 
 
-def test_nothing_is_left_of_what_could_not_be_written(photo, refused, tmp_path):
-    (tmp_path / "wall_preview.png").mkdir()
-    line = refused("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
-    assert "wall_preview.png: it is a folder" in line
-    assert not (tmp_path / "wall.exr").exists() and not (tmp_path / "wall_mask.png").exists()
-
-
 def test_an_input_is_not_written_over(photo, succeeds, refused, tmp_path):
     succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
     before = (tmp_path / "wall.exr").read_bytes()
@@ -149,24 +142,6 @@ def test_wall_outside_of_the_photograph_is_masked(succeeds, tmp_path):
     assert mask[:, :12].all() and not mask[:, 22:].any()
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("error", "finer"), [(0.1, True), (12.0, False)])
-def test_no_film_is_advised_that_is_finer_than_the_marks_allow(error, finer, periscopy, tmp_path):
-    """Clicks are off by pixels of the photograph, of which the scene's cover 5 x 5."""
-    save(tmp_path / "y.tif", np.kron(LIGHT, np.ones((8, 8, 1))) + RNG.normal(0, 9, (768, 768, 3)))
-    rows = wall_points(12)
-    rows[:, :2] = 8 * rows[:, :2] + np.random.default_rng(3).normal(0, error, (12, 2))
-    write_points(tmp_path / "p.csv", rows)
-    given = "prepare", "y.tif", *SCENE[:2], "--points", "p.csv", "--out", "wall.exr"
-    outcome = periscopy(*given)
-    assert ("finer may show more: --bin auto" in outcome.out) == finer
-    doubted = "marks place the photograph to"
-    assert (doubted in outcome.err) == (error == 12)
-    outcome = periscopy(*given, "--bin", "auto")
-    assert (doubted in outcome.err) == (error == 12)
-    assert (len(read_exr(tmp_path / "wall.exr")[0]) > 126) == finer
-
-
 def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
     told = succeeds("prepare", photo, "--scene", "chair", "--bin", 8, "--out", "wall.exr")
     assert told.endswith("with -D resolution=12: give it with every command\n")
@@ -182,34 +157,15 @@ def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
     assert read_exr(tmp_path / "wall.exr")[0].shape == (20, 20, 3)
 
 
-def test_a_plateau_is_told_of(periscopy, tmp_path):
-    save(tmp_path / "y.tif", np.minimum(RNG.normal(3000, 200, LIGHT.shape), 3100))
-    outcome = periscopy("prepare", "y.tif", *SCENE, "--out", "wall.exr")
-    assert "end in a plateau at 3100; if they are saturated, leave them out by --white 3100" in (
-        outcome.err
-    )
-    told = periscopy("prepare", "y.tif", *SCENE, "--white", 3100, "--out", "wall.exr")
-    assert told.code == 2 and "no pixel of the scene's camera measures the wall" in told.err
-
-
 @pytest.mark.parametrize(
     ("options", "offender"),
     [
-        (("--points", "three.csv"), "three.csv"),
         (("--points", "bad.csv"), "bad.csv, line 5 at column"),
         (("--points", "off.csv"), "off.csv, line 4 lies 0.27 m off"),
         (("--points", "bad.csv", "--tags", "t.csv"), "--points and --tags"),
-        (("--dark", "small.tif"), "the dark frame"),
         (("--dark", "y.tif"), "the dark frame: is the photograph itself"),
-        (("--dark", "small.tif", "--black", 3), "a dark frame"),
-        (("--flat", "zeros.tif"), "the flat field"),
-        (("--exposures", "1,2"), "1 exposures"),
         (("--bin", 7), "1, 2, 3, 4, 6, 8"),
-        (("--bin", "some"), "--bin 'some'"),
-        (("--bin", 4, "-D", "resolution=24"), "--bin and -D"),
-        (("--hidden", "0x4"), "--hidden 0x4"),
         (("--mask", "five.png"), "the mask: 5 x 5"),
-        (("small.tif",), "photographs: 48 x 96"),
         (("-D", "resolution=25"), "--points"),
     ],
 )
@@ -253,28 +209,3 @@ def test_tags_are_found_rectified_and_left_out(succeeds, refused, tmp_path):
     assert "t.csv: the photograph shows 0 of the tags [9]" in refused(
         "prepare", "y.tif", *SCENE, "--tags", "t.csv", "--out", "other.exr"
     )
-
-
-def test_a_scene_without_a_film_size_to_set_is_refused(photo, refused, edited_scene):
-    scene = edited_scene(
-        ('<default name="resolution" value="126"/>', ""), ('value="$resolution"', 'value="24"')
-    )
-    assert "declares no <default> for its film's size" in refused(
-        "prepare", photo, "--scene", scene, "--bin", 4, "--out", "wall.exr"
-    )
-
-
-def test_black_level_that_is_too_high_is_told(photo, periscopy):
-    outcome = periscopy("prepare", photo, *SCENE, "--black", 3512, "--out", "wall.exr")
-    assert outcome.code == 0
-    share = round(100 * np.mean((LIGHT + 512 < 3512).any(axis=2)))
-    assert (
-        f"y.tif: {share} % of the pixels are below the black level; check --black 3512"
-        in outcome.err
-    )
-
-
-def test_photograph_of_other_proportions_is_answered_by_points(refused, tmp_path):
-    wide = save(tmp_path / "wide.tif", LIGHT[:60])
-    line = refused("prepare", wide, *SCENE, "--out", "wall.exr")
-    assert "do not average to the 24 x 24" in line and "--points" in line

@@ -79,18 +79,6 @@ def test_folder_holds_image_picture_stages_and_summary(
             assert picture.text["scene_sha256"] == provenance["scene_sha256"]
 
 
-def test_transport_file_serves_like_rendering(light, reconstruct, succeeds, tmp_path):
-    np.save(tmp_path / "y.npy", light[0])
-    rendered, _ = reconstruct("y.npy")
-    tiny = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
-    succeeds("transport", "chair", *tiny, "--out", "A.npy")
-    image, summary = reconstruct("y.npy", "--transport", "A.npy")
-    assert np.array_equal(image, rendered)
-    # Its samples are not known.
-    assert (summary["model"], summary["transport"]) == ("file", "A.npy")
-    assert summary["samples"] is None
-
-
 @pytest.mark.parametrize("model", ["rendered", "analytic"])
 def test_estimate_is_the_pseudoinverse_of_the_model_asked_for(model, reconstruct, tmp_path):
     np.save(tmp_path / "y.npy", COUNTS)
@@ -150,7 +138,6 @@ def test_truth_adds_metrics_and_a_comparison(given, light, succeeds, setting, hi
         (("--method", "noise-aware", "--tv-weight", "0"), "--method noise-aware takes 1e-09 to"),
         (("--tv-weight", "-1"), "'--tv-weight'"),
         (("--hidden", "24x24"), "full column rank"),
-        (("--truth", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
         (("--transport", "none.npy"), "none.npy: no such file"),
     ],
 )
