@@ -59,10 +59,8 @@ def test_scene_is_loaded_once_with_its_parameters():
     [
         (("sofa", "4x5"), "'sofa'"),
         (("chair", "4"), "'4'"),
-        (("chair", "0x5"), "0x5"),
         (("chair", "20x29", ["resolution=24"]), "20x29"),
         (("chair", "4x5", ["resolutio=24"]), "did you mean 'resolution'?"),
-        (("chair", "4x5", ["resolution=fine"]), "resolution=fine"),
     ],
 )
 def test_scene_that_cannot_be_is_refused_by_name(arguments, offender):
@@ -148,8 +146,6 @@ ROW = np.arange(24)[:, None, None]
     [
         (np.ones((24, 23, 3)), "24 x 23 pixels"),
         (np.where(ROW == 7, np.nan, 1.0) * np.ones((24, 24, 3)), "NaN"),
-        (np.zeros((24, 24, 3)), "every value is zero"),
-        (np.full((24, 24, 3), 1e300), "largest value"),
         (np.ones((24, 24, 2)), "shape"),
         (np.full((24, 24, 3), "x"), "values"),
     ],

@@ -68,18 +68,3 @@ def test_mesh_is_read_before_anything_else_needs_mitsuba(tmp_path):
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.startswith("wrote lab.xml, lab_chair.ply, lab_cylinder.ply\n")
-
-
-def test_scene_without_a_shadow_is_written_and_told(periscopy, tmp_path):
-    """Every occluder of the example, moved behind its monitor."""
-    text = (
-        EXAMPLE.read_text("utf-8")
-        .replace(", 58 cm", ", -58 cm")
-        .replace("66 cm, 52 cm", "66 cm, -9 m")
-    )
-    (tmp_path / "mine.yaml").write_text(text)
-    outcome = periscopy("lab", "mine.yaml", "--out", "lab.xml")
-    assert outcome.code == 0 and (tmp_path / "lab.xml").is_file()
-    (line,) = outcome.err.splitlines()
-    assert line.startswith("periscopy: warning: lab.xml: no occluder casts a shadow")
-    assert "'foot' is 0.16 m large" in line and "behind the monitor" in line

@@ -58,24 +58,6 @@ def test_blocks_are_averaged_to_the_scenes_film(photo, succeeds, tmp_path):
     assert mask.shape == (24, 24, 3) and (mask == 255).all()
 
 
-def test_preview_shows_the_photograph_and_what_is_left_out_is_black(photo, succeeds, tmp_path):
-    used = np.full((24, 24), 255, np.uint8)
-    used[5:9, 2:12] = 0
-    Image.fromarray(used).save(tmp_path / "poster.png")
-    options = ("--black", 512, "--mask", "poster.png")
-    succeeds("prepare", photo, *SCENE, *options, "--out", "wall.exr")
-    with Image.open(tmp_path / "wall_preview.png") as picture:
-        assert picture.info["command"].startswith("periscopy prepare y.tif")
-        shown = np.asarray(picture)
-    factor = len(shown) // 24
-    assert shown.shape == (24 * factor, 24 * factor, 3) and factor > 10
-    pixels = shown[factor // 2 :: factor, factor // 2 :: factor]
-    assert (pixels[used == 0] == 0).all()
-    white = np.percentile(MEANS[used > 0], 99.5)  # of what is used alone
-    expected = 255 * ps.to_srgb(MEANS, white=white)
-    assert np.abs(pixels[used > 0] - expected[used > 0]).max() <= 0.51
-
-
 def test_an_input_is_not_written_over(photo, succeeds, refused, tmp_path):
     succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
     before = (tmp_path / "wall.exr").read_bytes()
@@ -129,17 +111,6 @@ def test_points_rectify_and_their_fit_is_told(succeeds, tmp_path):
     assert metadata["view_distortion"] == "none"
     assert len(metadata["view_homography"].split()) == 9
     assert float(metadata["view_residual_pixels"]) < 1e-3
-
-
-def test_wall_outside_of_the_photograph_is_masked(succeeds, tmp_path):
-    save(tmp_path / "y.tif", LIGHT)
-    rows = wall_points()
-    rows[:, 0] += 30
-    write_points(tmp_path / "p.csv", rows)
-    told = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
-    mask = read_mask(tmp_path / "wall_mask.png")
-    assert f"left out {np.count_nonzero(~mask)} outside of the photograph\n" in told
-    assert mask[:, :12].all() and not mask[:, 22:].any()
 
 
 def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
