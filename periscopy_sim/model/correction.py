@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import FittedPhotograph
 
 Array = NDArray[np.float64]
 FirstImage = Callable[[FittedPhotograph], Array]
@@ -20,10 +20,7 @@ FirstImage = Callable[[FittedPhotograph], Array]
 
 
 class Correction(Protocol):
-    """A correction, made for one scene by a `Fit`."""
-
-    def __init__(self, fit: Fit) -> None:
-        """Prepare what every photograph of the scene needs."""
+    """A correction, made for one scene from its `Fit`."""
 
     def __call__(
         self, photograph: FittedPhotograph, first_image: FirstImage

@@ -18,7 +18,7 @@ there; `make validate` tabulates it.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
@@ -120,9 +120,9 @@ class NoiseAware(StillMethod[np.float64]):
     profiles
         Whether ambient light may vary freely down and across the wall, see `wall_profiles`.
     corrections
-        Of `model.correction`, in order; () for the plain method. None for the default: paint where
-        there are background photographs, and a smooth gain over the wall, both where the rows and
-        columns of photographs are known, from their shape or the mask's.
+        Classes or callables that make a `Correction` of a `Fit`, in order; () for the plain method.
+        None for the default: paint where there are background photographs, and a smooth gain over
+        the wall, both where the rows and columns of photographs are known.
     uncertain
         What errors of the scene's parameters do to A: standard errors then count them. None where
         the scene is taken for right.
@@ -149,7 +149,7 @@ class NoiseAware(StillMethod[np.float64]):
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
         profiles: bool = True,
-        corrections: Sequence[type[Correction]] | None = None,
+        corrections: Sequence[Callable[[Fit], Correction]] | None = None,
         uncertain: UncertainTransport | None = None,
         **observed: Unpack[Observed],
     ) -> None:
@@ -285,10 +285,10 @@ class NoiseAware(StillMethod[np.float64]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return self.fit.operator()
 
-    def _default_corrections(self) -> list[type[Correction]]:
+    def _default_corrections(self) -> list[Callable[[Fit], Correction]]:
         if self.observation.rows_and_columns is None:
             return []
-        paint: list[type[Correction]] = [Paint] if self.fit.smooth_rank else []
+        paint: list[Callable[[Fit], Correction]] = [Paint] if self.fit.smooth_rank else []
         return [*(paint if self.observation.backgrounds else []), WallGain]
 
     def _schedule(self, max_iterations: int) -> Schedule:
