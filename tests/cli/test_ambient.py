@@ -7,10 +7,6 @@ jit = pytest.mark.usefixtures("jit")
 COMMAND = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")
 
 
-def changed(old, new):
-    return tuple(new if part == old else part for part in COMMAND)
-
-
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -57,21 +53,10 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
     assert after["overcast.exr"] == before["overcast.exr"]
 
 
-@pytest.mark.thorough
 @jit
-@pytest.mark.parametrize(
-    ("command", "told"),
-    [
-        ((*COMMAND, "--seed", "1"), "seed 0, here 1"),
-        ((*COMMAND, "-D", "occluder_dx=0.01"), "was made otherwise (parameters"),
-        (changed("resolution=12", "resolution=10"), "has 12x12 pixels, the scene's camera 10x10"),
-    ],
-)
-def test_file_that_was_made_otherwise_is_refused(command, told, succeeds, refused):
+def test_file_that_was_made_otherwise_is_refused(succeeds, refused):
     succeeds(*COMMAND, "--out", "out")
-    line = refused(*command, "--out", "out")
-    assert line.startswith("out/overcast.exr: ")
-    assert told in line
+    assert refused(*COMMAND, "--seed", "1", "--out", "out").startswith("out/overcast.exr: ")
 
 
 @jit

@@ -182,13 +182,9 @@ def test_interrupt_is_one_line_and_130_even_in_a_string_of_code(moment, monkeypa
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", INTERRUPTED)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [TRANSPORT, ("sweep", "chair", *TINY, "--hidden-image", "bars", "--out", "new/r")],
-)
-def test_interrupt_ends_with_130_and_writes_nothing(arguments, monkeypatch, periscopy, tmp_path):
+def test_interrupt_ends_with_130_and_writes_nothing(monkeypatch, periscopy, tmp_path):
     monkeypatch.setattr(inputs, "load", failing(KeyboardInterrupt))
-    outcome = periscopy(*arguments)
+    outcome = periscopy(*TRANSPORT)
     assert (outcome.code, outcome.err) == (130, INTERRUPTED)
     assert list(tmp_path.iterdir()) == []
 

@@ -218,14 +218,3 @@ def test_monitor_off_photographs_are_projected_out(
     np.testing.assert_allclose(image, method.reconstruct(y), rtol=1e-3, atol=1e-4)
     without, _ = reconstruct("y.npy")
     assert ps.psnr(image, clip[0]) > ps.psnr(without, clip[0]) + 3
-
-
-def test_analysis_is_that_of_the_rows_used(succeeds, scenario, tmp_path):
-    Image.fromarray(MASK).save(tmp_path / "mask.png")
-    succeeds("analyze", "chair", *TINY[2:], "--mask", "mask.png", "--out", "out")
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    transport = ps.render_transport(scenario, samples=4, strata="gauss")
-    A = transport[MASK.ravel()].astype(np.float64)
-    assert summary["condition_A"] == pytest.approx(np.linalg.cond(A), rel=1e-6)
-    without = np.load(tmp_path / "out" / "bounds_without_background.npy").ravel()
-    assert np.allclose(without, np.linalg.norm(np.linalg.pinv(A), axis=1), rtol=1e-6)

@@ -2,8 +2,6 @@
 
 import csv
 import json
-import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -79,37 +77,6 @@ def test_errors_are_those_of_the_public_functions(succeeds, sweep_command):
         assert np.allclose(cell["reconstruction"], image, rtol=1e-4, atol=1e-6)
         assert float(cell["psnr"]) == pytest.approx(ps.psnr(image, truth), abs=1e-3)
         assert results.sizes["background"] == 2
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
-def test_photograph_and_shipped_light_are_rendered_once(
-    monkeypatch, succeeds, sweep_input, sweep_command, sweep_results
-):
-    asked = []
-
-    def ambient_photographs(names, scenario, folder, seed):
-        asked.append((list(names), scenario.photograph_shape, str(folder), seed))
-        return {name: np.full((21, 21, 3), 2.0) for name in names}
-
-    fake = SimpleNamespace(ambient_photographs=ambient_photographs)
-    monkeypatch.setitem(sys.modules, "periscopy_sim.cli.ambient", fake)
-    command = sweep_command(
-        photograph=None, truth=None, hidden_image="bars", ambient="snow,left.exr", sbr="1", seed=2
-    )
-    shown = succeeds(*command)
-    out = sweep_input / "out"
-    assert asked == [(["snow"], (21, 21), "out/ambient", 2)]
-    assert {path.name for path in out.iterdir()} == FILES | {"photograph.exr"}
-    assert "wrote out/A.npy 441x20" in shown and "wrote out/photograph.exr 21x21" in shown
-    before = sweep_results(out)
-    rendered = (out / "A.npy").stat().st_mtime_ns, (out / "photograph.exr").stat().st_mtime_ns
-    assert "A.npy" not in succeeds(*command)
-    assert rendered == (
-        (out / "A.npy").stat().st_mtime_ns,
-        (out / "photograph.exr").stat().st_mtime_ns,
-    )
-    assert sweep_results(out) == before
 
 
 # -- what is refused -----------------------------------------------------------------------------

@@ -32,14 +32,6 @@ def test_values_that_end_far_from_the_ruler_are_marked(capsys, ruler, mark):
     assert "<--" not in "".join(rest)
 
 
-@pytest.mark.parametrize(("count", "told"), [(1, False), (2, True)])
-def test_more_far_values_than_right_ones_have_are_named(capsys, count, told):
-    near = [Parameter(name, 0, 0.1, 0.05, 0.05, 1, 1, 0.1) for name in "abcd"]
-    far = [Parameter(name, 0, 0.25, 0.05, 0.05, 1, 1, 0.1) for name in "yz"[:count]]
-    say_found(calibrated(*near, *far), has_backgrounds=False)
-    assert ("measure y, z again" in capsys.readouterr().out) == told
-
-
 def test_pairs_that_are_hardly_told_apart_are_named_the_closest_first(capsys):
     parameters = [Parameter(name, 0, 0, 0.1, 0.1, 1, 1, 0.1) for name in "abcde"]
     errors = np.eye(5)

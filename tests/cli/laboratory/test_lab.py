@@ -1,16 +1,8 @@
-import os
-import re
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-import periscopy_sim as ps
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.shipped import find_scene
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -51,20 +43,3 @@ def test_mistake_is_one_line_and_nothing_is_written(refused, tmp_path, old, new,
     message = refused("lab", "mine.yaml", "--out", "lab.xml")
     assert message.startswith("mine.yaml: ") and said in message
     assert ": line " in message or "called" in said  # two entries have no line in common
-
-
-def test_mesh_is_read_before_anything_else_needs_mitsuba(tmp_path):
-    """The example's last occluder, its comment signs taken away."""
-    text, mesh = EXAMPLE.read_text("utf-8").split("  # - name: chair")
-    mesh = "  # - name: chair" + mesh.replace("unit: mm", "unit: m")
-    mesh = mesh.replace("chair.stl", str(find_scene("plant").parent / "meshes" / "plant.ply"))
-    text += re.sub("^  # ", "  ", mesh, flags=re.MULTILINE)
-    (tmp_path / "mine.yaml").write_text(text)
-    command = [sys.executable, "-m", "periscopy_sim", "lab", "mine.yaml", "--out", "lab.xml"]
-    paths = {"PYTHONPATH": str(Path(ps.__file__).parents[1])}
-    ran = subprocess.run(
-        command, cwd=tmp_path, env={**os.environ, **paths}, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.startswith("wrote lab.xml, lab_chair.ply, lab_cylinder.ply\n")

@@ -3,9 +3,8 @@ import pytest
 import tifffile
 from PIL import Image
 
-import periscopy_sim as ps
 from periscopy_sim.storage.formats.exr import read_exr
-from periscopy_sim.storage.photographs import read_mask, read_photograph
+from periscopy_sim.storage.photographs import read_mask
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -80,23 +79,6 @@ def test_dark_frames_and_flat_fields_are_averaged_and_taken_off(succeeds, tmp_pa
     succeeds("prepare", "bright.tif", *SCENE, *options, "--out", "wall.exr")
     pixels, _ = read_exr(tmp_path / "wall.exr")
     assert np.allclose(pixels, MEANS, rtol=1e-3)
-
-
-def test_exposures_are_merged_and_what_saturates_in_all_is_masked(succeeds, tmp_path):
-    bright = LIGHT.copy()
-    bright[40:44, 40:44] = 1e5
-    save(tmp_path / "short.tif", np.minimum(bright + 512, 16383))
-    save(tmp_path / "long.tif", np.minimum(8 * bright + 512, 16383))
-    options = ("--exposures", "1,8", "--black", 512)
-    told = succeeds("prepare", "short.tif", "long.tif", *SCENE, *options, "--out", "wall.exr")
-    assert "left out 1 saturated" in told
-    pixels, _ = read_exr(tmp_path / "wall.exr")
-    mask = read_mask(tmp_path / "wall_mask.png")
-    assert np.argwhere(~mask).tolist() == [[10, 10]] and np.isnan(pixels[10, 10]).all()
-    assert np.allclose(pixels[mask], MEANS[mask], rtol=1e-4)
-    # Without the mask, the NaN of what was left out is refused wherever it is read.
-    with pytest.raises(ps.PeriscopyError, match="leave them out by a mask"):
-        read_photograph(tmp_path / "wall.exr", (24, 24))
 
 
 def test_points_rectify_and_their_fit_is_told(succeeds, tmp_path):
