@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from periscopy_sim.model.observation import Backgrounds, Mask
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
-from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
-from periscopy_sim.reconstruction.video_method import FrameByFrame
+
+if TYPE_CHECKING:  # numba takes most of the time of `periscopy --help`
+    from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
+    from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Matrix = NDArray[np.floating[Any]]
 
