@@ -5,7 +5,6 @@ from importlib import metadata
 
 import pytest
 
-from periscopy_sim.rendering import variant
 from periscopy_sim.rendering.variant import examine_variants
 
 
@@ -37,19 +36,6 @@ def test_versions_and_variants_are_shown():
     best = next(name for name, here in works.items() if here)
     assert lines["rendering"] == f"with {best}"
     assert ended.stderr == "" or best == "scalar_rgb"
-
-
-def test_extras_that_are_missing_are_listed(monkeypatch, succeeds):
-    monkeypatch.setattr(variant, "examine_variants", list)
-    monkeypatch.setattr(variant, "use_variant", lambda: "none")
-    monkeypatch.setitem(sys.modules, "torch", None)
-    installed = succeeds("doctor").splitlines()
-    assert "[sweep]      installed" in installed and "[dataset]    installed" in installed
-    assert "[torch]      not installed (lacks torch): pip install -e '.[torch]'" in installed
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    lacking = succeeds("doctor").splitlines()
-    assert "[dataset]    not installed (lacks zarr): pip install -e '.[dataset]'" in lacking
-    assert "[torch]      not installed (lacks zarr, torch): pip install -e '.[torch]'" in lacking
 
 
 def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
