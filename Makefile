@@ -3,13 +3,20 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
+.PHONY: demo test test-rounding test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
 
 test: $(VENV)/installed-dev lint
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
+
+# The tests of `test` on the kernels of an old processor, which round otherwise: no fused
+# multiply-adds, no wide vectors. NumPy warns of the features that it or the machine does not have.
+test-rounding: $(VENV)/installed-dev
+	OPENBLAS_CORETYPE=Nehalem NUMBA_CPU_NAME=nehalem NUMBA_CPU_FEATURES= \
+	NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 FMA3" \
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -W ignore::ImportWarning
 
 # What takes seconds a test, as statistics over many draws and the commands' longer ways.
 test-thorough: $(VENV)/installed-dev

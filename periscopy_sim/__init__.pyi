@@ -47,8 +47,7 @@ from .rendering.ambient.background import Background, render_background
 from .rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
-from .rendering.transport.bounced import BouncedLight, render_bounced_light
-from .rendering.transport.bounced_transport import BouncedTransport
+from .rendering.transport.bounced import BouncedLight, BouncedTransport, render_bounced_light
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario

@@ -32,8 +32,8 @@ from periscopy_sim.model.observation import (
     observation_of,
 )
 from periscopy_sim.photograph import Photograph
+from periscopy_sim.rendering.checks import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.shadow_check import LEAST, hidden_part, shadow_doubt
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array, Scenario
@@ -135,7 +135,7 @@ def calibrate(
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
     y = Photograph.of(photograph, first.photograph_shape, mask=mask).values
-    if hidden_part(first) < LEAST:
+    if hidden_fraction(first) < LEAST:
         raise SceneError(
             f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: add an "
             "occluder, or move those there are"

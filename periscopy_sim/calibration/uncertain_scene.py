@@ -19,8 +19,7 @@ from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, Va
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
 

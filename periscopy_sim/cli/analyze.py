@@ -50,7 +50,7 @@ def analyze(
     from periscopy_sim.evaluation import diagnostics
     from periscopy_sim.figures import panels
     from periscopy_sim.model.observation import observation_of
-    from periscopy_sim.rendering.transport.bounced_transport import channels_mean
+    from periscopy_sim.rendering.transport.bounced import channels_mean
 
     request = TransportRequest(samples, seed, model, parse_bounces(bounces), strata="gauss")
     lights = LightModel.of(light_model, seed)

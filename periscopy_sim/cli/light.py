@@ -51,7 +51,7 @@ class TransportRequest:
     @property
     def origin(self) -> dict[str, Any]:
         """The entries of a summary."""
-        from periscopy_sim.rendering.transport.bounces import bounces_in_words
+        from periscopy_sim.rendering.transport.bounced import bounces_in_words
 
         return {
             "model": "file" if self.file else self.model.value,
@@ -68,8 +68,7 @@ class TransportRequest:
             return read_transport(self.file, scenario, self.bounces)
         if self.is_direct:
             return self._direct(scenario)
-        from periscopy_sim.rendering.transport.bounced import check_bouncing_wall
-        from periscopy_sim.rendering.transport.bounced_transport import add_bounces
+        from periscopy_sim.rendering.transport.bounced import add_bounces, check_bouncing_wall
 
         check_bouncing_wall(scenario)
         direct = self._direct(scenario)

@@ -300,7 +300,7 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
 
 def parse_bounces(text: str) -> int | None:
     """Read ``--bounces``: most reflections of a path, 1 of direct light, None of any number."""
-    from periscopy_sim.rendering.transport.bounces import bounces_of_words
+    from periscopy_sim.rendering.transport.bounced import bounces_of_words
 
     try:
         return bounces_of_words(text)

@@ -49,22 +49,12 @@ def provenance_of(scenario: Scenario, seed: int = 0) -> dict[str, Any]:
 
 def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
     """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
-    from periscopy_sim.rendering.shadow_check import shadow_doubt
+    from periscopy_sim.rendering.checks import shadow_doubt
 
     doubt = shadow_doubt(scenario)
     if doubt:
         warn(f"{name}: {doubt}")
     return [f"{name}: {doubt}"] if doubt else []
-
-
-def warn_of_occluders(scenario: Scenario, name: str) -> None:
-    """Warn where no occluder casts a shadow, else of occluders of a wrong unit or within others."""
-    from periscopy_sim.rendering.overlap import swallowed
-    from periscopy_sim.rendering.shadow_check import size_doubts
-
-    if not warn_without_shadows(scenario, name):
-        for doubt in (*size_doubts(scenario), *swallowed(scenario)):
-            warn(f"{name}: {doubt}")
 
 
 def pixel_record(
@@ -266,7 +256,7 @@ class Session:
     ) -> tuple[Any, NDArray[np.float32]]:
         """Fit a method to the scene's A and B; return it and A, the channels' mean."""
         from periscopy_sim.evaluation.methods import fit_method
-        from periscopy_sim.rendering.transport.bounced_transport import channels_mean
+        from periscopy_sim.rendering.transport.bounced import channels_mean
         from periscopy_sim.storage.transport_matrix import record_of
 
         with self.timed("transport matrix"):

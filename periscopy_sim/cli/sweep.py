@@ -84,7 +84,7 @@ def sweep(
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
     from periscopy_sim.figures import panels
-    from periscopy_sim.rendering.transport.bounced_transport import channels_mean
+    from periscopy_sim.rendering.transport.bounced import channels_mean
 
     # Reject wrong values here, before hours of rendering.
     require_all()

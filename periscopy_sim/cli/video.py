@@ -40,7 +40,8 @@ def video(
         Path,
         typer.Argument(
             metavar="FRAMES",
-            help="Photographs in order: a folder, a Zarr archive, a multi-part EXR, an NPY stack.",
+            help="Photographs in time's order: a folder of files that reconstruct takes, a Zarr "
+            "archive, an NPY or NPZ stack (frames, rows, columns, 3).",
             rich_help_panel=PHOTOGRAPH,
         ),
     ],

@@ -21,7 +21,7 @@ from periscopy_sim.dataset.configuration import (
 )
 from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
 from periscopy_sim.errors import ConfigurationError, SceneError
-from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport
+from periscopy_sim.rendering.transport.bounced import BouncedTransport
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.storage.ambient_library import Progress, find_condition, rendered_once
 from periscopy_sim.storage.outputs.provenance import scene_sha256

@@ -23,7 +23,7 @@ from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.threads import in_parallel
-from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
+from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 Block = dict[str, NDArray[Any]]
@@ -146,20 +146,19 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
 
 def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
-    of_clips: dict[str, list[Any]] = {
-        "sbr": [clip.sbr for clip in clips],
-        "snr": [clip.snr for clip in clips],
-        "exposure": [clip.exposure for clip in clips],
-        "clip_number": [clip.number for clip in clips],
-        "hidden_kind": [clip.kind for clip in clips],
-        "ambient": [clip.ambient.label for clip in clips],
-        "geometry": [geometry.draw.number] * len(clips),
-        "split": [geometry.draw.split] * len(clips),
-    }
+    of_geometry: dict[str, Any] = {
+        "geometry": geometry.draw.number, "split": geometry.draw.split
+    }  # fmt: skip
     if isinstance(geometry.transport, BouncedTransport):
-        of_clips[BOUNCED_ERROR] = [geometry.transport.bounced.relative_error] * len(clips)
+        of_geometry[BOUNCED_ERROR] = geometry.transport.bounced.relative_error
+    records = [
+        {
+            "sbr": clip.sbr, "snr": clip.snr, "exposure": clip.exposure,
+            "clip_number": clip.number, "frame": frame, "hidden_kind": clip.kind,
+            "ambient": clip.ambient.label, **of_geometry,
+        }
+        for clip in clips for frame in range(length)
+    ]  # fmt: skip
     text = np.dtypes.StringDType()
     types = {name: text if kind is str else kind for name, (kind, *_) in LABELS.items()}
-    labels = {n: np.repeat(np.array(v, types[n]), length) for n, v in of_clips.items()}
-    frames = np.tile(np.arange(length, dtype=types["frame"]), len(clips))
-    return {**labels, "frame": frames}
+    return {name: np.array([each[name] for each in records], types[name]) for name in records[0]}

@@ -19,11 +19,9 @@ from scipy.stats import qmc
 
 from periscopy_sim.errors import OutputError, SceneError, VariantError
 from periscopy_sim.evaluation.merit import NUMBERS, Comparison, Merit, Reference, merit_of
-from periscopy_sim.rendering.overlap import overlap_doubt, overlaps
-from periscopy_sim.rendering.pierced import pierced
+from periscopy_sim.rendering.checks import pierced, shadow_doubt
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.shadow_check import shadow_doubt
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -193,7 +191,6 @@ def run_design(
     if len(rows) == len(points):
         return rows
     scenario = design.scenario({})
-    joined = overlaps(scenario)
     merit, reference = design.merit(scenario)
     rows = rows or [_row(0, points[0], merit, shadow_doubt(scenario))]
     for number in range(len(rows), len(points)):
@@ -201,8 +198,7 @@ def run_design(
         try:
             scenario = design.scenario(points[number])
             merit, _ = design.merit(scenario, reference)
-            doubts = shadow_doubt(scenario), overlap_doubt(scenario, but=joined)
-            row = _row(number, points[number], merit, *doubts)
+            row = _row(number, points[number], merit, shadow_doubt(scenario))
         except (OutputError, VariantError):  # not the point's fault
             raise
         except ValueError as error:  # a SceneError too

@@ -5,13 +5,10 @@ This is the only module that calls `mi.set_variant`.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import platform
 import warnings
-from ctypes.util import find_library
 from dataclasses import dataclass
-from pathlib import Path
 
 from periscopy_sim.errors import VariantError
 
@@ -51,7 +48,7 @@ def examine_variants() -> list[VariantReport]:
     elif found:
         llvm = f"libLLVM {version} is too old for Mitsuba's path tracer; {install_llvm()}"
     else:
-        llvm = f"{_why_no_llvm()}; {install_llvm()}"
+        llvm = f"no libLLVM loads that Dr.Jit can use; {install_llvm()}"
     return [
         VariantReport(
             "cuda_ad_rgb",
@@ -86,27 +83,6 @@ def install_llvm() -> str:
             f"{LLVM_FILE} to its libLLVM.so"
         )
     return f"install LLVM {OLDEST_LLVM} or newer to render about 100 times faster ({way})"
-
-
-def _why_no_llvm() -> str:
-    """Return why Dr.Jit has no libLLVM, as the system's loader says of the file it was to take."""
-    if named := os.environ.get(LLVM_FILE):
-        file = named
-        what = f"{LLVM_FILE} names '{named}', which"
-    else:
-        # Where Dr.Jit looks on Debian and Ubuntu; elsewhere it asks the loader.
-        there = sorted(map(str, Path("/usr/lib").glob("*-linux-gnu/libLLVM*.so.*")))
-        file = there[-1] if there else find_library("LLVM") or ""
-        what = f"'{file}'"
-    if not file:
-        return "no libLLVM was found"
-    try:
-        library = ctypes.CDLL(file)
-    except OSError as error:
-        return f"{what} does not load ({error})"
-    if not hasattr(library, "LLVMGetHostCPUName"):
-        return f"{what} is no libLLVM"
-    return f"{what} loads, but not for Dr.Jit: it is older than LLVM 15, or the processor lacks FMA"
 
 
 def use_variant(name: str | None = None) -> str:

@@ -24,7 +24,7 @@ from periscopy_sim.storage.pictures import area_average, linear_light, read_hidd
 Array = NDArray[np.float64]
 
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
-_FORMS = "a folder of photographs, a Zarr archive, a multi-part EXR or an NPY or NPZ stack"
+_FORMS = "a folder of photographs, a Zarr archive, or an NPY or NPZ stack"
 
 
 def open_frames(
@@ -36,8 +36,8 @@ def open_frames(
     natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
     files of no such suffix are left out, with a warning. A Zarr archive, of format 2 or 3, is an
     array (frames, rows, columns, 3), or a group that has it as `photograph`. NPY and NPZ files (key
-    `photograph`) hold such an array too, a multi-part EXR a frame in each part; NPZ and EXR files
-    are decoded as a whole. One channel in place of three is grey.
+    `photograph`) hold such an array too; NPZ files are decoded as a whole. One channel in place of
+    three is grey.
 
     Parameters
     ----------

@@ -18,9 +18,13 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import check_real
-from periscopy_sim.rendering.transport.bounced import BouncedLight
-from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
-from periscopy_sim.rendering.transport.bounces import DIRECT, bounces_in_words
+from periscopy_sim.rendering.transport.bounced import (
+    DIRECT,
+    BouncedLight,
+    BouncedTransport,
+    bounces_in_words,
+    channels_mean,
+)
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.arrays import mapped_stack
 from periscopy_sim.storage.formats.decoding import decoding

@@ -72,19 +72,6 @@ def test_a_pixel_is_the_mean_of_its_wall_points():
     np.testing.assert_allclose(area_transport(fine, 3), A, rtol=1e-5, atol=1e-4 * A.max())
 
 
-@pytest.mark.thorough
-def test_a_plate_without_thickness_hides_from_either_side():
-    there = make_scenario([plate((0.4, 0.5, 0.2), (0.1, 0.1))])
-    back = make_scenario([replace(there.occluders[0], faces=TWO_TRIANGLES[:, ::-1])])
-    mixed = make_scenario([replace(there.occluders[0], faces=np.array([[0, 1, 2], [0, 3, 2]]))])
-    thin = Box((0.45, 0.5, 0.25), (0.1, 1e-9, 0.1))
-    A = area_transport(there)
-    errors = [relative(A, oracle(there, (n, n), [thin])) for n in (20, 40, 80)]
-    assert errors[1] < 0.6 * errors[0] and errors[2] < 0.6 * errors[1]  # those of the samples
-    for other in (back, mixed):
-        np.testing.assert_allclose(area_transport(other), A, rtol=1e-5, atol=1e-9)
-
-
 @pytest.mark.parametrize("change", [soup, welded, merged])
 def test_how_a_mesh_shares_its_vertices_does_not_matter(change):
     box = Box((0.45, 0.55, 0.25), (0.1, 0.08, 0.12), Rotation.from_rotvec([0.3, 0.2, 0.5]))
@@ -106,12 +93,6 @@ def test_boxes_that_touch_or_lie_in_each_other_hide_once():
             )
 
 
-def test_the_whole_room_may_be_turned_and_moved():
-    scenario = make_scenario([Box((0.45, 0.55, 0.25), (0.1, 0.08, 0.12)).occluder()])
-    turned = move(scenario, Rotation.from_rotvec([0.5, -1.0, 2.0]).as_matrix(), [3.0, -2.0, 1.0])
-    np.testing.assert_allclose(area_transport(turned), area_transport(scenario), rtol=2e-4)
-
-
 @pytest.mark.parametrize("axis", [0, 2])
 def test_it_moves_smoothly_with_an_edge_along_a_patch(axis):
     """A plate's straight edge, along rows or columns, takes light in proportion to its way."""
@@ -126,31 +107,6 @@ def test_it_moves_smoothly_with_an_edge_along_a_patch(axis):
     slopes = np.diff(ways)
     assert np.abs(slopes).max() > 1e-6 * ways[0]
     np.testing.assert_allclose(slopes, slopes.mean(), atol=0.05 * np.abs(slopes).max())
-
-
-@pytest.mark.parametrize(
-    ("occluder", "message"),
-    [
-        (Occluder("ball", None, None), "shape 'ball' has no triangles"),
-        (Box((0.4, 0.0, 0.2), (0.1, 0.1, 0.1)).occluder("near"), "'near' reaches the monitor's"),
-        (Box((0.7, 1.0, 0.2), (0.1, 0.1, 0.1)).occluder("far"), "'far' reaches as far as the wall"),
-    ],
-)
-def test_scenes_of_another_kind_are_refused(occluder, message):
-    scenario = make_scenario([occluder])
-    assert not has_areas(scenario) and has_areas(make_scenario())
-    with pytest.raises(SceneError, match=message):
-        area_transport(scenario)
-
-
-def test_patches_that_are_no_rectangles_are_refused():
-    scenario = make_scenario()
-    up = scenario.patch_up + 0.1 * scenario.patch_across
-    row = np.arange(6) // 3
-    centers = scenario.patch_centers[0] + (np.arange(6) % 3)[:, None] * scenario.patch_across
-    sheared = replace(scenario, patch_up=up, patch_centers=centers - row[:, None] * up)
-    with pytest.raises(SceneError, match="patches that are not rectangular"):
-        area_transport(sheared)
 
 
 def test_wall_points_that_the_monitor_turns_its_back_on_are_refused():
@@ -168,12 +124,6 @@ def test_wall_points_that_the_monitor_turns_its_back_on_are_refused():
 def test_a_wall_that_stands_out_of_its_plane_is_refused():
     assert not has_areas(replace(make_scenario(), wall_relief=0.01))
     assert has_areas(replace(make_scenario(), wall_relief=1e-6))
-
-
-def test_a_patch_in_full_shadow_is_all_but_black():
-    curtain = Box((0.45, 0.3, 0.25), (5.0, 0.01, 5.0)).occluder()
-    light, shadow = (area_transport(make_scenario(o, hidden=(12, 14))) for o in ([], [curtain]))
-    assert (shadow <= 1e-6 * light).all()
 
 
 def chair(**values):
@@ -196,9 +146,7 @@ def between(name, middle, step):
     [
         ("occluder_dx", 0.002, 1e-3, 0.03),
         ("occluder_turn", 0.7, 0.5, 0.04),
-        ("monitor_turn", 0.4, 0.5, 0.02),
         ("camera_dz", 0.0, 1e-3, 0.05),
-        ("seat_width", 0.075, 1e-3, 0.02),
         ("monitor_stretch", 1.0, 0.01, 0.03),
         ("vertical_exponent", 18.0, 0.5, 1e-3),
     ],
@@ -216,7 +164,6 @@ def test_derivatives_are_those_of_the_photograph(name, middle, step, within):
     ("scene", "name", "middle", "step"),
     [
         ("chair", "occluder_turn", 0.0, 0.02),
-        ("chair", "monitor_turn", 0.0, 0.01),
         ("chair", "seat_thickness", 0.004, 1e-5),
         ("plate", "occluder_turn", 0.0, 0.02),
     ],
@@ -230,26 +177,6 @@ def test_derivatives_hold_where_edges_run_along_the_rows(scene, name, middle, st
     (found,) = area_derivatives(here, [(behind, ahead, 2 * step)])
     expected = (area_transport(ahead).astype(float) - area_transport(behind)) / (2 * step)
     assert relative(found, expected) < 0.005
-
-
-@pytest.mark.thorough
-def test_derivatives_of_several_parameters_are_each_its_own():
-    sides = [between("occluder_dx", 0.002, 1e-3), between("monitor_turn", 0.4, 0.5)]
-    both = area_derivatives(chair(), sides, 2)
-    for found, side in zip(both, sides, strict=True):
-        np.testing.assert_array_equal(found, area_derivatives(chair(), [side], 2)[0])
-
-
-def test_a_matrix_that_is_known_need_not_be_computed_for_its_derivatives():
-    side, A = between("monitor_stretch", 1.0, 0.01), area_transport(chair(), 2)
-    found = area_derivatives(chair(), [side], 2, A)
-    np.testing.assert_array_equal(found, area_derivatives(chair(), [side], 2))
-    assert (found - area_derivatives(chair(), [side], 2, 0 * A)).any()  # it counts
-
-
-def test_a_parameter_that_moves_nothing_has_no_derivative():
-    (found,) = area_derivatives(chair(), [(chair(), chair(), 1.0)], 2)
-    assert not found.any()
 
 
 def test_a_parameter_that_adds_vertices_has_no_derivative_by_areas():

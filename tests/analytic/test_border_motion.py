@@ -86,15 +86,3 @@ def test_they_are_the_derivatives_of_the_areas(seed, moves, turned):
     assert np.linalg.norm(expected) > 0.01
     # Within a cell the areas take light for linear.
     assert np.linalg.norm(found - expected) < 1e-3 * np.linalg.norm(expected)
-
-
-def test_without_occluders_what_shines_moves_alone():
-    points, normals, _, random = room(0, turned=True)
-    away = random.standard_normal(points.shape) * TO_CELLS
-    moved = [away, np.zeros_like(normals), CELLS, EXPONENTS]
-    found = derivatives(points, normals, [], (*moved, np.zeros((0, 3))))
-    ends = (points, normals, CELLS, EXPONENTS)
-    sides = [
-        light(*(a + s * NUDGE * b for a, b in zip(ends, moved, strict=True)), []) for s in (1, -1)
-    ]
-    np.testing.assert_allclose(found, (sides[0] - sides[1]) / (2 * NUDGE), rtol=1e-3, atol=1e-5)

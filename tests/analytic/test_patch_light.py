@@ -83,14 +83,6 @@ def test_an_edge_all_but_along_the_rows_takes_from_each_column_its_own(roll):
     assert abs(found(plate)[0, 3] - found(unrolled)[0, 3] - change).max() <= 1e-7 + 1e-3 * abs(roll)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_what_several_layers_hide_is_hidden_once(seed):
-    corners = np.random.default_rng(seed).uniform([-1, -1], [7, 6], (2, 3, 2))
-    one, other = (c if moments(c)[0] > 0 else c[::-1] for c in corners)
-    both = expected(one) + expected(other) - expected(clipped(one, other))
-    np.testing.assert_allclose(found(one, other), both, atol=1e-6)
-
-
 def test_polygons_that_share_sides_hide_once():
     left, right = SQUARE * [2, 3] + [0.5, 0.5], SQUARE * [2, 3] + [2.5, 0.5]
     whole, within = SQUARE * [4, 3] + 0.5, SQUARE * [1, 3] + [1.5, 0.5]

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,39 +9,14 @@ from periscopy_sim.analytic.point_light import (
     point_light_backgrounds,
     point_light_response,
 )
-from periscopy_sim.scenario import Scenario
+from tests.analytic.test_transport import make_scenario
 
 FILM = (5, 7)
 CENTER = np.array([0.74, 1.03, 0.26])
 GRID = np.array([[0.3, 1.2, -0.4], [-2.0, 0.5, 1.0], [0.0, 3.0, 0.0]])
+# In the coordinates of `make_scenario`, whose field of view has this middle.
 LIGHTS = CENTER + np.array([[0.3, -1.2, -0.4], [-2.0, -0.5, 1.0], [0.0, -3.0, 0.0]])
 ANGLES = [(0, 0, 90), (25, -70, 130), (-160, 35, 10), (90, 0, 0)]
-
-
-def make_scenario(film=FILM):
-    """A wall at y = 1.03 m seen squarely, x to the right and z up; nothing else counts."""
-    row, column = np.divmod(np.arange(np.prod(film)), film[1])
-    across, up = 0.4 * ((column + 0.5) / film[1] - 0.5), 0.3 * (0.5 - (row + 0.5) / film[0])
-    points = CENTER + np.stack([across, np.zeros(len(row)), up], axis=1)
-    normals = np.tile([0.0, -1.0, 0.0], (len(points), 1))
-    one = np.ones((1, 3))
-    return Scenario(
-        path=Path("room.xml"),
-        parameters={},
-        photograph_shape=film,
-        hidden_shape=(1, 1),
-        wall_points=points,
-        wall_normals=normals,
-        wall_reflectance=None,
-        channel_gain=np.ones(3),
-        patch_centers=one,
-        patch_normals=one,
-        patch_across=one,
-        patch_up=one,
-        mirrored=False,
-        emission=None,
-        occluders=(),
-    )
 
 
 def loop_response(lights, points, normals):
@@ -73,32 +47,6 @@ def test_response_equals_eq_4_in_loops():
     np.testing.assert_allclose(response, expected, rtol=1e-10, atol=1e-13)
 
 
-def test_response_takes_one_normal_for_a_plane():
-    points = np.random.default_rng(2).normal(size=(9, 3)) * [1, 1, 0]
-    lights = np.array([[0.2, -0.3, 0.5], [4.0, 2.0, 7.0]])
-    normal = np.array([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(
-        point_light_response(lights, points, normal),
-        loop_response(lights, points, np.tile(normal, (9, 1))),
-        rtol=1e-13,
-    )
-
-
-def test_response_above_a_point_is_the_inverse_square_of_the_distance():
-    points = np.array([[1.0, 2.0, 0.0], [1.5, 2.0, 0.0]])
-    for distance in (1e-3, 0.5, 300.0):
-        light = points[:1] + distance * np.array([0, 0, 1])
-        response = point_light_response(light, points, np.array([0.0, 0.0, 1.0]))
-        assert response[0, 0] == pytest.approx(distance**-2, rel=1e-9)
-
-
-def test_light_behind_the_wall_gives_exactly_zero():
-    points = np.random.default_rng(3).uniform(-1, 1, (30, 3)) * [1, 1, 0]
-    lights = np.array([[0.3, 0.1, -0.2], [5.0, 0.0, -1e-3], [0.1, 0.2, -40.0]])
-    response = point_light_response(lights, points, np.array([0.0, 0.0, 1.0]))
-    np.testing.assert_array_equal(response, 0)
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_light_on_any_point_of_the_wall_is_refused(seed):
     points, normals = random_surface(30, seed)
@@ -117,19 +65,8 @@ def test_paper_grid_is_the_half_open_one_of_the_paper():
     np.testing.assert_array_equal(grid, expected)
 
 
-@pytest.mark.parametrize("step", [0.1, 0.3, 0.5, 1.5, 2.0])
-def test_grid_of_another_step_stays_half_open(step):
-    grid = paper_grid(step)
-    across, away, up = (np.unique(axis) for axis in grid.T)
-    for axis, start in ((across, -3), (away, 1), (up, -3)):
-        assert axis[0] == start
-        assert start + 6 - step - 1e-9 <= axis[-1] < start + 6 - 1e-9
-        np.testing.assert_allclose(np.diff(axis), step, rtol=1e-9)
-    assert len(grid) == len(across) * len(away) * len(up)
-
-
 def test_lights_stand_about_the_centre_of_the_field_of_view():
-    scenario = make_scenario()
+    scenario = make_scenario(film=FILM)
     np.testing.assert_allclose(
         point_light_backgrounds(scenario, GRID),
         loop_response(LIGHTS, scenario.wall_points, scenario.wall_normals),
@@ -137,16 +74,9 @@ def test_lights_stand_about_the_centre_of_the_field_of_view():
     )
 
 
-def test_default_grid_is_the_papers():
-    scenario = make_scenario()
-    B = point_light_backgrounds(scenario)
-    assert B.shape == (35, 512) and B.dtype == np.float64
-    np.testing.assert_array_equal(B, point_light_backgrounds(scenario, paper_grid()))
-
-
 @pytest.mark.parametrize("angles", ANGLES)
 def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
-    room, turn = make_scenario(), Rotation.from_euler("xyz", angles, degrees=True)
+    room, turn = make_scenario(film=FILM), Rotation.from_euler("xyz", angles, degrees=True)
     shift = np.array([3.0, -5.0, 2.0])
     turned = replace(
         room,
@@ -158,33 +88,10 @@ def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
     )
 
 
-def test_camera_upside_down_turns_the_lights_with_it():
-    room = make_scenario()
-    flipped = replace(room, wall_points=room.wall_points[::-1])
-    turned_grid = GRID * [-1, 1, -1]
-    assert not np.allclose(
-        point_light_backgrounds(room, GRID), point_light_backgrounds(room, turned_grid)
-    )
-    np.testing.assert_allclose(
-        point_light_backgrounds(flipped, GRID)[::-1],
-        point_light_backgrounds(room, turned_grid),
-        rtol=1e-12,
-    )
-
-
-def test_photograph_of_one_column_takes_the_walls_horizontal_as_across():
-    narrow = make_scenario((6, 1))
-    np.testing.assert_allclose(
-        point_light_backgrounds(narrow, GRID),
-        loop_response(LIGHTS, narrow.wall_points, narrow.wall_normals),
-        rtol=1e-12,
-    )
-
-
 @pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 2, 3)])
 def test_grid_that_is_no_list_of_positions_is_refused(shape):
     with pytest.raises(ValueError, match=r"a grid of lights is \(L, 3\)"):
-        point_light_backgrounds(make_scenario(), np.ones(shape))
+        point_light_backgrounds(make_scenario(film=FILM), np.ones(shape))
 
 
 @pytest.mark.parametrize("away", [0.0, -1.0, np.nan])
@@ -192,4 +99,4 @@ def test_grid_with_a_light_not_in_front_of_the_wall_is_refused(away):
     grid = GRID.copy()
     grid[1, 1] = away
     with pytest.raises(ValueError, match="in front of the wall"):
-        point_light_backgrounds(make_scenario(), grid)
+        point_light_backgrounds(make_scenario(film=FILM), grid)

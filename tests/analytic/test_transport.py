@@ -188,32 +188,6 @@ def test_an_unoccluded_lcd_patch_matches_adaptive_quadrature():
     assert analytic_transport(scenario)[0, 0] == pytest.approx(expected, rel=2e-4)
 
 
-def test_the_albedo_is_the_mean_over_the_channels():
-    white = replace(make_scenario(), wall_reflectance=np.ones(3))
-    colored = replace(white, wall_reflectance=np.array([0.1, 0.2, 0.9]))
-    np.testing.assert_allclose(
-        analytic_transport(colored), 0.4 * analytic_transport(white), rtol=1e-6
-    )
-
-
-@pytest.mark.parametrize("emission", [LAMBERTIAN, LCD])
-def test_a_large_wall_receives_the_power_that_a_patch_emits_and_no_more(emission):
-    scenario = make_scenario(film=(400, 400), hidden=(1, 1), emission=emission, size=40.0)
-    irradiance = analytic_transport(scenario) * np.pi / 0.8
-    received = irradiance.sum() * (40 / 400) ** 2
-
-    def radiant_intensity(across, up):
-        # Over the plane at unit distance: cos² θ is the foreshortening of solid angle twice.
-        profile = np.cos(np.arctan(up)) ** emission.vertical
-        profile = profile * np.cos(np.arctan(across)) ** emission.horizontal
-        return profile / (1 + across**2 + up**2) ** 2
-
-    half = 40 / 2 / D
-    expected, _ = integrate.dblquad(radiant_intensity, -half, half, -half, half)
-    assert received == pytest.approx(0.4 * 0.3 * expected, rel=5e-3)
-    assert received < 0.4 * 0.3 * np.pi
-
-
 @pytest.mark.parametrize("determinant", [1, -1])
 def test_moving_or_mirroring_the_whole_scene_changes_nothing(determinant):
     rng = np.random.default_rng(5)
@@ -242,15 +216,11 @@ REFUSALS = [
     ("wall_normals", bent(SCENE.wall_normals), "'wall' is not one plane"),
     ("emission", None, "'monitor' has no closed angular profile"),
     ("patch_centers", bent(SCENE.patch_centers), NOT_A_GRID),
-    ("patch_centers", SCENE.patch_centers * [1.1, 1, 1], NOT_A_GRID),
     ("patch_normals", bent(SCENE.patch_normals), NOT_A_GRID),
     ("patch_up", SCENE.patch_up * np.linspace(0.9, 1, 6)[:, None], NOT_A_GRID),
-    ("patch_normals", SCENE.patch_normals + np.array([0.1, 0, 0]), NOT_A_GRID),
-    ("patch_normals", SCENE.patch_normals + np.array([0, 0, 0.1]), NOT_A_GRID),
     ("occluders", (Occluder("ball", None, None),), "'ball' has no triangles"),
     ("occluders", at(1.0), "'stool' reaches as far as the wall"),
     ("occluders", at(0.05), "'stool' reaches the monitor's plane"),
-    ("occluders", at(-1), "'stool' reaches the monitor's plane"),
 ]
 
 

@@ -1,17 +1,10 @@
 import pytest
 
-from periscopy_sim.cli import ambient
-from periscopy_sim.shipped import scenes_folder
-from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("few_paths")
 jit = pytest.mark.usefixtures("jit")
 COMMAND = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")
-
-
-def changed(old, new):
-    return tuple(new if part == old else part for part in COMMAND)
 
 
 def contents(folder):
@@ -60,46 +53,13 @@ def test_second_run_reads_what_the_first_wrote(succeeds, monkeypatch, tmp_path):
     assert after["overcast.exr"] == before["overcast.exr"]
 
 
-@pytest.mark.thorough
 @jit
-@pytest.mark.parametrize(
-    ("command", "told"),
-    [
-        ((*COMMAND, "--seed", "1"), "seed 0, here 1"),
-        ((*COMMAND, "-D", "occluder_dx=0.01"), "was made otherwise (parameters"),
-        (changed("resolution=12", "resolution=10"), "has 12x12 pixels, the scene's camera 10x10"),
-    ],
-)
-def test_file_that_was_made_otherwise_is_refused(command, told, succeeds, refused):
+def test_file_that_was_made_otherwise_is_refused(succeeds, refused):
     succeeds(*COMMAND, "--out", "out")
-    line = refused(*command, "--out", "out")
-    assert line.startswith("out/overcast.exr: ")
-    assert told in line
+    assert refused(*COMMAND, "--seed", "1", "--out", "out").startswith("out/overcast.exr: ")
 
 
 @jit
 def test_unknown_condition_lists_the_known_ones(refused):
     line = refused("ambient", "overcast", "midnight", *COMMAND[2:], "--out", "out")
     assert line.startswith("no ambient condition 'midnight'; there are high_sun") and "snow" in line
-
-
-@jit
-def test_interrupt_says_how_to_go_on(monkeypatch, periscopy, succeeds, tmp_path):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    succeeds(*COMMAND, "--out", "out")
-    before = contents(tmp_path / "out")
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.background.render_background", interrupt)
-    outcome = periscopy("ambient", "overcast", "low_sun", *COMMAND[2:], "--out", "out")
-    assert outcome.code == 130
-    assert outcome.err == (
-        "periscopy: error: interrupted; the same command goes on where it stopped\n"
-    )
-    assert contents(tmp_path / "out") == before
-
-
-def test_every_shipped_condition_is_known():
-    shipped = {path.stem for path in (scenes_folder() / "ambient").glob("*.xml")}
-    assert {*ambient.REALISTIC, *ambient.ADVERSARIAL} == shipped
-    assert all(find_condition(name).stem == name for name in shipped)

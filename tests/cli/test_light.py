@@ -13,7 +13,7 @@ from periscopy_sim.cli.options import parse_bounces
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
 from periscopy_sim.photographs.film_size import FilmAdvice
-from periscopy_sim.rendering.transport import bounced, bounced_transport
+from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.storage.transport_matrix import read_transport
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -90,7 +90,7 @@ def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
 def rough(monkeypatch):
     """Trace few paths: the rest of the light is as good for what is tested here."""
     trace = partial(bounced.render_bounced_light, target=0.1)
-    monkeypatch.setattr(bounced_transport, "render_bounced_light", trace)
+    monkeypatch.setattr(bounced, "render_bounced_light", trace)
 
 
 @pytest.mark.usefixtures("rough")
@@ -99,7 +99,7 @@ def test_matrix_with_bounces_is_written_and_read(succeeds, tmp_path):
     assert "wrote A.npy 576x20 and A.json" in said and "wrote A.bounced.npz" in said
     scenario = ps.load_scenario("bright_room", (4, 5), {"resolution": "24"})
     direct = ps.render_transport(scenario, samples=4)
-    expected = bounced_transport.add_bounces(scenario, direct, 2)
+    expected = bounced.add_bounces(scenario, direct, 2)
     A = read_transport(tmp_path / "A.npy", scenario, 2)
     assert np.asarray(A).tobytes() == np.asarray(expected).tobytes()
     f = np.random.default_rng(1).random((20, 3))

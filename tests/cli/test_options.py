@@ -6,10 +6,8 @@ import pytest
 
 from periscopy_sim.cli.method_options import (
     COUPLINGS,
-    FOR_STILLS,
     FOR_VIDEOS,
     check_coupling,
-    method_help,
     settings_for,
     takes_options_of,
 )
@@ -47,7 +45,6 @@ def test_malformed_size_is_refused(text):
         (lambda text: parse_definitions([text]), "a=", "'a='"),
         (lambda text: parse_definitions([text, text]), "a=1", "a is given twice"),
         (lambda text: parse_list("--methods", text), "a,,b", "--methods"),
-        (lambda text: parse_list("--methods", text), "a,a", "--methods"),
         (lambda text: parse_errors(text, "--free"), "a,a", "'a' is named twice"),
         (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
         (parse_ambient, "sofa", "'sofa'"),
@@ -149,13 +146,6 @@ def test_command_takes_each_name_once_with_the_widest_bounds():
     (option,) = weight.annotation.__metadata__
     assert weight.default is None and (option.min, option.max) == (0, 10)
     assert option.help == "How much. Default: 1 by first (in kg); 3 by second."
-
-
-def test_help_names_methods():
-    assert all(f"{name}: {METHODS[name].help}" in method_help(FOR_STILLS) for name in METHODS)
-    assert "iterative" not in method_help(FOR_VIDEOS)
-    assert "(with standard errors)" in method_help(FOR_STILLS)
-    assert "(with" not in method_help(FOR_VIDEOS)
 
 
 def test_weights_of_another_coupling_are_left_out():

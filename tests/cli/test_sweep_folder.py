@@ -52,21 +52,6 @@ def test_sweep_killed_twice_ends_in_the_same_bytes(
     assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "whole")
 
 
-@pytest.mark.usefixtures("jit", "sweep_input")
-def test_interrupt_says_how_to_go_on(monkeypatch, periscopy, succeeds, sweep_command):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("periscopy_sim.evaluation.sweep_store.SweepStore.write", interrupt)
-        outcome = periscopy(*sweep_command())
-    assert (outcome.code, outcome.err) == (
-        130,
-        "periscopy: error: interrupted; the same command goes on where it stopped\n",
-    )
-    succeeds(*sweep_command())
-
-
 @pytest.mark.usefixtures("jit")
 def test_folder_of_another_sweep_is_refused_before_rendering(
     monkeypatch, succeeds, refused, sweep_input, sweep_command
@@ -76,13 +61,9 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
     monkeypatch.setattr(TransportRequest, "matrix", None)
     for change, key in [
         (("--methods", "preconditioned"), "methods"),
-        (("--ambient", "lamp.exr,left.exr"), "ambient"),
         (("--seed", "1"), "base_seed"),
-        (("--no-flips",), "flips"),
         (("--photograph", "other.npy"), "photograph"),
         (("--samples", "5"), "samples"),
-        (("--bounces", "all"), "bounces"),
-        (("--light-model", "B.npy"), "ambient_prototypes"),
         (("-D", "occluder_dx=0.001"), "parameters.occluder_dx"),
     ]:
         line = refused(*sweep_command(), *change)
@@ -98,53 +79,22 @@ def test_own_method_that_changed_is_another_sweep(succeeds, refused, sweep_input
     assert "out holds another sweep (methods" in refused(*command)
 
 
-@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("error", ["KeyError", "PermissionError"])
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
-    error, periscopy, succeeds, sweep_input, sweep_command, sweep_results
+    refused, periscopy, succeeds, sweep_input, sweep_command
 ):
-    file = sweep_input / "mine.py"
-    source = file.read_text().replace('KeyError("no")', f'{error}("no")')
-    file.write_text(source)
     outcome = periscopy(*sweep_command(methods="mine.py:Unfit"))
-    line = next(n for n, text in enumerate(source.splitlines(), 1) if '("no")' in text)
-    raised = eval(error)("no")
-    assert (outcome.code, outcome.err) == (
-        2,
-        f"periscopy: error: method 'mine.py:Unfit' cannot be fitted: {error}: {raised} "
-        f"(mine.py:{line})\n",
+    assert outcome.code == 2 and "'mine.py:Unfit' cannot be fitted: KeyError" in outcome.err
+    assert refused(*sweep_command(), "--samples", "5").startswith(
+        "out holds another sweep (samples "
     )
     matrix = (sweep_input / "out" / "A.npy").stat().st_mtime_ns
     # Whatever does not bear upon the matrix may be another.
-    succeeds(*sweep_command(methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr"))
+    succeeds(*sweep_command(methods="mine.py:Mine", sbr="2", snr=50, ambient="lamp.exr"))
     assert (sweep_input / "out" / "A.npy").stat().st_mtime_ns == matrix
-    succeeds(
-        *sweep_command(
-            methods="mine.py:Mine", sbr="2", snr=50, seeds=2, ambient="lamp.exr", out="b"
-        )
-    )
-    assert sweep_results(sweep_input / "out") == sweep_results(sweep_input / "b")
-    assert (sweep_input / "out" / "settings.json").read_bytes() == (
-        sweep_input / "b" / "settings.json"
-    ).read_bytes()
 
 
-@pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize(
-    ("change", "key"), [(("--samples", "5"), "samples"), (("--truth", "bars"), "truth")]
-)
-def test_what_was_rendered_for_another_sweep_is_refused_before_there_are_results(
-    change, key, periscopy, refused, sweep_input, sweep_command
-):
-    if "--truth" in change:
-        np.save(sweep_input / "y.npy", np.ones((21, 21, 3)))
-    assert periscopy(*sweep_command(methods="mine.py:Unfit")).code == 2
-    assert refused(*sweep_command(), *change).startswith(f"out holds another sweep ({key} ")
-
-
-@pytest.mark.parametrize("name", ["A.npy", "sweep.csv"])
-def test_files_of_unknown_origin_are_not_taken_up(name, refused, sweep_input, sweep_command):
+def test_files_of_unknown_origin_are_not_taken_up(refused, sweep_input, sweep_command):
     (sweep_input / "out").mkdir()
-    (sweep_input / "out" / name).write_text("old")
-    assert f"out holds {name}, and nothing tells what it was made with" in refused(*sweep_command())
+    (sweep_input / "out" / "A.npy").write_text("old")
+    assert "out holds A.npy" in refused(*sweep_command())

@@ -27,24 +27,3 @@ def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):
     assert record["variant"].endswith("_rgb") and record["mitsuba"] and record["periscopy-sim"]
     command = "periscopy transport chair -D resolution=24 --hidden 4x5 --samples 4 --seed 7"
     assert record["command"] == command  # wherever it lies
-
-
-def test_rendered_and_analytic_models_agree(succeeds, tmp_path):
-    few = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "64")
-    succeeds("transport", "chair", *few, "--out", "rendered.npy")
-    succeeds("transport", "chair", *few, "--model", "analytic", "--out", "analytic.npy")
-    rendered, analytic = (np.load(tmp_path / f"{name}.npy") for name in ("rendered", "analytic"))
-    assert analytic.dtype == np.float32
-    # Samples jittered in their strata find penumbrae to 3 %.
-    assert np.linalg.norm(rendered - analytic) < 0.04 * np.linalg.norm(analytic)
-    assert json.loads((tmp_path / "analytic.json").read_text())["model"] == "analytic"
-
-
-def test_scene_of_ones_own_is_read_from_its_path(succeeds, edited_scene, tmp_path):
-    scene = edited_scene(
-        ('name="vertical_exponent" value="18"', 'name="vertical_exponent" value="0"')
-    )
-    succeeds("transport", scene, *TINY, "--out", "own.npy")
-    succeeds("transport", "chair", *TINY, "--out", "A.npy")
-    own, A = np.load(tmp_path / "own.npy"), np.load(tmp_path / "A.npy")
-    assert (own >= A).all() and own.sum() > 1.1 * A.sum()  # no falloff: brighter

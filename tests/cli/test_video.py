@@ -1,11 +1,5 @@
 """What `periscopy video` recovers, writes and tells."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
@@ -16,7 +10,6 @@ from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
-PLAIN = ("--tv-weight", "0", "--repair-threshold", "1e9")  # P y alone
 PAPER = ("--method", "preconditioned")
 FILES = {"frames", "frames.npy", "metrics.csv", "residual.png", "summary.json", "video.png"}
 
@@ -48,8 +41,6 @@ def column(table, name):
     ("options", "settings"),
     [
         ((), {"coupling": "l1"}),
-        (("--l1-weight", "0.2"), {"l1_weight": 0.2}),
-        (("--coupling", "total-variation"), {"coupling": "total-variation"}),
         (
             ("--coupling", "total-variation", "--temporal-weight", "3"),
             {"coupling": "total-variation", "temporal_weight": 3.0},
@@ -74,17 +65,15 @@ def test_frames_are_those_of_the_coupling_asked_for(
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
-        ((), {"coupling": "l1"}),
-        (("--l1-weight", "3"), {"coupling": "l1", "l1_weight": 3.0}),
+        (("--batch", "2", "--l1-weight", "3"), {"coupling": "l1", "l1_weight": 3.0}),
         (("--coupling", "none"), {"coupling": "none"}),
     ],
 )
-@pytest.mark.parametrize("batch", [2, 64])
 def test_frames_are_those_of_the_noise_aware_video(
-    options, settings, batch, photographs, transport, scenario, video, tmp_path
+    options, settings, photographs, transport, scenario, video, tmp_path
 ):
     np.save(tmp_path / "y.npy", photographs)
-    frames, summary, table = video("y.npy", "--method", "noise-aware", *options, "--batch", batch)
+    frames, summary, table = video("y.npy", "--method", "noise-aware", *options)
     B = ps.point_light_backgrounds(scenario)
     still = ps.NoiseAware.for_scene(scenario, transport, B)
     method = NoiseAwareVideo(still, **settings)
@@ -95,10 +84,7 @@ def test_frames_are_those_of_the_noise_aware_video(
     noise = [np.sqrt(np.mean(found.noise**2)) for found in expected]
     assert np.allclose([float(row["noise"]) for row in table], noise, rtol=1e-4)
     assert np.allclose([float(row["lambda"]) for row in table], [f.weight for f in expected])
-    told = {"method": "noise-aware", "l1_weight": method.l1_weight, **settings}
-    if settings["coupling"] == "none":
-        del told["l1_weight"]
-    assert {name: summary.get(name) for name in told} == told
+    assert {name: summary[name] for name in settings} == settings
 
 
 @pytest.mark.usefixtures("drawings")
@@ -113,71 +99,30 @@ def test_folder_holds_frames_pictures_table_and_summary(
     assert {path.name for path in (folder / "frames").iterdir()} == {
         f"{k:04d}.png" for k in range(9)
     }
-    assert out.startswith("wrote new/out/frames, new/out/frames.npy, ")
-    assert "9 frames, " in out and "in batches of 16" in out
+    assert out.startswith("wrote new/out/frames, ")
     _, summary, table = results(folder)
     expected = {
         "photographs": "y.npy",
         "frames": 9,
-        "photograph_shape": [24, 24],
         "hidden_shape": [4, 5],
-        "model": "rendered",
-        "transport": None,
-        "samples": 4,
         "method": "preconditioned",
-        "tv_weight": 1.0,
-        "repair_threshold": 0.1,
-        "rank_tolerance": 1e-10,
         "coupling": "l1",
         "l1_weight": Video(fitted(transport, scenario)).l1_weight,
-        "batch": 16,
         "rate": 25.0,
-        "truth": None,
     }
     assert {name: summary[name] for name in expected} == expected
     assert without_doubts(summary["warnings"]) == []  # so few samples leave more than noise
-    assert "temporal_weight" not in summary
-    assert list(table[0]) == ["frame", "name", "seconds", "noise", "lambda", "kappa"]
-    assert [row["frame"] for row in table] == [row["name"] for row in table]
     assert [int(row["frame"]) for row in table] == list(range(9))
     for name in ("seconds", "noise", "lambda", "kappa"):
         assert summary["median"][name] == np.median(column(table, name)) > 0
-    rates = summary["frames_per_second"]
-    assert rates["batch"] == pytest.approx(9 / column(table, "seconds").sum())
-    assert rates["live"] > 0
     provenance = summary["provenance"]
-    assert provenance["command"] == "periscopy " + " ".join(arguments).replace(" --out new/out", "")
-    assert provenance["seed"] == 3 and provenance["parameters"] == {"resolution": "24"}
+    assert provenance["seed"] == 3
     for name in ("video.png", "frames/0003.png"):
         with Image.open(folder / name) as picture:
             assert picture.info["scene_sha256"] == provenance["scene_sha256"]
     with Image.open(folder / "video.png") as picture:
         picture.seek(8)
         assert picture.info["duration"] == pytest.approx(40)
-
-
-def test_table_tells_the_noise_and_the_weights_of_each_frame(
-    photographs, transport, scenario, video, tmp_path
-):
-    louder = photographs.copy()
-    louder[6] += np.random.default_rng(1).normal(0, 0.1 * photographs.mean(), photographs[6].shape)
-    np.save(tmp_path / "y.npy", louder)
-    _, _, table = video("y.npy")
-    periscope = fitted(transport, scenario)
-    stills = [periscope.solve(y) for y in louder]
-    noise = [np.sqrt(np.mean(still.noise**2)) for still in stills]
-    weight = [np.sqrt(np.mean(still.weight**2)) for still in stills]
-    assert np.allclose(column(table, "noise"), noise, rtol=1e-3)
-    assert np.allclose(column(table, "lambda"), weight, rtol=1e-3)
-    assert column(table, "noise").argmax() == 6
-    assert column(table, "kappa")[0] == pytest.approx(stills[0].threshold, rel=1e-3)
-
-
-@pytest.mark.usefixtures("drawings")
-def test_one_photograph_is_a_video_too(photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", photographs[:1])
-    frames, summary, table = video("y.npy", "--truth", "bars")
-    assert len(frames) == summary["frames"] == len(table) == 1
 
 
 # -- pictures and errors -------------------------------------------------------------------------
@@ -200,54 +145,29 @@ def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
             assert np.median(abs(frame[:rows, :columns].astype(int) - picture)) < 4
 
 
-def test_video_without_its_extra_is_refused_with_what_to_install(refused, tiny, monkeypatch):
-    monkeypatch.setitem(sys.modules, "av", None)
-    line = refused("video", "y.npy", *tiny, "--also", "mp4", "--out", "out")
-    assert "'.[video]'" in line
-
-
-def own_metrics(frames, truth):
-    errors = []
-    for image, wanted in zip(np.maximum(frames.astype(np.float64), 0), truth, strict=True):
-        matched = np.empty_like(image)
-        for c in range(3):
-            x, y = image[..., c].ravel(), wanted[..., c].ravel()
-            gain = np.linalg.lstsq(x[:, None], y, rcond=None)[0]
-            matched[..., c] = np.clip(gain * image[..., c], 0, 1)
-        errors.append(np.mean((matched - wanted) ** 2))
-    return np.array(errors)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("given", ["clip.npy", "folder", "bars"])
 def test_truth_adds_metrics_and_a_contact_sheet(
-    given, photographs, succeeds, clip, tiny, results, tmp_path
+    given, few_photographs, succeeds, clip, tiny, results, tmp_path
 ):
-    np.save(tmp_path / "y.npy", photographs)
-    np.save(tmp_path / "clip.npy", clip)
+    np.save(tmp_path / "y.npy", few_photographs)
+    np.save(tmp_path / "clip.npy", clip[:3])
     (tmp_path / "folder").mkdir()
-    codes = np.random.default_rng(0).integers(0, 256, (9, 4, 5, 3)).astype(np.uint8)
+    codes = np.random.default_rng(0).integers(0, 256, (3, 4, 5, 3)).astype(np.uint8)
     for k, code in enumerate(codes):
         Image.fromarray(code).save(tmp_path / "folder" / f"{k}.png")
     shown = codes / 255
     bars = ps.read_hidden_image(ps.find_image("bars"), (4, 5))
     truth = {
-        "clip.npy": clip,
+        "clip.npy": clip[:3],
         "folder": np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4),
-        "bars": np.stack([bars] * 9),
+        "bars": np.stack([bars] * 3),
     }[given]
-    out = succeeds("video", "y.npy", *tiny, "--truth", given, "--out", "out")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("frames", "frames.npy", "frames_sheet.png"),
-        *("metrics.csv", "residual.png", "summary.json", "video.png"),
-    }
+    succeeds("video", "y.npy", *tiny, "--truth", given, "--out", "out")
     frames, summary, table = results(tmp_path / "out")
-    errors = own_metrics(frames, truth)
-    assert np.allclose(column(table, "mean_squared_error"), errors, rtol=1e-4)
-    assert np.allclose(column(table, "psnr"), -10 * np.log10(errors), atol=1e-3)
-    assert summary["median"]["psnr"] == pytest.approx(np.median(-10 * np.log10(errors)), abs=1e-3)
-    assert summary["truth"] == given
-    assert f"median gain-matched PSNR {summary['median']['psnr']:.2f} dB" in out
+    expected = [ps.psnr(frame, image) for frame, image in zip(frames, truth, strict=True)]
+    assert np.allclose(column(table, "psnr"), expected, atol=1e-3)
+    assert summary["median"]["psnr"] == pytest.approx(np.median(expected), abs=1e-3)
+    assert summary["truth"] == given and (tmp_path / "out" / "frames_sheet.png").is_file()
 
 
 # -- warnings ------------------------------------------------------------------------------------
@@ -260,21 +180,10 @@ def test_what_holds_for_many_photographs_is_said_once(periscopy, tiny, results, 
         Image.fromarray(codes).save(tmp_path / "y" / f"{k}.png")
     (tmp_path / "y" / "notes.txt").write_text("x")
     outcome = periscopy("video", "y", *tiny, "--out", "out")
-    left_out, gamma, doubt = outcome.err.splitlines()
-    assert outcome.code == 0 and left_out == "periscopy: warning: y: left out notes.txt"
-    assert gamma.startswith("periscopy: warning: y/0.png: 8-bit PNG, which is normally gamma")
-    assert gamma.endswith(" (likewise 4 more)")
-    _, summary, _ = results(tmp_path / "out")
-    said = [f"periscopy: warning: {warning}" for warning in summary["warnings"]]
-    assert said == [left_out, gamma, doubt] and "first frame: " in doubt
-
-
-def test_first_frame_that_shows_nothing_is_warned_of(periscopy, tiny, results, tmp_path):
-    np.save(tmp_path / "y.npy", np.ones((3, 24, 24, 3)))
-    outcome = periscopy("video", "y.npy", *tiny, "--method", "noise-aware", "--out", "out")
-    (line,) = outcome.err.splitlines()
-    assert outcome.code == 0 and "y.npy, first frame: " in line and "hidden image" in line
-    assert results(tmp_path / "out")[1]["warnings"] == [line.partition("warning: ")[2]]
+    lines = [line.partition("warning: ")[2] for line in outcome.err.splitlines()]
+    assert outcome.code == 0 and len(lines) == 3
+    assert "notes.txt" in lines[0] and "y/0.png: 8-bit" in lines[1] and "4 more" in lines[1]
+    assert results(tmp_path / "out")[1]["warnings"] == lines
 
 
 # -- what is refused -----------------------------------------------------------------------------
@@ -283,13 +192,8 @@ def test_first_frame_that_shows_nothing_is_warned_of(periscopy, tiny, results, t
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--coupling", "magic"), "--coupling magic"),
         (("--coupling", "none", "--l1-weight", "1"), "--l1-weight belongs to --coupling l1"),
-        (("--temporal-weight", "nan"), "'--temporal-weight'"),
-        (("--rate", "0"), "'--rate'"),
         (("--also", "avi"), "avi"),
-        (("--hidden", "24x24"), "full column rank"),
-        (("--truth", "sofa"), "'sofa' does not exist"),
         (("--truth", "three.npy"), "three.npy: holds 3 hidden images for 9 photographs"),
         (("--truth", "dark.npy"), "dark.npy, frame 4: has negative, NaN or infinite values"),
         (("--truth", "empty"), "empty: holds no file named"),
@@ -313,22 +217,3 @@ def test_pictures_of_a_longer_video_are_not_mixed_with_this_one(
     assert line.startswith("out: holds a longer video")
     frames, _, _ = video("y.npy", "--coupling", "none")  # the same length may replace it
     assert len(frames) == 9
-
-
-@pytest.mark.thorough
-def test_interruption_leaves_nothing(photographs, tiny, tmp_path):
-    np.save(tmp_path / "y.npy", photographs[np.arange(4000) % 9])
-    before = sorted(tmp_path.iterdir())
-    run = subprocess.Popen(
-        [sys.executable, "-m", "periscopy_sim", "video", "y.npy", *tiny, "--out", "deep/out"],
-        cwd=tmp_path, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    while not list(tmp_path.glob("deep/.*/frames.npy")) and run.poll() is None:
-        time.sleep(0.01)
-    # Also while numba compiles, whose callbacks cannot raise.
-    run.send_signal(signal.SIGINT)
-    out, err = run.communicate(timeout=60)
-    assert (run.returncode, out) == (130, "")
-    assert err.endswith("periscopy: error: interrupted; nothing was written\n")
-    assert sorted(tmp_path.iterdir()) == before

@@ -102,19 +102,6 @@ def test_missing_entry_is_named(tmp_path, missing):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("count", "cuont", r"line 2, cuont: is not known; did you mean 'count'\?$"),
-        ("scene:", "scne:", r"line 4, scenes\[0\].scne: is not known; did you mean 'scene'\?$"),
-        ("count: 10", "light: {kind: path-traced, bounce: 2}", r"line 2, light.bounce: .*bounces"),
-    ],
-)
-def test_misspelt_entries_are_told_before_missing_ones(tmp_path, old, new, message):
-    with pytest.raises(ConfigurationError, match=message):
-        load_configuration(written(tmp_path, LEAST.replace(old, new, 1)))
-
-
-@pytest.mark.parametrize(
     "text",
     [
         "", "- 1\n- 2", "count: [1", "count: 1\n\tx: 2", b"\xff\xfe\x00", "{? [1, 2] : 3}",

@@ -11,7 +11,7 @@ from periscopy_sim.dataset.draws import draw_clip
 from periscopy_sim.dataset.geometry import geometry_of, view_digest
 from periscopy_sim.dataset.samples import lamp_light, make_samples
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.rendering.transport import bounced_transport
+from periscopy_sim.rendering.transport import bounced
 
 INTERVAL = 4.9
 """Standard deviations that one of 10⁶ normal draws exceeds."""
@@ -146,8 +146,8 @@ def test_lamps_add_up_by_their_powers_and_are_dark_behind_the_wall():
 
 
 def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monkeypatch):
-    trace = partial(bounced_transport.render_bounced_light, target=0.1)
-    monkeypatch.setattr(bounced_transport, "render_bounced_light", trace)
+    trace = partial(bounced.render_bounced_light, target=0.1)
+    monkeypatch.setattr(bounced, "render_bounced_light", trace)
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
     light = {"kind": "bounced", "samples": 4}
     configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)

@@ -91,11 +91,3 @@ def test_unknown_splits_and_variables_are_named(path):
     for name in ("depth", "geometry_scene", "channel"):
         with pytest.raises(DatasetError, match=f"no variable '{name}'"):
             ps.TorchDataset(path, variables=("photograph", name))
-
-
-def test_batch_reads_its_own_chunks_alone(path, monkeypatch):
-    import zarr
-
-    samples = ps.TorchDataset(path)
-    monkeypatch.setattr(zarr.Array, "__array__", None)  # would read all of an array
-    assert len(samples.__getitems__([4, 1])) == 2

@@ -35,13 +35,6 @@ def test_rays_of_a_pinhole_come_from_its_place(room):
     np.testing.assert_allclose(survey.view_points[4], [0.7, 1, 0.3], atol=1e-4)
 
 
-def test_points_of_the_monitor_are_its_patches_corners(room):
-    points = Survey(room.load(hidden=(2, 3))).monitor_points
-    low, high = points.min(axis=0), points.max(axis=0)
-    np.testing.assert_allclose([low, high], [(0, 0, 0.15), (0.4, 0, 0.45)], atol=1e-6)
-    assert len(np.unique(np.round(points, 5), axis=0)) == 12
-
-
 def test_solids_reach_as_far_as_their_shapes(room):
     ball = room.blocker("0.45, 0.5, 0.3", 0.06)
     survey = Survey(room.load(CUBE, ball))

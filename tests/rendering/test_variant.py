@@ -1,6 +1,5 @@
 import sys
 import warnings
-from ctypes.util import find_library
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -9,7 +8,6 @@ from periscopy_sim.errors import VariantError
 from periscopy_sim.rendering.variant import (
     OVERRIDE,
     examine_variants,
-    is_vectorized,
     use_variant,
 )
 
@@ -126,41 +124,6 @@ def test_a_variant_that_does_not_work_here_is_refused_with_the_reason(backends):
     assert "no NVIDIA device" in refusal("cuda_ad_rgb")
     assert "; install LLVM 17 or newer" in refusal("llvm_ad_rgb")
     assert fake.events == []
-
-
-@pytest.mark.parametrize("version", [15, 16])
-def test_an_llvm_that_would_abort_the_path_tracer_is_called_too_old(backends, version):
-    backends(llvm=version)
-    reports = {report.name: report for report in examine_variants()}
-    assert not reports["llvm_ad_rgb"].works
-    assert f"libLLVM {version} is too old" in reports["llvm_ad_rgb"].reason
-    assert "install LLVM 17 or newer" in refusal("llvm_ad_rgb")
-
-
-@pytest.mark.parametrize(
-    ("named", "installed", "why"),
-    [
-        (None, None, "no libLLVM was found; install"),
-        ("none.so", None, "DRJIT_LIBLLVM_PATH names 'none.so', which does not load (none.so: "),
-        (None, "none.so", "'none.so' does not load (none.so: "),
-        ("m", None, ", which is no libLLVM; install"),
-    ],
-)
-def test_why_there_is_no_llvm_is_told(backends, monkeypatch, named, installed, why):
-    backends()
-    named = find_library(named) if named == "m" else named
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", named or "")
-    monkeypatch.setattr("pathlib.Path.glob", lambda *_: iter(()))
-    monkeypatch.setattr("periscopy_sim.rendering.variant.find_library", lambda _: installed)
-    assert why in examine_variants()[1].reason
-
-
-def test_the_real_variant_is_one_that_was_reported_to_work(variant):
-    import mitsuba as mi
-
-    assert mi.variant() == variant
-    assert {report.name: report.works for report in examine_variants()}.get(variant, True)
-    assert is_vectorized() == (not variant.startswith("scalar"))
 
 
 CHANGE_VARIANTS = """

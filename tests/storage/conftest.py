@@ -3,7 +3,6 @@
 from functools import partial
 
 import numpy as np
-import OpenEXR
 import pytest
 import xarray as xr
 import zarr
@@ -34,18 +33,6 @@ class Save:
     def bare_zarr(path, clip, zarr_format=3, **settings):
         zarr.create_array(path, data=clip, zarr_format=zarr_format, **settings)
 
-    @staticmethod
-    def exr(path, clip, channels="RGB", **header):
-        parts = [
-            OpenEXR.Part(
-                {"name": f"part{k}", "type": OpenEXR.scanlineimage, **header},
-                {c: np.ascontiguousarray(frame[..., i]) for i, c in enumerate(channels)},
-            )
-            for k, frame in enumerate(clip)
-        ]
-        with OpenEXR.File(parts) as file:
-            file.write(str(path))
-
     def by_name(self, path, clip, **settings):
         """Save in the form that the file's name stands for."""
         write = {
@@ -56,7 +43,6 @@ class Save:
             "v2.zarr": partial(self.zarr, zarr_format=2),
             "bare.zarr": self.bare_zarr,
             "bare2.zarr": partial(self.bare_zarr, zarr_format=2),
-            "y.exr": self.exr,
         }[path.name]
         write(path, clip, **settings)
 

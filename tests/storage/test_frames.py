@@ -16,7 +16,7 @@ SHAPE = (6, 5)
 RNG = np.random.default_rng(17)
 CLIP = RNG.uniform(1, 2, (12, *SHAPE, 3)).astype(np.float32)
 COUNTS = RNG.integers(1, 65536, (3, *SHAPE, 3)).astype(np.uint16)
-FORMS = ("folder", "y.npy", "y.npz", "y.zarr", "v2.zarr", "bare.zarr", "bare2.zarr", "y.exr")
+FORMS = ("folder", "y.npy", "y.npz", "y.zarr", "v2.zarr", "bare.zarr", "bare2.zarr")
 
 
 def read(path):
@@ -94,10 +94,10 @@ def test_warnings_of_a_photograph_come_with_it(tmp_path):
     assert "1.png: 8-bit PNG" in second.warnings[0]
 
 
-@pytest.mark.parametrize("form", ["folder", "y.npy", "y.npz", "bare.zarr", "y.exr"])
+@pytest.mark.parametrize("form", ["folder", "y.npy", "y.npz", "bare.zarr"])
 def test_a_lone_channel_is_grey(form, save, tmp_path):
     grey = CLIP[..., :1]
-    save.by_name(tmp_path / form, grey, **({"channels": "Y"} if form == "y.exr" else {}))
+    save.by_name(tmp_path / form, grey)
     assert np.array_equal(read(tmp_path / form), np.repeat(grey, 3, axis=3))
 
 
@@ -188,7 +188,7 @@ def test_single_photograph_is_refused_with_what_to_give(tmp_path):
         open_frames(tmp_path / "none", SHAPE)
 
 
-@pytest.mark.parametrize("name", ["y.npy", "y.npz", "y.exr"])
+@pytest.mark.parametrize("name", ["y.npy", "y.npz"])
 @pytest.mark.parametrize("part", [0.02, 0.3, 0.6, 0.95])
 def test_truncated_file_is_refused(name, part, save, line_of, tmp_path):
     save.by_name(tmp_path / name, CLIP)

@@ -127,7 +127,7 @@ PHOTOGRAPH = np.random.default_rng(4).uniform(1, 2, (*SHAPE, 3))
 SPOILT = np.where(MASK[..., None], PHOTOGRAPH, np.nan)
 
 
-@pytest.mark.parametrize("name", ["folder", "y.npy", "y.npz", "y.zarr", "y.exr"])
+@pytest.mark.parametrize("name", ["folder", "y.npy", "y.npz", "y.zarr"])
 def test_frames_are_checked_where_they_are_used(name, save, tmp_path):
     clip = np.stack([SPOILT, 2 * SPOILT]).astype(np.float32)
     save.by_name(tmp_path / name, clip)

@@ -26,8 +26,7 @@ from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.paint import Unevenness
 from periscopy_sim.photograph import blackened
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
-from periscopy_sim.rendering.transport.shadow_rays import require_light
+from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.storage.pictures import area_average
 

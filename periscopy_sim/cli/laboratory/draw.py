@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.output import progress, say_written
-from periscopy_sim.cli.session import provenance_of, warn_of_occluders
+from periscopy_sim.cli.session import provenance_of, warn_without_shadows
 from periscopy_sim.storage.outputs.staging import staged_file
 
 PATCHES = {True: "18x24", False: "5x6"}
@@ -42,4 +42,4 @@ def draw(
             text = as_text(provenance_of(scenario))
             draw_laboratory(staged, scenario, metadata=text)
     say_written(out)
-    warn_of_occluders(scenario, scene)
+    warn_without_shadows(scenario, scene)

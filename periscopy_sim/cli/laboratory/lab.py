@@ -9,7 +9,7 @@ import typer
 
 from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import say, say_written
-from periscopy_sim.cli.session import warn_of_occluders
+from periscopy_sim.cli.session import warn_without_shadows
 from periscopy_sim.errors import PeriscopyError
 
 TRIED = (32, 32)
@@ -43,13 +43,10 @@ def lab(
         )
     require_suffix(out, ".xml", "the scene")
     from periscopy_sim.laboratory.build import build_laboratory
-    from periscopy_sim.rendering.overlap import overlap_doubt
     from periscopy_sim.rendering.scene.load import load_scenario
 
     written = build_laboratory(measurements, out)
     say_written(*written)
     scenario = load_scenario(out, (1, 1), photograph=TRIED)
-    warn_of_occluders(scenario, str(out))
+    warn_without_shadows(scenario, str(out))
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
-    if joined := overlap_doubt(scenario):
-        say(f"{joined}, as only parts of one body do")

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.background import placed_in, relative_errors
+from periscopy_sim.rendering.ambient.background import REPLICAS, Part, placed_in, relative_errors
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
-from periscopy_sim.rendering.ambient.replicas import REPLICAS, Part
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_opaque

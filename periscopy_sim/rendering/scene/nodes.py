@@ -211,8 +211,6 @@ class SceneNodes:
         if monitor.plugin_name() != "rectangle":
             return
         to_world = monitor.get("to_world", mi.ScalarTransform4f())
-        if not np.isfinite(np.array(to_world.matrix)).all():
-            raise SceneError(f"scene '{self.path}': the monitor's to_world is not finite; fix it")
         if monitor.get("flip_normals", False):
             to_world = to_world @ type(to_world)().scale([1, 1, -1])
             del monitor["flip_normals"]
@@ -283,6 +281,9 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     for name in parameters:
         if name not in document.defaults:
             raise undeclared(path, name, document.defaults)
+    for name, text in {**document.defaults, **parameters}.items():
+        if not all(map(_is_finite, str(text).replace(",", " ").split())):
+            raise SceneError(f"scene '{path}': parameter '{name}' is '{text}'; give finite numbers")
     config = mi.parser.ParserConfig(mi.variant())
     # Merging meshes would lose their ids.
     config.merge_meshes = False
@@ -303,12 +304,24 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
     for node in state.nodes:
+        transform = node.props.get("to_world", None)
+        # Mitsuba's renderers compute in single precision.
+        if transform is not None and not (np.abs(transform.matrix) < np.finfo("f4").max).all():
+            raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' is not finite")
         if isinstance(node.props.get("filename"), str):
             # Absolute, since Mitsuba would search other folders, too.
             plugin, file = _file_of(node.props, document, path)
             node.props["filename"] = str(file.resolve())
             node.props.set_plugin_name(plugin)
     return config, state
+
+
+def _is_finite(word: str) -> bool:
+    """Return whether a word of a parameter is a finite number, or no number at all."""
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return True
 
 
 def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path]:

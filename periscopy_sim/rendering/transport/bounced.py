@@ -7,6 +7,7 @@ matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,16 +15,25 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
-from periscopy_sim.rendering.transport.bounces import DIRECT, check_bounces
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
 from periscopy_sim.scenario import Array, Scenario
+
+DIRECT = 1
+"""Reflections of light that goes from the monitor to the wall and to the camera."""
+
+MOST_BOUNCES = 10**6
+
+WORDS = {"direct": DIRECT, "all": None}
+
+ROWS = 1024
+"""Of A to which bounced light is added at once; bounds the memory."""
 
 TARGET = 2e-4
 """Error of a white image's photograph by bounced light, relative to the photograph: a fifth of a
@@ -89,6 +99,96 @@ class BouncedLight:
     def colour(self) -> NDArray[np.float32]:
         """(3, K, N) by which each channel differs from their mean."""
         return self.of_patches - self.mean
+
+
+@dataclass(frozen=True, eq=False)
+class BouncedTransport:
+    """The light transport matrix of each channel, where surroundings reflect the monitor's light.
+
+    `A @ f` is the photograph, (M, 3), of a hidden image, (N, 3), each channel by its own matrix,
+    before `Scenario.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),
+    by which methods work: what channels differ by is smooth over the wall, as ambient light is. So
+    NumPy's functions, `np.dot` for one, take the mean too; its operators take none.
+
+    Attributes
+    ----------
+    mean
+        (M, N) float32, direct light and the channels' mean of bounced light.
+    bounced
+        What has bounced.
+    bounces
+        Most reflections of a path, 2 or more; None of any number.
+    """
+
+    mean: NDArray[np.float32]
+    bounced: BouncedLight
+    bounces: int | None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M, N)."""
+        return self.mean.shape[0], self.mean.shape[1]
+
+    __array_ufunc__ = None  # array * A and array @ A must not take the mean silently
+
+    def __matmul__(self, image: NDArray[np.floating[Any]]) -> Array:
+        """Return the photograph, (M, 3), of a hidden image, (N, 3).
+
+        A ValueError says that the image has another shape.
+        """
+        image = np.asarray(image)
+        if image.shape != (self.shape[1], 3):
+            raise ValueError(
+                f"the hidden image has shape {image.shape}; its channels have matrices of their "
+                f"own: give ({self.shape[1]}, 3)"
+            )
+        return np.asarray(self.mean @ image + self.beyond_mean(image))
+
+    def beyond_mean(self, images: NDArray[np.floating[Any]]) -> Array:
+        """Return by how much photographs, (..., M, 3), of images, (..., N, 3), are off the mean's.
+
+        That is what the channels' matrices send beyond their mean.
+        """
+        sent = np.einsum("ckn,...nc->...kc", self.bounced.colour, images, dtype=np.float64)
+        return np.asarray(self.bounced.over_wall @ sent)
+
+    def channel(self, c: int) -> NDArray[np.float32]:
+        """Return the matrix of channel c, (M, N)."""
+        return np.asarray(self.mean + self.bounced.over_wall @ self.bounced.colour[c])
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the channels' mean, (M, N)."""
+        return np.array(self.mean, dtype=dtype, copy=copy)
+
+
+def check_bounces(bounces: int | None) -> int | None:
+    """Return the number of reflections, or None for any; a ValueError says that it is none."""
+    if bounces is None:
+        return None
+    try:
+        count = operator.index(bounces)
+    except TypeError:
+        count = 0
+    if isinstance(bounces, bool) or not DIRECT <= count <= MOST_BOUNCES:
+        raise ValueError(
+            f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, "
+            f"to {MOST_BOUNCES}, or None for any number"
+        )
+    return count
+
+
+def bounces_in_words(bounces: int | None) -> str:
+    """Return how records and commands name a number of reflections: direct, all, or how many."""
+    return next((word for word, count in WORDS.items() if count == bounces), str(bounces))
+
+
+def bounces_of_words(text: str) -> int | None:
+    """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
+    if text in WORDS:
+        return WORDS[text]
+    if not (text.isascii() and text.isdigit() and DIRECT <= int(text) <= MOST_BOUNCES):
+        raise ValueError(f"'{text}': give direct, all, or a whole number from 1 on")
+    return int(text)
 
 
 def render_bounced_light(
@@ -184,6 +284,30 @@ def render_bounced_light(
         of_patches.transpose(2, 0, 1).astype(np.float32),
         error,
     )
+
+
+def add_bounces(
+    scenario: Scenario,
+    A: NDArray[np.float32],
+    bounces: int | None,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> BouncedTransport:
+    """Add light that bounces to a direct A, (M, N), in place; for the rest see `render_transport`.
+
+    `bounces` is 2 or more, or None. The array becomes the mean of what is returned.
+    """
+    bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
+    for start in range(0, len(A), ROWS):
+        rows = slice(start, start + ROWS)
+        A[rows] += bounced.rows(rows)
+    return BouncedTransport(A, bounced, bounces)
+
+
+def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
+    """Return the channels' mean of a matrix, (M, N), itself if it is one; memory maps stay such."""
+    return A.mean if isinstance(A, BouncedTransport) else A
 
 
 def check_bouncing_wall(scenario: Scenario) -> None:

@@ -19,7 +19,7 @@ from periscopy_sim.storage.formats.camera_raw import (
     read_camera_raw,
 )
 from periscopy_sim.storage.formats.decoding import Picture
-from periscopy_sim.storage.formats.exr import decode_exr, exr_stack
+from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.matlab import read_matlab_counts
 from periscopy_sim.storage.formats.rasters import read_jpeg, read_png, read_tiff
 
@@ -47,7 +47,7 @@ def _hdf5(path: Path, *_: object) -> NoReturn:
 
 
 FORMATS = (
-    FileFormat("EXR", (".exr",), ((0, b"\x76\x2f\x31\x01"),), decode_exr, exr_stack),
+    FileFormat("EXR", (".exr",), ((0, b"\x76\x2f\x31\x01"),), decode_exr),
     FileFormat("NPY", (".npy",), ((0, b"\x93NUMPY"),), read_npy, npy_stack),
     # The second begins an archive without entries.
     FileFormat("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), read_npz, npz_stack),

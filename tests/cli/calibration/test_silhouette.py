@@ -75,13 +75,9 @@ def test_a_scene_with_the_silhouette_is_one_that_commands_take(succeeds, tmp_pat
     ("arguments", "message"),
     [
         (("--silhouette", "wall"), "'wall' is no occluder; the occluders are '"),
-        (("--silhouette", "crad"), "did you mean 'card'"),
         (("--silhouette", "card", "-D", "depth=1.2"), "reaches through the wall"),
-        (("--silhouette", "card", "-D", "shift=2"), "casts no shadow"),
         (("--silhouette", "card", "--cells", "40x40"), "ask for 13x13 at most"),
-        (("--silhouette", "card", "--cells", "16"), "is not a size"),
         (("--silhouette", "card", "--free", "shift"), "leave --free out"),
-        (("--silhouette", "card", "--uncertain", "shift=1"), "leave --uncertain out"),
         (("--cells", "8x8"), "--cells are those of --silhouette"),
     ],
 )

@@ -3,9 +3,8 @@ import pytest
 import tifffile
 from PIL import Image
 
-import periscopy_sim as ps
 from periscopy_sim.storage.formats.exr import read_exr
-from periscopy_sim.storage.photographs import read_mask, read_photograph
+from periscopy_sim.storage.photographs import read_mask
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -58,31 +57,6 @@ def test_blocks_are_averaged_to_the_scenes_film(photo, succeeds, tmp_path):
     assert mask.shape == (24, 24, 3) and (mask == 255).all()
 
 
-def test_preview_shows_the_photograph_and_what_is_left_out_is_black(photo, succeeds, tmp_path):
-    used = np.full((24, 24), 255, np.uint8)
-    used[5:9, 2:12] = 0
-    Image.fromarray(used).save(tmp_path / "poster.png")
-    options = ("--black", 512, "--mask", "poster.png")
-    succeeds("prepare", photo, *SCENE, *options, "--out", "wall.exr")
-    with Image.open(tmp_path / "wall_preview.png") as picture:
-        assert picture.info["command"].startswith("periscopy prepare y.tif")
-        shown = np.asarray(picture)
-    factor = len(shown) // 24
-    assert shown.shape == (24 * factor, 24 * factor, 3) and factor > 10
-    pixels = shown[factor // 2 :: factor, factor // 2 :: factor]
-    assert (pixels[used == 0] == 0).all()
-    white = np.percentile(MEANS[used > 0], 99.5)  # of what is used alone
-    expected = 255 * ps.to_srgb(MEANS, white=white)
-    assert np.abs(pixels[used > 0] - expected[used > 0]).max() <= 0.51
-
-
-def test_nothing_is_left_of_what_could_not_be_written(photo, refused, tmp_path):
-    (tmp_path / "wall_preview.png").mkdir()
-    line = refused("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
-    assert "wall_preview.png: it is a folder" in line
-    assert not (tmp_path / "wall.exr").exists() and not (tmp_path / "wall_mask.png").exists()
-
-
 def test_an_input_is_not_written_over(photo, succeeds, refused, tmp_path):
     succeeds("prepare", photo, *SCENE, "--black", 512, "--out", "wall.exr")
     before = (tmp_path / "wall.exr").read_bytes()
@@ -107,23 +81,6 @@ def test_dark_frames_and_flat_fields_are_averaged_and_taken_off(succeeds, tmp_pa
     assert np.allclose(pixels, MEANS, rtol=1e-3)
 
 
-def test_exposures_are_merged_and_what_saturates_in_all_is_masked(succeeds, tmp_path):
-    bright = LIGHT.copy()
-    bright[40:44, 40:44] = 1e5
-    save(tmp_path / "short.tif", np.minimum(bright + 512, 16383))
-    save(tmp_path / "long.tif", np.minimum(8 * bright + 512, 16383))
-    options = ("--exposures", "1,8", "--black", 512)
-    told = succeeds("prepare", "short.tif", "long.tif", *SCENE, *options, "--out", "wall.exr")
-    assert "left out 1 saturated" in told
-    pixels, _ = read_exr(tmp_path / "wall.exr")
-    mask = read_mask(tmp_path / "wall_mask.png")
-    assert np.argwhere(~mask).tolist() == [[10, 10]] and np.isnan(pixels[10, 10]).all()
-    assert np.allclose(pixels[mask], MEANS[mask], rtol=1e-4)
-    # Without the mask, the NaN of what was left out is refused wherever it is read.
-    with pytest.raises(ps.PeriscopyError, match="leave them out by a mask"):
-        read_photograph(tmp_path / "wall.exr", (24, 24))
-
-
 def test_points_rectify_and_their_fit_is_told(succeeds, tmp_path):
     light = np.full((96, 96, 3), 2000.0) + RNG.normal(0, 10, (96, 96, 3))
     save(tmp_path / "y.tif", light)
@@ -136,35 +93,6 @@ def test_points_rectify_and_their_fit_is_told(succeeds, tmp_path):
     assert metadata["view_distortion"] == "none"
     assert len(metadata["view_homography"].split()) == 9
     assert float(metadata["view_residual_pixels"]) < 1e-3
-
-
-def test_wall_outside_of_the_photograph_is_masked(succeeds, tmp_path):
-    save(tmp_path / "y.tif", LIGHT)
-    rows = wall_points()
-    rows[:, 0] += 30
-    write_points(tmp_path / "p.csv", rows)
-    told = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
-    mask = read_mask(tmp_path / "wall_mask.png")
-    assert f"left out {np.count_nonzero(~mask)} outside of the photograph\n" in told
-    assert mask[:, :12].all() and not mask[:, 22:].any()
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("error", "finer"), [(0.1, True), (12.0, False)])
-def test_no_film_is_advised_that_is_finer_than_the_marks_allow(error, finer, periscopy, tmp_path):
-    """Clicks are off by pixels of the photograph, of which the scene's cover 5 x 5."""
-    save(tmp_path / "y.tif", np.kron(LIGHT, np.ones((8, 8, 1))) + RNG.normal(0, 9, (768, 768, 3)))
-    rows = wall_points(12)
-    rows[:, :2] = 8 * rows[:, :2] + np.random.default_rng(3).normal(0, error, (12, 2))
-    write_points(tmp_path / "p.csv", rows)
-    given = "prepare", "y.tif", *SCENE[:2], "--points", "p.csv", "--out", "wall.exr"
-    outcome = periscopy(*given)
-    assert ("finer may show more: --bin auto" in outcome.out) == finer
-    doubted = "marks place the photograph to"
-    assert (doubted in outcome.err) == (error == 12)
-    outcome = periscopy(*given, "--bin", "auto")
-    assert (doubted in outcome.err) == (error == 12)
-    assert (len(read_exr(tmp_path / "wall.exr")[0]) > 126) == finer
 
 
 def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
@@ -182,34 +110,15 @@ def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
     assert read_exr(tmp_path / "wall.exr")[0].shape == (20, 20, 3)
 
 
-def test_a_plateau_is_told_of(periscopy, tmp_path):
-    save(tmp_path / "y.tif", np.minimum(RNG.normal(3000, 200, LIGHT.shape), 3100))
-    outcome = periscopy("prepare", "y.tif", *SCENE, "--out", "wall.exr")
-    assert "end in a plateau at 3100; if they are saturated, leave them out by --white 3100" in (
-        outcome.err
-    )
-    told = periscopy("prepare", "y.tif", *SCENE, "--white", 3100, "--out", "wall.exr")
-    assert told.code == 2 and "no pixel of the scene's camera measures the wall" in told.err
-
-
 @pytest.mark.parametrize(
     ("options", "offender"),
     [
-        (("--points", "three.csv"), "three.csv"),
         (("--points", "bad.csv"), "bad.csv, line 5 at column"),
         (("--points", "off.csv"), "off.csv, line 4 lies 0.27 m off"),
         (("--points", "bad.csv", "--tags", "t.csv"), "--points and --tags"),
-        (("--dark", "small.tif"), "the dark frame"),
         (("--dark", "y.tif"), "the dark frame: is the photograph itself"),
-        (("--dark", "small.tif", "--black", 3), "a dark frame"),
-        (("--flat", "zeros.tif"), "the flat field"),
-        (("--exposures", "1,2"), "1 exposures"),
         (("--bin", 7), "1, 2, 3, 4, 6, 8"),
-        (("--bin", "some"), "--bin 'some'"),
-        (("--bin", 4, "-D", "resolution=24"), "--bin and -D"),
-        (("--hidden", "0x4"), "--hidden 0x4"),
         (("--mask", "five.png"), "the mask: 5 x 5"),
-        (("small.tif",), "photographs: 48 x 96"),
         (("-D", "resolution=25"), "--points"),
     ],
 )
@@ -253,28 +162,3 @@ def test_tags_are_found_rectified_and_left_out(succeeds, refused, tmp_path):
     assert "t.csv: the photograph shows 0 of the tags [9]" in refused(
         "prepare", "y.tif", *SCENE, "--tags", "t.csv", "--out", "other.exr"
     )
-
-
-def test_a_scene_without_a_film_size_to_set_is_refused(photo, refused, edited_scene):
-    scene = edited_scene(
-        ('<default name="resolution" value="126"/>', ""), ('value="$resolution"', 'value="24"')
-    )
-    assert "declares no <default> for its film's size" in refused(
-        "prepare", photo, "--scene", scene, "--bin", 4, "--out", "wall.exr"
-    )
-
-
-def test_black_level_that_is_too_high_is_told(photo, periscopy):
-    outcome = periscopy("prepare", photo, *SCENE, "--black", 3512, "--out", "wall.exr")
-    assert outcome.code == 0
-    share = round(100 * np.mean((LIGHT + 512 < 3512).any(axis=2)))
-    assert (
-        f"y.tif: {share} % of the pixels are below the black level; check --black 3512"
-        in outcome.err
-    )
-
-
-def test_photograph_of_other_proportions_is_answered_by_points(refused, tmp_path):
-    wide = save(tmp_path / "wide.tif", LIGHT[:60])
-    line = refused("prepare", wide, *SCENE, "--out", "wall.exr")
-    assert "do not average to the 24 x 24" in line and "--points" in line

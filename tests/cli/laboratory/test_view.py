@@ -57,18 +57,6 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
     assert not (tmp_path / "view").exists()
 
 
-@pytest.mark.usefixtures("viser")
-def test_scene_without_anything_to_move_is_refused(refused, tmp_path):
-    source = find_scene("plate")
-    text = source.read_text()
-    defaults = read_document(source).defaults
-    for name in sorted(defaults, key=len, reverse=True):
-        text = text.replace(f'<default name="{name}" value="{defaults[name]}"/>', "")
-        text = text.replace(f"${name}", defaults[name])
-    (tmp_path / "fixed.xml").write_text(text)
-    assert "declares nothing that can be moved" in refused("view", "fixed.xml", *SIZE, "--port", 0)
-
-
 def pictures_of(shot=None, **values):
     path = find_scene("plate")
     level = Level(path, {"resolution": "24"}, (24, 24), (3, 4), lambda _: None, shot,

@@ -86,26 +86,15 @@ def test_what_is_set_otherwise_is_not_as_it_was_calibrated(run, photo, calibrate
     assert np.isfinite(errors).all()
 
 
-def test_a_silhouette_that_is_not_trusted_is_told(run, photo, calibrated):
-    nothing = SceneCovariance((), np.empty(0), np.empty((0, 0)), trusted=False, ruled=np.empty(0))
-    _, _, summary, outcome = run(photo, *calibrated(nothing))
-    assert "silhouette" in outcome.err
-    assert any("silhouette" in each for each in summary["warnings"])
-    assert summary["standard_errors_count"] == []
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--uncertain", "occluder_x=1"), "did you mean 'occluder_dx'?"),
         (("--uncertain", "occluder_dx=-1"), "--uncertain occluder_dx"),
-        (("--uncertain", ","), "names nothing"),
         (
             ("--uncertain", "occluder_dx", "--method", "iterative"),
             "--uncertain belongs to --method noise-aware, not to iterative; leave it out",
         ),
-        (("--uncertain", "resolution=1"), "does not show an error of 1 of 'resolution'"),
-        (("--uncertain", "occluder_dy=5"), "an error of 'occluder_dy' is too large"),
     ],
 )
 def test_what_is_no_error_is_refused(refused, photo, options, message):

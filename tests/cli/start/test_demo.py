@@ -19,15 +19,6 @@ FILES = {
 }
 
 
-def matched_psnr(estimate, truth):
-    errors = []
-    for channel in range(3):
-        e, t = np.maximum(estimate[..., channel].ravel(), 0), truth[..., channel].ravel()
-        gain = np.linalg.lstsq(e[:, None], t, rcond=None)[0]
-        errors.append(np.mean((np.clip(gain * e, 0, 1) - t) ** 2))
-    return -10 * np.log10(np.mean(errors))
-
-
 @pytest.mark.usefixtures("drawings")
 @jit
 def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
@@ -43,11 +34,11 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     assert image.shape == (6, 7, 3) and image.dtype == np.float32
     assert np.load(folder / "A.npy").shape == (576, 42)
     truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
-    assert summary["psnr"] == pytest.approx(matched_psnr(image, truth), abs=1e-3)
+    assert summary["psnr"] == pytest.approx(ps.psnr(image, truth), abs=1e-3)
     assert f"PSNR {summary['psnr']:.1f} dB" in out
     # Better than the best flat picture, and than the same upside down.
-    assert summary["psnr"] > matched_psnr(np.ones_like(truth), truth) + 2
-    assert summary["psnr"] > matched_psnr(image[::-1], truth) + 1
+    assert summary["psnr"] > ps.psnr(np.ones_like(truth), truth) + 2
+    assert summary["psnr"] > ps.psnr(image[::-1], truth) + 1
     photograph = ps.read_photograph(folder / "photograph.exr", (24, 24)).values
     assert photograph.mean() == pytest.approx(1, abs=1e-3)
     assert (summary["sbr"], summary["snr"]) == (0.5, 60)
@@ -64,8 +55,6 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     ("options", "message"),
     [
         (("--hidden", "25x25"), "25x25 hidden patches are more than the 24x24 pixels"),
-        (("--hidden", "6"), "'6' is not a size"),
-        (("--image", "sofa"), "'sofa' does not exist; name a file or a shipped image: bars"),
     ],
 )
 def test_impossible_demo_is_refused(options, message, refused, periscopy):
@@ -84,4 +73,4 @@ def test_demo_without_a_vectorized_variant_recovers_it_from_direct_light(tmp_pat
     assert "rendering with scalar_rgb" in ran.stdout
     truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
     image = np.load(tmp_path / "out" / "reconstruction.npy")
-    assert matched_psnr(image, truth) > matched_psnr(np.ones_like(truth), truth) + 2
+    assert ps.psnr(image, truth) > ps.psnr(np.ones_like(truth), truth) + 2

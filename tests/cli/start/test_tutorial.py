@@ -14,13 +14,6 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-def test_files_are_copied_as_they_are_shipped(succeeds, tmp_path):
-    told = succeeds("tutorial", "--out", "deep/mine").splitlines()
-    found = contents(tmp_path / "deep" / "mine")
-    assert found == contents(SHIPPED) and {"photograph.tiff", "truth/hidden.png"} <= found.keys()
-    assert told[0].startswith("wrote deep/mine/lamp.stl, deep/mine/measurements.yaml, ")
-
-
 @pytest.mark.parametrize("name", ["measurements.yaml", "truth/scene.xml"])
 def test_no_file_is_overwritten(name, refused, tmp_path):
     file = tmp_path / "mine" / name

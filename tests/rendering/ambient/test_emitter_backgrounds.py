@@ -76,34 +76,7 @@ def test_each_pane_of_a_panel_is_a_column_of_its_own(written, scenario):
         assert np.count_nonzero(nearest < 2e-3) == 1
 
 
-@pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize(("pane", "columns"), [(1.0, 1), (0.25, 2), (0.2, 6)])
-def test_panes_are_as_large_as_asked_at_most(written, scenario, pane, columns):
-    B = emitter_backgrounds(written(panel()), scenario, pane=pane, target=1)
-    assert B.shape == (144, columns)
-    np.testing.assert_allclose(B.mean(axis=0), 1)
-
-
-@pytest.mark.usefixtures("jit")
-def test_light_of_a_glass_of_many_colours_is_spanned_by_its_panes(written, scenario):
-    """A panel whose right half is dark is none of one column, but of two."""
-    import mitsuba as mi
-
-    image = np.array([[[1, 1, 1], [0, 0, 0]]], np.float32)
-    mi.Bitmap(image).write(str(scenario.path.parent / "glass.exr"))
-    half = (
-        '<texture type="bitmap" name="radiance"><string name="filename" value="glass.exr"/>'
-        '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
-    )
-    seen = render_background(written(panel(half)), scenario, target=1e-3).photograph[..., 0].ravel()
-    left = {}
-    for pane in (0.5, 0.25):
-        B = emitter_backgrounds(written(panel()), scenario, pane=pane, target=1e-3)
-        fitted = B @ np.linalg.lstsq(B, seen, rcond=None)[0]
-        left[pane] = np.linalg.norm(seen - fitted) / np.linalg.norm(seen)
-    assert left[0.5] > 0.02 and left[0.25] < 3e-3
-
-
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 def test_what_stands_before_a_lamp_casts_its_shadow(room, written, scenario):
     """Lamp and panel, each alone, against the path tracer."""
@@ -123,27 +96,6 @@ def test_what_does_not_reach_the_wall_is_left_out(written, scenario):
     assert emitter_backgrounds(written(panel() + away), scenario, target=1).shape == (144, 2)
     with pytest.raises(SceneError, match="none of its emitters reaches its wall straight"):
         emitter_backgrounds(written(away), scenario)
-
-
-@pytest.mark.usefixtures("jit")
-def test_a_wall_of_texture_has_it_in_every_column(room, written):
-    board = (
-        '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><rgb name="color0" '
-        'value="0.2"/><rgb name="color1" value="0.6"/><transform name="to_uv"><scale x="20" '
-        'y="20"/></transform></texture></bsdf>'
-    )
-    textured = room.load(camera=room.camera((12, 12)), wall=room.wall(board))
-    plain = room.load(camera=room.camera((12, 12)))
-    B, even = (emitter_backgrounds(written(LAMP), each, target=1) for each in (textured, plain))
-    np.testing.assert_allclose(B[:, 0], even[:, 0] * textured.wall_texture)
-
-
-@pytest.mark.usefixtures("jit")
-def test_the_same_seed_gives_the_same_bytes(written, scenario):
-    first, again, other = (
-        emitter_backgrounds(written(panel()), scenario, target=1, seed=seed) for seed in (1, 1, 2)
-    )
-    assert first.tobytes() == again.tobytes() != other.tobytes()
 
 
 @pytest.mark.usefixtures("jit")

@@ -8,7 +8,6 @@ from periscopy_sim.rendering.ambient.irradiance import (
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import pixel_edges
-from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -129,39 +128,6 @@ def test_even_sky_gives_pi_times_its_radiance(room, same_mean):
     same_mean(found, np.broadcast_to(np.pi * np.array([1.0, 2, 4]), found.shape))
 
 
-def test_textured_light_counts_where_no_ray_is_aimed(room, same_at_each_point):
-    """Mitsuba aims at texels without regard to how the texture is turned over."""
-    write_exr(room.folder / "lamp.exr", np.pad(np.ones((1, 1, 3)), ((1, 2), (1, 2), (0, 0))), {})
-    texture = (
-        '<emitter type="area"><texture type="bitmap" name="radiance">'
-        '<string name="filename" value="lamp.exr"/>'
-        '<transform name="to_uv"><scale y="-1"/></transform></texture></emitter>'
-    )
-    turn = '<scale value="0.5"/><rotate x="1" angle="-90"/><translate x="0.7" y="0.2" z="0.3"/>'
-    lamp = shape("lamp", turn, inside=texture)
-    path = room.write(lamp, monitor="", camera=room.camera((25, 25)))
-    scene = scene_of(path)
-    brute = [path_trace(scene, 2, samples=400, seed=seed)[2::5, 2::5] for seed in SEEDS]
-    brute = np.stack(brute).reshape(-1, 25, 3) * np.pi / 0.5
-    points, normals, _ = on_wall(5, 0.08)
-    found = direct(path, (points, normals, on_wall(5, 0.016)[2]), 256)
-    same_at_each_point(found, brute)
-    assert np.abs(found.mean(axis=(0, 1)) / brute.mean(axis=(0, 1)) - 1).max() < 0.02
-
-
-def test_edges_are_the_pixels_sides():
-    points, normals, edges = on_wall(4, 0.1)
-    np.testing.assert_allclose(edges[:, 0], np.broadcast_to(0.1 * DOWN, (16, 3)), atol=1e-12)
-    np.testing.assert_allclose(edges[:, 1], np.broadcast_to(0.1 * ACROSS, (16, 3)), atol=1e-12)
-    for thin in ((1, 4), (4, 1)):
-        line = points[:4] if thin == (1, 4) else points[::4]
-        edges = pixel_edges(line, normals[:4], thin)
-        areas = np.cross(edges[:, 0], edges[:, 1])
-        np.testing.assert_allclose(np.abs(areas @ TOWARD_ROOM), 0.01, atol=1e-12)
-    lone = pixel_edges(points[:1], normals[:1], (1, 1))[0]
-    assert 0 < np.linalg.norm(np.cross(*lone)) < 1e-11
-
-
 # -- light that has bounced ----------------------------------------------------------------------
 
 FLOOR = shape("floor", '<scale value="0.8"/><translate x="0.7" y="0.2" z="-0.2"/>', "0.7, 0.5, 0.2")
@@ -233,32 +199,3 @@ def test_bounced_light_is_that_of_brute_force(side, room, same_at_each_point):
     assert np.sqrt(np.mean(errors**2)) < 0.08
     means = found.mean(axis=(0, 2))
     assert np.ptp(means) > 0.2 * means.mean()
-
-
-def test_sharing_paths_lowers_the_noise(room):
-    """All points find the same surfaces: 25 points tell each other nearly as much as they know."""
-    path = room.write(FLOOR, panel(room), side_wall(SIDES["diffuse"]), monitor="")
-    scene, (points, normals, _) = scene_of(path), on_wall(5, 0.08)
-    shared = bounced(scene, points, normals, 64)
-    alone = bounced(scene, points[12:13], normals[12:13], 64)
-    assert shared[:, 12].var(axis=0).mean() < alone[:, 0].var(axis=0).mean() / 4
-
-
-def test_paths_taken_a_few_at_a_time_give_the_same(room, monkeypatch):
-    path = room.write(FLOOR, panel(room), side_wall(SIDES["diffuse"]), monitor="")
-    scene, (points, normals, _) = scene_of(path), on_wall(3, 0.1)
-    whole = bounced(scene, points, normals, 64)
-    monkeypatch.setattr("periscopy_sim.rendering.ambient.irradiance.PAIRS", 100 * 9)
-    np.testing.assert_allclose(bounced(scene, points, normals, 64), whole, rtol=1e-12)
-
-
-def test_same_seed_gives_the_same_irradiance(room):
-    scene = scene_of(room.write(FLOOR, panel(room), monitor=""))
-    placed = on_wall(4, 0.1)
-    for estimate in (
-        lambda seed: direct_irradiance(scene, scene.emitters()[0], *placed, 16, seed),
-        BouncedIrradiance(scene, *placed[:2], 16).estimate,
-    ):
-        first, again, other = (estimate(seed) for seed in (3, 3, 4))
-        assert first.tobytes() == again.tobytes()
-        assert np.all(first != other)

@@ -1,9 +1,9 @@
+import itertools
+
 import numpy as np
 import pytest
-from scipy import stats
 
-from periscopy_sim.rendering import wall_polynomials
-from periscopy_sim.rendering.ambient.replicas import SITES, best_estimate
+from periscopy_sim.rendering.ambient.background import REPLICAS, SITES, Part, best_estimate
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 
 SHAPE = (32, 28)
@@ -51,19 +51,6 @@ def test_polynomials_seen_at_a_few_sites_are_exact_at_every_pixel(degree):
     assert found.squared_bias.max() < 1e-18
 
 
-@pytest.mark.parametrize("degree", [0, 2, 5])
-def test_noise_on_a_polynomial_leaves_the_least_squares_fit_of_its_degree(degree):
-    field = 5 * polynomial(SHAPE, degree)
-    replicas = noisy(field, 0.3, degree)
-    found = best_estimate(replicas, every_pixel(SHAPE), SHAPE)
-    assert found.largest == (degree, degree)
-    basis = monomials(SHAPE, degree)
-    expected = [basis @ np.linalg.lstsq(basis, samples, rcond=None)[0] for samples in replicas]
-    np.testing.assert_allclose(found.replicas, expected, atol=1e-9)
-    error = np.mean((found.replicas.mean(axis=0) - field) ** 2)
-    assert error < 0.1 * 0.3**2 / 8
-
-
 @pytest.mark.parametrize("sigma", [0.1, 1.0, 10.0])
 def test_estimate_is_hardly_ever_worse_than_the_samples_and_knows_its_error(sigma):
     y, x = axes(SHAPE)
@@ -89,50 +76,6 @@ def stripes(shape):
     return np.outer(1 + 0.1 * np.sin(40 * y) * (1 + x), [1.0, 2.0, 0.5])
 
 
-def test_bias_is_estimated_without_bias(monkeypatch):
-    """Of a misfit that is as noise from pixel to pixel, by its error at all pixels."""
-    monkeypatch.setattr(wall_polynomials, "LARGEST", (8,))
-    sites, told, true = chosen_sites(SHAPE, SITES), [], []
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        field = np.outer(rng.normal(size=SHAPE[0] * SHAPE[1]), [1, 2, 0.5])
-        found = best_estimate(noisy(field[sites], 0.5, seed), sites, SHAPE)
-        told.append(found.squared_bias)
-        clean = best_estimate(np.stack([field[sites]] * 2), sites, SHAPE)
-        true.append(np.mean((clean.replicas[0] - field) ** 2, axis=0))
-    assert found.largest == (8, 8)
-    difference = np.mean(told, axis=0) - np.mean(true, axis=0)
-    deviation = np.std(np.array(told) - true, axis=0, ddof=1) / np.sqrt(len(told))
-    # Sites are some of the pixels: of 896, 256. At these the error is smaller.
-    expected = np.mean(true, axis=0)
-    assert np.all(deviation < 0.02 * expected)
-    assert np.all(np.abs(difference) < 0.12 * expected + stats.norm.isf(1e-5) * deviation)
-
-
-@pytest.mark.parametrize("shape", [(17, 16), (20, 20), (24, 24), (126, 126)])
-def test_error_at_edges_is_told_in_photographs_little_larger_than_their_sites(shape, monkeypatch):
-    monkeypatch.setattr(wall_polynomials, "LARGEST", (3,))
-    y, x = axes(shape)
-    ratios = []
-    for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        shade = np.exp(-30 * np.hypot(y - corner[0], x - corner[1]))
-        field, sites = np.outer(shade, [1, 1, 1]), chosen_sites(shape, SITES)
-        found = best_estimate(np.stack([field[sites]] * 2), sites, shape)
-        error = np.mean((found.replicas[0] - field) ** 2)
-        ratios.append(np.sqrt(found.squared_error / error))
-    assert 0.75 < np.mean(ratios) < 1.4
-
-
-@pytest.mark.parametrize("shape", [(6, 6), (12, 12), (16, 16), (1, 7), (2, 3)])
-def test_where_all_pixels_are_sites_the_residuals_are_the_errors(shape):
-    y, x = axes(shape)
-    field = np.outer(np.exp(-8 * np.hypot(y, x - 0.2)), [1, 1, 2])
-    replicas = np.stack([field] * 3)
-    for fit in wall_polynomials.polynomial_fits(replicas, every_pixel(shape), shape):
-        error = np.mean((fit.fields[:, 0] - field) ** 2, axis=0)
-        np.testing.assert_allclose(fit.squared_bias, error, atol=1e-12)
-
-
 @pytest.mark.parametrize("turned", [False, True])
 def test_light_in_stripes_is_followed_along_the_side_where_it_is_steep(turned):
     shape = (126, 126)
@@ -148,31 +91,13 @@ def test_light_in_stripes_is_followed_along_the_side_where_it_is_steep(turned):
     assert 0.7 < np.sqrt(found.squared_error) / error < 2
 
 
-@pytest.mark.parametrize("sigma", [1e-4, 1e-2])
-@pytest.mark.parametrize("kind", ["stripes", "edges", "peaks"])
-def test_what_no_polynomial_follows_is_told_at_a_few_sites_too(kind, sigma):
-    """The best of 71 fits could seem better than it is. A peak may fall between sites."""
-    shape = (126, 126)
-    y, x = axes(shape)
-    sites, ratios = chosen_sites(shape, SITES), []
-    for seed in range(12):
-        a, b = np.random.default_rng(seed).uniform(0.1, 0.9, 2)
-        shade = {
-            "stripes": np.sin(30 * y + 20 * a) * (1 + b * x),
-            "edges": np.tanh((x + a * y - b) / 0.05),
-            "peaks": np.hypot(x - a, y - b),
-        }[kind]
-        field = np.outer(1 + 0.1 * shade, [1, 0.5, 0.8])
-        found = best_estimate(noisy(field[sites], sigma, seed), sites, shape)
-        error = np.mean((found.replicas.mean(axis=0) - field) ** 2)
-        ratios.append(np.sqrt(found.squared_error / error))
-    assert 0.8 < np.median(ratios) < 2
-    assert min(ratios) > 0.3
-
-
-def test_field_with_an_edge_keeps_the_samples_themselves():
-    replicas = noisy(step(SHAPE), 0.05, 0)
-    found = best_estimate(replicas, every_pixel(SHAPE), SHAPE)
-    assert found.largest is None
-    assert found.replicas.tobytes() == replicas.tobytes()
-    assert not found.squared_bias.any()
+def test_rounds_are_averaged_and_take_further_seeds():
+    sites, seeds = chosen_sites((126, 126), SITES), itertools.count()
+    field = stripes((126, 126))[sites]
+    part = Part(lambda seed: noisy(field, 0.1, seed, 1)[0], sites, (126, 126))
+    part.add_round(seeds)
+    once = part.field.squared_error
+    for _ in range(3):
+        part.add_round(seeds)
+    assert part.rounds == 4 and next(seeds) == 4 * REPLICAS
+    assert part.field.squared_error < once / 2

@@ -105,25 +105,6 @@ def test_radiance_follows_the_profile_about_the_screens_own_axes(axes, scale, ex
     assert 1000 < (radiance[0] > 0).sum() < 3000
 
 
-def test_radiance_is_the_texture_times_the_profile():
-    import mitsuba as mi
-
-    values = np.array([[1.0, 2.0], [3.0, 5.0], [0.0, 7.0]])
-    axes, scale = TURNED
-    scene, shape = screen(axes, scale, radiance=picture(values))
-    rng = np.random.default_rng(1)
-    uv = rng.random((2, 1000))
-    away = np.abs(rng.normal(size=(3, 1000)))
-    origin = on_screen(axes, scale, uv) + axes @ away
-    seen = scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(-(axes @ away))))
-    shown = values[(uv[1] * 3).astype(int), (uv[0] * 2).astype(int)]
-    edge = np.abs(uv[1] * 3 - np.round(uv[1] * 3)) < 1e-3
-    edge |= np.abs(uv[0] * 2 - np.round(uv[0] * 2)) < 1e-3
-    expected = shown * EmissionProfile(*EXPONENTS)(*away)
-    radiance = np.array(shape.emitter().eval(seen))[1]
-    np.testing.assert_allclose(radiance[~edge], expected[~edge], rtol=2e-4, atol=1e-5)
-
-
 @FRAMES
 @pytest.mark.parametrize("values", [np.ones((1, 1)), np.array([[1.0, 4.0], [2.0, 0.5]])])
 def test_sampled_light_and_density_integrate_over_the_screen(axes, scale, values):
@@ -137,20 +118,6 @@ def test_sampled_light_and_density_integrate_over_the_screen(axes, scale, values
     solid_angle, light = integrals(axes, scale, reference, values)
     assert_mean(1 / density, solid_angle)
     assert_mean(np.array(weight, np.float64)[0], light)
-
-
-@FRAMES
-def test_sampled_directions_lead_to_the_sampled_point(axes, scale):
-    import mitsuba as mi
-
-    _, shape = screen(axes, scale)
-    reference = CENTER + axes @ np.array([-0.3, 0.1, 0.8])
-    draws = np.random.default_rng(3).random((2, 500)).astype(np.float32)
-    ds, _ = shape.emitter().sample_direction(interaction(reference), mi.Point2f(draws))
-    reached = reference[:, None] + np.array(ds.d) * np.array(ds.dist)
-    np.testing.assert_allclose(reached, np.array(ds.p), atol=1e-6)
-    np.testing.assert_allclose(on_screen(axes, scale, np.array(ds.uv)), reached, atol=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(np.array(ds.d), axis=0), 1, atol=1e-6)
 
 
 @FRAMES
@@ -246,29 +213,6 @@ def render(scene, integrator, samples, seed=0):
     return np.array(mi.render(scene, integrator=integrator, spp=samples, seed=seed), np.float64)
 
 
-def test_a_picture_is_finite_where_it_shows_the_screen_and_what_lies_in_its_plane():
-    y = render(corner_scene(LCD), {"type": "path", "max_depth": 6}, 256)
-    assert np.isfinite(y).all()
-    assert (y >= 0).all()
-    assert (y > 0.5).any()
-
-
-def test_camera_sees_the_screen_by_its_profile():
-    import mitsuba as mi
-
-    y = render(corner_scene(LCD), {"type": "path", "max_depth": 1}, 4096)[..., 0]
-    # Pixel centres through a pinhole: 50 degrees across 16 pixels.
-    width = 2 * np.tan(np.radians(25)) / 16
-    x, z = np.meshgrid((np.arange(16) - 7.5) * width, (5.5 - np.arange(12)) * width)
-    rays = np.stack([-x, z, np.ones_like(x)], axis=-1)
-    towards = rays @ np.array(mi.ScalarTransform4f().look_at(*VIEW).matrix)[:3, :3].T
-    hit = VIEW[0] + towards * (1.2 / towards[..., 1:2])
-    inside = (np.abs(hit[..., 0]) < 0.25) & (np.abs(hit[..., 2] - 0.3) < 0.25)
-    expected = EmissionProfile(18, 1)(towards[..., 0], towards[..., 2], towards[..., 1])
-    assert inside.sum() > 10
-    np.testing.assert_allclose(y[inside], expected[inside], rtol=0.02)
-
-
 def test_light_found_by_sampling_the_screen_the_surface_or_both_is_the_same(same_mean):
     scene = corner_scene(LCD)
     by_screen, by_surface, by_both = (
@@ -277,16 +221,3 @@ def test_light_found_by_sampling_the_screen_the_surface_or_both_is_the_same(same
     )
     same_mean(by_screen, by_surface)
     same_mean(by_both, by_screen)
-
-
-def test_without_falloff_the_screen_is_mitsubas_area_emitter(same_mean):
-    flat = {"type": "lcd", "vertical_exponent": 0.0, "horizontal_exponent": 0.0}
-    ours, theirs = (
-        [
-            render(corner_scene(emitter), {"type": "path", "max_depth": 6}, 256, first + seed)
-            for seed in range(12)
-        ]
-        for emitter, first in ((flat, 0), ({"type": "area"}, 50))
-    )
-    same_mean(ours, theirs)
-    assert np.mean(ours) > 0.1

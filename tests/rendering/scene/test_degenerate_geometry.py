@@ -7,50 +7,20 @@ import pytest
 
 from periscopy_sim.analytic.area_transport import analytic_transport, has_areas
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.penumbrae import render_penumbrae
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, render_transport
 
 pytestmark = pytest.mark.usefixtures("jit")
 
-PLATE = np.array([(0.4, 0.5, 0.2), (0.5, 0.5, 0.2), (0.5, 0.5, 0.35), (0.4, 0.5, 0.35)])
-HALVES = [(0, 1, 2), (0, 2, 3)]
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
-
-@pytest.fixture
-def mesh(room):
-    """Write a black PLY occluder, and give its shape."""
-
-    def shape(vertices, faces, name="box"):
-        lines = [
-            "ply", "format ascii 1.0", f"element vertex {len(vertices)}", "property float x",
-            "property float y", "property float z", f"element face {len(faces)}",
-            "property list uchar int vertex_indices", "end_header",
-        ]  # fmt: skip
-        lines += [" ".join(f"{x:.9g}" for x in vertex) for vertex in vertices]
-        lines += [" ".join(str(n) for n in (len(face), *face)) for face in faces]
-        (room.folder / f"{name}.ply").write_text("\n".join(lines) + "\n")
-        return (
-            f'<shape type="ply" id="{name}"><string name="filename" value="{name}.ply"/>'
-            f'<boolean name="face_normals" value="true"/>{room.black}</shape>'
-        )
-
-    return shape
-
-
-@pytest.fixture
-def box(mesh):
-    def shape(low, high, inside_out=False):
-        vertices = [
-            (x, y, z)
-            for x in (low[0], high[0])
-            for y in (low[1], high[1])
-            for z in (low[2], high[2])
-        ]
-        faces = [f for a, b, c, d in QUADS for f in ((a, b, c), (a, c, d))]
-        return mesh(vertices, [face[::-1] for face in faces] if inside_out else faces)
-
-    return shape
+def box(x, y, z, half):
+    scale, place = (
+        " ".join(f'{k}="{v}"' for k, v in zip("xyz", each, strict=True))
+        for each in (half, (x, y, z))
+    )
+    return (
+        f'<shape type="cube" id="box"><transform name="to_world"><scale {scale}/>'
+        f"<translate {place}/></transform></shape>"
+    )
 
 
 def both(scenario):
@@ -71,90 +41,11 @@ def line(room, *extra, **parts):
     return str(caught.value)
 
 
-# -- occluders -----------------------------------------------------------------------------------
-
-
-def test_box_that_stands_on_the_wall_shades_what_lies_behind_it(room, box):
-    bare = both(room.load())
-    # From the monitor at x <= 0.4 a box 0.5 m deep at x = 0.42 hides pixels up to its far edge.
-    shaded = both(room.load(box((0.3, 0.5, -0.5), (0.42, 1, 1.5))))
-    assert (shaded <= bare * (1 + 1e-5)).all() and (shaded == 0).any()
-
-
-def test_box_that_pierces_the_wall_is_rendered_and_refused_by_the_closed_form(room, box):
-    pierces = room.load(box((0.3, 0.5, -0.5), (0.42, 1.1, 1.5)))
-    stands = room.load(box((0.3, 0.5, -0.5), (0.42, 1, 1.5)))
-    rendered = [render_transport(scene, strata="midpoint") for scene in (pierces, stands)]
-    np.testing.assert_allclose(*rendered, rtol=1e-5, atol=1e-8)
-    with pytest.raises(SceneError, match="shape 'box' reaches as far as the wall"):
-        analytic_transport(pierces)
-
-
-def test_box_that_touches_the_monitor_takes_the_light_of_what_it_covers(room, box):
-    covers = room.load(box((0.2, 0, 0.1), (0.45, 0.05, 0.5)), hidden=(2, 2))
-    A = render_transport(covers, samples=64)
-    left, right = A.reshape(-1, 2, 2)[..., 0], A.reshape(-1, 2, 2)[..., 1]
-    assert (left == 0).all() and (right > 0).any()  # a viewer's left is at x from 0.2 to 0.4
-    with pytest.raises(SceneError, match="reaches the monitor's plane"):
-        analytic_transport(covers)
-
-
-def test_monitor_within_a_box_lights_nothing(room, box):
-    closed = room.load(box((-1, -0.1, -1), (1, 0.1, 1)))
+def test_monitor_within_a_box_lights_nothing(room):
+    closed = room.load(box(0, 0, 0, (1, 0.1, 1)))
     for render in (render_transport, partial(render_penumbrae, samples=4, pixel_samples=4)):
         with pytest.raises(SceneError, match="no light of the monitor reaches the wall"):
             render(closed)
-
-
-def test_occluder_in_the_walls_plane_counts_only_where_the_camera_sees_it(room, mesh):
-    aside = both(room.load(mesh(PLATE + np.array([-0.2, 0.5, 0]), HALVES)))
-    np.testing.assert_array_equal(aside, both(room.load()))
-    seen = PLATE + np.array([0.22, 0.5 - 1e-4, 0])
-    assert "camera pixels miss the wall" in line(room, mesh(seen, HALVES))
-
-
-def test_inverted_normals_cast_the_same_shadow(room, box):
-    low, high = (0.4, 0.4, 0.2), (0.5, 0.5, 0.35)
-    shadows = [both(room.load(box(low, high, inside_out))) for inside_out in (False, True)]
-    np.testing.assert_array_equal(*shadows)
-    assert (shadows[0] < both(room.load())).any()
-
-
-def test_coplanar_meshes_count_once(room, mesh):
-    alone = both(room.load(mesh(PLATE, HALVES)))
-    twice = room.load(mesh(PLATE, HALVES), mesh(PLATE, HALVES, "again"))
-    np.testing.assert_array_equal(both(twice), alone)
-    # Two plates that overlap are the wider plate.
-    wide = PLATE.copy()
-    wide[1:3, 0] = 0.55
-    overlapping = room.load(
-        mesh(PLATE, HALVES), mesh(PLATE + np.array([0.05, 0, 0]), HALVES, "again")
-    )
-    np.testing.assert_allclose(
-        both(overlapping), both(room.load(mesh(wide, HALVES))), rtol=1e-5, atol=1e-9
-    )
-
-
-@pytest.mark.parametrize(
-    ("vertices", "faces"),
-    [
-        (PLATE, [*HALVES, (0, 0, 0)]),
-        (PLATE, [*HALVES, (0, 1, 1)]),
-        ([*PLATE, (900, 900, 900)], HALVES),
-    ],
-    ids=["a point", "a line", "an unused vertex"],
-)
-def test_faces_without_area_and_vertices_without_faces_cast_no_shadow(room, mesh, vertices, faces):
-    plate = both(room.load(mesh(PLATE, HALVES)))
-    np.testing.assert_array_equal(both(room.load(mesh(vertices, faces))), plate)
-
-
-def test_mesh_that_is_but_a_line_casts_no_shadow(room, mesh):
-    thin = mesh([(0.4, 0.5, 0.2), (0.45, 0.5, 0.2), (0.5, 0.5, 0.2)], [(0, 1, 2)])
-    np.testing.assert_array_equal(both(room.load(thin)), both(room.load()))
-
-
-# -- monitor and wall ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scale", [(0, 0.15), (0.2, 0), (0, 0)])
@@ -164,13 +55,7 @@ def test_monitor_without_area_is_refused(room, scale):
 
 @pytest.mark.parametrize("scale", [("nan", 0.15), (0.2, "inf")])
 def test_monitor_that_is_nowhere_is_refused(room, scale):
-    assert "the monitor's to_world is not finite" in line(room, monitor=room.monitor(scale=scale))
-
-
-def test_light_of_a_small_monitor_is_as_its_area(room):
-    small = both(room.load(monitor=room.monitor(room.area, scale=(2e-6, 1.5e-6))))
-    tiny = both(room.load(monitor=room.monitor(room.area, scale=(2e-7, 1.5e-7))))
-    np.testing.assert_allclose(tiny, small / 100, rtol=1e-4)
+    assert "to_world of 'monitor' is not finite" in line(room, monitor=room.monitor(scale=scale))
 
 
 @pytest.mark.parametrize("turn", [90, 89.9999, 90.0001])
@@ -179,10 +64,6 @@ def test_monitor_turned_edge_on_lights_the_side_that_it_faces(room, turn):
     assert (A > 0).all()
     away = line(room, monitor=room.monitor(turn=turn + 180))
     assert "faces away from the wall" in away
-
-
-def test_monitor_in_the_walls_plane_is_refused(room):
-    assert "is behind it" in line(room, monitor=room.monitor(y=1))
 
 
 @pytest.mark.parametrize(("vertical", "horizontal"), [(np.nan, 1), (1, np.inf), (-1, 1), (1, -0.5)])
@@ -197,22 +78,13 @@ def test_reflectance_that_is_not_finite_is_refused(room, value):
     assert "scene" in line(room, wall=room.wall(bsdf))
 
 
-def test_two_sided_wall_seen_from_behind_is_lit_there(room):
-    two_sided = f'<bsdf type="twosided">{room.diffuse}</bsdf>'
-    behind = both(room.load(wall=room.wall(two_sided, angle=-90)))
-    np.testing.assert_allclose(behind, both(room.load()), rtol=1e-5)
-
-
-# -- sizes ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("film", "hidden"),
     [((1, 1), (1, 1)), ((1, 9), (1, 1)), ((1, 9), (3, 3)), ((7, 3), (1, 5)), ((5, 6), (30, 1))],
 )
-def test_every_size_down_to_one_pixel_and_one_patch_is_rendered(room, box, film, hidden):
+def test_every_size_down_to_one_pixel_and_one_patch_is_rendered(room, film, hidden):
     # Of odd size: no ray of the few meets an edge, where rounding would decide.
-    block = box((0.407, 0.411, 0.203), (0.503, 0.497, 0.349))
+    block = box(0.455, 0.454, 0.276, (0.048, 0.043, 0.073))
     A = both(room.load(block, camera=room.camera(film), hidden=hidden))
     assert A.shape == (film[0] * film[1], hidden[0] * hidden[1])
 

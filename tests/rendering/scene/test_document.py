@@ -36,12 +36,6 @@ def test_what_is_no_xml_is_refused(tmp_path, text):
     assert "not well-formed XML" in refusal(written(tmp_path / "a.xml", text))
 
 
-@pytest.mark.parametrize("name", ["x" * 5000, "/dev/zero", ".", "", "none.xml"])
-def test_include_of_no_file_is_left_to_mitsuba(tmp_path, name):
-    text = ROOM.format(f'<default name="a" value="1"/><include filename="{name}"/>')
-    assert read_document(written(tmp_path / "a.xml", text)).defaults == {"a": "1"}
-
-
 @pytest.mark.parametrize("value", ["$b", r"\$a", "$"])
 def test_dollar_that_stays_in_a_value_is_refused(tmp_path, value):
     path = written(tmp_path / "a.xml", ROOM.format(f'<default name="a" value="{value}"/>'))
@@ -64,16 +58,6 @@ def test_names_are_filled_in_longest_first_but_for_an_escaped_dollar(tmp_path):
         assert read_document(path, parameters).files == (path, tmp_path / name)
     # What is declared is told, whatever is given.
     assert read_document(path).defaults == {"a": "1", "ab": r"2\1", "c": r"2\11-1"}
-
-
-def test_unchanged_file_is_parsed_once_and_a_changed_one_anew(tmp_path, monkeypatch):
-    path = written(tmp_path / "a.xml", ROOM.format('<default name="a" value="1"/>'))
-    assert read_document(path).defaults == {"a": "1"}
-    with monkeypatch.context() as patch:
-        patch.setattr("xml.etree.ElementTree.fromstring", None)
-        assert read_document(path, {"a": "2"}).defaults == {"a": "1"}
-    written(path, ROOM.format('<default name="a" value="3"/>'))
-    assert read_document(path).defaults == {"a": "3"}
 
 
 # -- which files, held against Mitsuba -------------------------------------------------------------

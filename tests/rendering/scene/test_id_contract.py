@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.nodes import SceneNodes
-
 
 @pytest.mark.parametrize(
     ("missing", "kind", "others"),
@@ -19,21 +17,6 @@ def test_missing_part_of_the_contract_is_refused_with_what_there_is(
 ):
     message = refusal(room.write(room.blocker(), **{missing: ""}))
     assert message.endswith(f"has no {kind} with id '{missing}' ({others})")
-
-
-def test_another_kind_of_node_does_not_serve_as_the_wall(room, refusal):
-    lamp = '<emitter type="point" id="wall"><rgb name="intensity" value="3"/></emitter>'
-    assert "has no shape with id 'wall'" in refusal(room.write(lamp, wall=""))
-
-
-def test_only_what_is_required_must_be_there(room, refusal):
-    required = {"wall": "Shape", "camera": "Sensor"}
-    SceneNodes(room.write(monitor=""), required=required).instantiate()
-    assert "'camera'" in refusal(room.write(monitor="", camera=""), required=required)
-
-
-def test_two_nodes_of_one_id_are_refused(room, refusal):
-    assert 'duplicate ID: "ball"' in refusal(room.write(room.blocker(), room.blocker()))
 
 
 def test_an_alias_serves_as_the_wall(room):
@@ -58,11 +41,3 @@ def test_shape_within_another_is_refused_by_name(room, part, holder, refusal):
     shown = '<shape type="instance" id="shown"><ref id="group"/></shape>'
     path = room.write(**{part: group + (shown if holder == "shapegroup" else "")})
     assert f"shape '{part}' lies within another shape; put it into" in refusal(path)
-
-
-def test_instance_as_the_wall_is_refused_by_its_type(room, refusal):
-    group = f'<shape type="shapegroup" id="group">{room.wall()}</shape>'.replace("wall", "board")
-    wall = group + '<shape type="instance" id="wall"><ref id="group"/></shape>'
-    assert "shape 'wall' is of type 'instance', which has no surface" in refusal(
-        room.write(wall=wall)
-    )

@@ -30,11 +30,6 @@ def test_profile_is_known_of_area_and_lcd_emitters_alone(room, emitter, profile)
     assert nodes.emission_profile() == profile
 
 
-def test_profile_has_the_files_exponents(room):
-    nodes = SceneNodes(room.write(monitor=room.monitor(room.lcd(20, 0.5))))
-    assert nodes.emission_profile() == EmissionProfile(20, 0.5)
-
-
 def test_monitor_without_emitter_is_refused(room):
     nodes = SceneNodes(room.write(monitor=room.monitor("")))
     for method in (nodes.emission_profile, lambda: nodes.show(None)):
@@ -73,14 +68,6 @@ def test_image_appears_upright_and_unmirrored_on_any_rectangle(room, flip, width
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
 
 
-def test_mirrored_image_is_turned_left_to_right(room):
-    image = np.random.default_rng(0).random((2, 3, 3)).astype(np.float32)
-    nodes = SceneNodes(room.write())
-    nodes.show(image, mirrored=True)
-    seen = seen_on_monitor(nodes.instantiate(), middles(2, 3))
-    np.testing.assert_allclose(seen, image[:, ::-1].reshape(-1, 3), rtol=1e-5)
-
-
 @pytest.mark.parametrize("hidden", [(1, 1), (1, 3), (3, 1), (2, 3)])
 def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room, hidden):
     image = np.random.default_rng(0).random((*hidden, 3))
@@ -93,28 +80,10 @@ def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room,
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
 
 
-def test_white_replaces_the_files_radiance(room):
-    emitter = '<emitter type="area"><rgb name="radiance" value="0.2, 5, 7"/></emitter>'
-    nodes = SceneNodes(room.write(monitor=room.monitor(emitter)))
-    nodes.show(None)
-    np.testing.assert_allclose(seen_on_monitor(nodes.instantiate(), [(0.3, 0.3)]), 1, rtol=1e-5)
-
-
 def test_emitter_without_radiance_is_refused(room):
     nodes = SceneNodes(room.write(monitor=room.monitor('<emitter type="area"/>')))
     with pytest.raises(SceneError, match="emitter 'area' has no 'radiance'"):
         nodes.show(None)
-
-
-def test_plain_emitter_has_no_falloff(room):
-    import mitsuba as mi
-
-    nodes = SceneNodes(room.write())
-    nodes.show(None)
-    nodes.drop_angular_profile()
-    scene = nodes.instantiate()
-    si = scene.ray_intersect(mi.Ray3f([0.2, 1, 1.3], [0, -0.7071068, -0.7071068]))
-    np.testing.assert_allclose(np.ravel(si.shape.emitter().eval(si)), 1, rtol=1e-5)
 
 
 def test_darkened_room_keeps_the_monitor_alone(room):
@@ -167,22 +136,7 @@ def test_pixels_are_averaged_whatever_film_filter_and_sampler_the_file_asks_for(
     np.testing.assert_array_equal(pictures[0], pictures[1])
 
 
-def test_pixels_have_box_filters_and_stratified_samples(room):
-    nodes = SceneNodes(room.write())
-    nodes.average_pixels()
-    camera = camera_of(nodes.instantiate())
-    assert "Box" in str(camera.film().rfilter())
-    assert "MultijitterSampler" in str(camera.sampler())
-
-
 def test_film_that_is_not_an_hdrfilm_is_refused(room):
     nodes = SceneNodes(room.write(camera=room.camera(film="specfilm")))
     with pytest.raises(SceneError, match="sensor 'camera' has no film of type hdrfilm"):
         nodes.average_pixels()
-
-
-@pytest.mark.parametrize("crop", ["crop_width", "crop_height"])
-def test_crop_without_pixels_is_refused(room, crop):
-    camera = room.camera(inside_film=f'<integer name="{crop}" value="-1"/>')
-    with pytest.raises(SceneError, match=f"has {crop} -1; give it a whole number from 1 on"):
-        SceneNodes(room.write(camera=camera)).average_pixels()

@@ -4,9 +4,6 @@ The truth is Mitsuba's own, of the file as it stands: sampled by the BSDF alone,
 With emitter sampling and one bounce it would share the blind spots of A.
 """
 
-import itertools
-
-import numpy as np
 import pytest
 
 from experiments.setting import render_place
@@ -47,9 +44,6 @@ def with_light(room, kind, inside="", to_world=FRONT):
     )
 
 
-ALL_BOUNCES = {"type": "path"}
-
-
 def refusal(room, *extra, **parts):
     with pytest.raises(SceneError) as caught:
         room.load(*extra, **parts)
@@ -61,15 +55,10 @@ def refusal(room, *extra, **parts):
 # -- what lets light through ---------------------------------------------------------------------
 
 SEE_THROUGH = {
-    "mask": masked(""),
     "mask of 0.9": masked(number("opacity", 0.9)),
-    "coloured mask": masked(number("opacity", "1, 1, 0.5", "rgb")),
     "pattern": masked('<texture type="checkerboard" name="opacity"/>'),
     "null": '<bsdf type="null"/>',
-    "thindielectric": '<bsdf type="thindielectric"/>',
     "dielectric": GLASS,
-    "roughdielectric": '<bsdf type="roughdielectric"/>',
-    "principledthin": '<bsdf type="principledthin"/>',
     "principled": f'<bsdf type="principled">{number("spec_trans", 0.7)}</bsdf>',
     "blend": f'<bsdf type="blendbsdf">{number("weight", 0.5)}<bsdf type="diffuse"/>'
     '<bsdf type="thindielectric"/></bsdf>',
@@ -77,7 +66,6 @@ SEE_THROUGH = {
 }
 NAMES = {
     "mask of 0.9": "mask",
-    "coloured mask": "mask",
     "pattern": "mask",
     "blend": "thindielectric",
     "mask of glass": "dielectric",
@@ -92,32 +80,6 @@ def test_shape_that_lets_light_through_is_refused_with_its_bsdf(room, kind, grou
     assert "remove the shape, or give it an opaque bsdf" in message
 
 
-@pytest.mark.usefixtures("jit")
-def test_glass_between_monitor_and_wall_would_be_counted_as_opaque(room, mitsubas):
-    """Why they are refused: only with all bounces the light comes through."""
-    black, glass, one_bounce = (
-        np.mean(
-            mitsubas(
-                room.write(room.blocker(bsdf=bsdf), monitor=room.monitor(room.area)),
-                **integrator,
-                samples=1024,
-            )
-        )
-        for bsdf, integrator in (
-            (room.black, ALL_BOUNCES),
-            (SEE_THROUGH["thindielectric"], ALL_BOUNCES),
-            (SEE_THROUGH["thindielectric"], {"type": "path", "max_depth": 2}),
-        )
-    )
-    assert glass > 1.2 * black
-    assert one_bounce == pytest.approx(black, rel=1e-3)
-
-
-@pytest.mark.parametrize("center", ["0.7, 0.93, 0.3", "0.2, 0.1, 0.3", "5, -5, 5"])
-def test_glass_is_refused_before_the_camera_about_the_monitor_and_elsewhere(room, center):
-    assert "shape 'ball'" in refusal(room, room.blocker(center, 0.02, GLASS))
-
-
 @pytest.mark.parametrize("part", ["wall", "monitor"])
 def test_wall_and_monitor_may_not_let_light_through_either(room, part):
     thin = SEE_THROUGH["mask of 0.9"]
@@ -129,9 +91,6 @@ def test_wall_and_monitor_may_not_let_light_through_either(room, part):
     "bsdf",
     [
         masked(number("opacity", 1)),
-        masked(number("opacity", "1, 1, 1", "rgb")),
-        masked(number("opacity", 1, "spectrum")),
-        masked(number("opacity", 1), '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf>'),
         '<bsdf type="twosided"><bsdf type="plastic"/></bsdf>',
         f'<bsdf type="principled">{number("spec_trans", 0)}</bsdf>',
         '<bsdf type="conductor"/>',
@@ -148,24 +107,6 @@ def test_opaque_shape_casts_the_shadow_of_a_black_one(room, bsdf):
 @pytest.mark.parametrize("group", [str, grouped], ids=["shape", "instance"])
 def test_shadow_of_a_shape_and_of_an_instance_is_right(room, is_right, group):
     is_right(group(room.blocker()))
-
-
-def test_twosided_makes_sure_of_an_unknown_bsdf(room):
-    import mitsuba as mi
-
-    class Paint(mi.BSDF):
-        def __init__(self, props):
-            super().__init__(props)
-            self.m_flags = int(mi.BSDFFlags.DiffuseReflection) | int(mi.BSDFFlags.FrontSide)
-            self.m_components = [self.m_flags]
-
-        def to_string(self):
-            return "Paint"
-
-    mi.register_bsdf("paint", Paint)
-    paint = '<bsdf type="paint"/>'
-    assert "(bsdf 'paint')" in refusal(room, room.blocker(bsdf=paint))
-    room.load(room.blocker(bsdf=f'<bsdf type="twosided">{paint}</bsdf>'))
 
 
 # -- participating media -------------------------------------------------------------------------
@@ -188,19 +129,6 @@ def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(roo
 
 
 # -- the wall ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "bsdf",
-    [
-        '<bsdf type="plastic"/>',
-        '<bsdf type="twosided"><bsdf type="plastic"/></bsdf>',
-        '<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse"/>'
-        '<bsdf type="conductor"/></bsdf>',
-    ],
-)
-def test_wall_with_a_mirrors_part_is_refused(room, bsdf):
-    assert "reflects as a mirror does, in part or entirely" in refusal(room, wall=room.wall(bsdf))
 
 
 # -- the monitor's UV square ---------------------------------------------------------------------
@@ -239,12 +167,9 @@ WHOLE, LEFT, RIGHT = (0.4, 0.0), (0.4, 0.2), (0.2, 0.0)
     [
         ([(LEFT, (0, 1, 0, 1)), (RIGHT, (0, 1, 0, 1))], "50.0%"),
         ([(WHOLE, (0, 2, 0, 1))], "50.0%"),
-        ([(WHOLE, (-0.25, 1, 0, 1.25))], "64.0%"),
-        ([(WHOLE, (0, 1.02, 0, 1))], "98"),
-        ([(LEFT, (0, 1, 0, 1)), (RIGHT, (0, 0, 0, 0))], "50.0%"),
         ([(LEFT, (0, 0.6, 0, 1)), (RIGHT, (0.5, 1, 0, 1))], "9"),
     ],
-    ids=["twice", "up to 2", "off the square", "just off", "without UV", "overlap"],
+    ids=["twice", "up to 2", "overlap"],
 )
 def test_monitor_with_light_outside_of_its_uv_square_is_refused(room, faces, share):
     message = refusal(room, monitor=screen(room, faces), hidden=(2, 2))
@@ -264,31 +189,12 @@ def test_light_of_a_screen_of_two_quads_is_right(room, is_right):
     is_right(monitor=two)
 
 
-@pytest.mark.usefixtures("jit")
-def test_samples_on_the_edges_of_a_mesh_are_found(room):
-    """The middles of all patches lie on the seams, where some rays in the UV plane slip through."""
-    seams = np.linspace(0, 1, 60)
-    slices = [
-        ((0.4 * (1 - a), 0.4 * (1 - b)), (a, b, 0, 1))
-        for a, b in itertools.pairwise([0, *(seams[:-1] + seams[1:]) / 2, 1])
-    ]
-    seen, plain = (
-        room.load(monitor=monitor, hidden=(7, 59), camera=room.camera((20, 24)))
-        for monitor in (screen(room, slices), room.monitor(room.area))
-    )
-    one, other = (render_transport(x, strata="midpoint", samples=1) for x in (seen, plain))
-    np.testing.assert_allclose(one, other, rtol=1e-3)
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize(
     ("kind", "inside", "to_world"),
     [
         ("disk", "", FRONT),
-        ("disk", '<boolean name="flip_normals" value="true"/>', BACK),
-        ("disk", "", '<scale x="-1"/>' + FRONT),
-        ("sphere", "", ROUND),
         ("sphere", "", '<rotate x="1" angle="40"/>' + ROUND),
         ("cylinder", "", ROUND),
     ],
@@ -298,17 +204,15 @@ def test_light_of_a_curved_monitor_is_right(room, is_right, kind, inside, to_wor
     is_right(monitor=monitor, samples=64, pixel_samples=4)
 
 
-@pytest.mark.parametrize("turn", ['x="1" angle="90"', 'y="1" angle="90"', 'x="1" angle="180"'])
-def test_sphere_whose_points_mitsuba_misses_is_refused(room, turn):
-    monitor = with_light(room, "sphere", to_world=f"<rotate {turn}/>{ROUND}")
+def test_sphere_whose_points_mitsuba_misses_is_refused(room):
+    monitor = with_light(room, "sphere", to_world=f'<rotate x="1" angle="90"/>{ROUND}')
     message = refusal(room, monitor=monitor, hidden=(2, 2))
-    assert "Mitsuba finds no point of the monitor, or a wrong one, at" in message
+    assert "Mitsuba finds no point of the monitor" in message
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])
-@pytest.mark.parametrize("inside_out", ["flip", "mirror"])
-def test_round_monitor_turned_inside_out_is_refused(room, kind, inside_out):
-    flip = '<boolean name="flip_normals" value="true"/>' if inside_out == "flip" else ""
+@pytest.mark.parametrize("flip", ["", '<boolean name="flip_normals" value="true"/>'])
+def test_round_monitor_turned_inside_out_is_refused(room, kind, flip):
     to_world = ROUND if flip else '<scale x="-1"/>' + ROUND
     message = refusal(room, monitor=with_light(room, kind, flip, to_world))
     assert f"'monitor' is a {kind} turned inside out" in message

@@ -7,7 +7,6 @@ from periscopy_sim.errors import SceneError
 from tests.rendering.materials import (
     BLEND,
     BUMPS,
-    MEASURED,
     RAMP,
     SLOPE,
     write_files,
@@ -25,11 +24,11 @@ WALLS = {
     "blendbsdf": BLEND,
     "bumpmap": RAMP,
     "normalmap": SLOPE,
-    "measured": MEASURED,
 }
 
 
 @pytest.mark.usefixtures("jit")
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", WALLS)
 def test_wall_that_is_rough_is_right(room, is_right, kind):
     write_files(room.folder)

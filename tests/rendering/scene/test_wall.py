@@ -10,8 +10,6 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
 
-GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
-
 
 def checkered(first, second, squares):
     return (
@@ -41,16 +39,6 @@ def test_grey_texture_is_in_the_rows_and_the_colour_in_the_gain(room):
     np.testing.assert_allclose(point_light_backgrounds(seen), without * grey[:, None])
 
 
-def test_texture_of_several_colours_is_a_gain_of_each_pixel(room):
-    seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.15", "0.2, 0.2, 0.5", 5)))
-    assert seen.channel_gain.shape == (30, 3)
-    np.testing.assert_allclose(seen.channel_gain.mean(axis=1), 1, rtol=1e-6)
-    albedo = seen.wall_texture[:, None] * seen.channel_gain
-    np.testing.assert_allclose(
-        albedo / albedo.mean(), seen.wall_reflectance / seen.wall_reflectance.mean(), rtol=1e-6
-    )
-
-
 def test_pixels_that_lack_a_colour_are_left_out(room):
     seen = room.load(wall=room.wall(checkered("0.6, 0.3, 0.3", "0.5, 0.3, 0.01", 3)))
     dark = (seen.channel_gain == 0).all(axis=1)
@@ -59,12 +47,6 @@ def test_pixels_that_lack_a_colour_are_left_out(room):
     np.testing.assert_array_equal(observation.mask, ~dark)
     with pytest.raises(SceneError, match="hardly reflects one of the three colours"):
         room.load(wall=room.wall(checkered("0.6, 0.3, 0", "0.1, 0.3, 0", 40)))
-
-
-def test_wall_that_is_not_diffuse_has_no_albedo(room):
-    seen = room.load(wall=room.wall(GLOSSY))
-    assert seen.wall_reflectance is None
-    np.testing.assert_allclose(seen.channel_gain.mean(), 1, rtol=1e-6)
 
 
 @pytest.mark.usefixtures("jit")
@@ -81,14 +63,6 @@ def test_texture_is_averaged_over_each_pixel(room, squares):
     found = seen.wall_reflectance
     error = np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2))
     assert error < 0.005
-
-
-@pytest.mark.usefixtures("jit")
-def test_texture_whose_squares_all_pixels_centres_meet_alike_is_one(room):
-    # Two squares from pixel to pixel, whose centres all lie in squares of one colour.
-    wall, camera = room.wall(checkered("0.6, 0.6, 0.6", "0.4, 0.4, 0.4", 60)), room.camera((4, 4))
-    seen = room.load(wall=wall, camera=camera)
-    np.testing.assert_allclose(seen.wall_reflectance, 0.5, atol=0.02)
 
 
 @pytest.mark.usefixtures("jit")

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.kernel import make_kernel
-from periscopy_sim.rendering.transport.penumbrae import (
+from periscopy_sim.rendering.transport.shadow_rays import (
     PROBES,
-    _evaluated,
     edges,
     render_penumbrae,
+    render_transport,
 )
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import find_scene
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -53,12 +51,6 @@ def test_the_error_is_no_larger_than_with_all_rays(chair):
     assert errors[0] < 1.05 * errors[1]
 
 
-def test_the_same_seed_gives_the_same_bytes(chair):
-    one, same, other = (render_penumbrae(chair, **RAYS, seed=seed) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(one, same)
-    assert not np.array_equal(one, other)
-
-
 def neighbours(where, axes):
     """The brute-force twin: every index beside a true one, along both axes."""
     found = np.zeros_like(where)
@@ -78,31 +70,3 @@ def test_an_edge_is_where_rays_disagree_with_a_neighbours():
         expected |= neighbours(visible > 0, axes) & neighbours(visible < 1, axes)
     assert 0.2 < expected.mean() < 0.9
     np.testing.assert_array_equal(edges(visible), expected.ravel())
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_what_is_lit_or_dark_all_over_has_no_edge(value):
-    assert not edges(np.full(SHAPE, value)).any()
-
-
-def test_where_nothing_casts_a_shadow_no_entry_is_traced_anew():
-    """The chair stands behind the monitor: there all is as the probes saw it."""
-    bare = load_scenario(find_scene("chair"), (9, 11), {"resolution": "32", "occluder_dy": "-3"})
-    few = render_transport(bare, strata="gauss", samples=PROBES, pixel_samples=1)
-    np.testing.assert_array_equal(render_penumbrae(bare, **RAYS, seed=3), few)
-
-
-def test_probes_tell_what_they_see_of_the_entries_that_they_make(chair):
-    """In one pass the entries are those of the kernel alone, and none has light that sees none."""
-    lanes = np.arange(np.prod(chair.transport_shape), dtype=np.uint32)
-    made = {
-        visibility: _evaluated(
-            make_kernel(chair, PROBES, "gauss", 1, visibility=visibility),
-            *(1 + visibility, lanes, chair, PROBES, 3),
-        )
-        for visibility in (False, True)
-    }
-    np.testing.assert_array_equal(made[True][0], made[False][0])
-    visible = made[True][1]
-    assert set(np.unique(np.round(PROBES * visible, 5))) == set(range(PROBES + 1))
-    np.testing.assert_array_equal(visible > 0, made[True][0] > 0)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 
 
@@ -23,27 +21,3 @@ def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes):
             covered = rows.stop
             np.testing.assert_array_equal(block, A[rows])
         assert covered == len(A)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
-def test_reconstruction_without_a_stored_matrix_is_that_with_it(shipped):
-    scene = shipped("chair", (4, 5), 16)
-    A = render_transport(scene, seed=1)
-    rng = np.random.default_rng(0)
-    f = rng.random((20, 3))
-    y = (A @ f).reshape(16, 16, 3)
-    y += 1e-3 * y.mean() * rng.normal(size=y.shape)
-    rendered = RenderedTransport(scene, seed=1, lanes=2600)  # two blocks
-    stored = IterativePeriscope.for_scene(scene, A, tolerance=1e-6).reconstruct(y)
-    found = IterativePeriscope.for_scene(scene, rendered, tolerance=1e-6).reconstruct(y)
-    assert np.linalg.norm(found - stored) < 1e-3 * np.linalg.norm(stored)
-
-
-@pytest.mark.usefixtures("jit")
-def test_it_makes_a_linear_operator_that_passes_the_dot_test(shipped):
-    scene = shipped("chair", (4, 5), 12)
-    operator = TransportOperator(RenderedTransport(scene, lanes=500))
-    rng = np.random.default_rng(1)
-    f, y = rng.normal(size=20), rng.normal(size=144)
-    assert (operator @ f) @ y == pytest.approx(f @ (operator.H @ y), rel=1e-12)

@@ -5,15 +5,9 @@ import pytest
 from scipy import integrate
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.rendering.transport import kernel
-from periscopy_sim.rendering.transport import shadow_rays as transport
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
 pytestmark = pytest.mark.usefixtures("jit")
-
-
-def painted(color):
-    return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
 
 
 def closed_form(point, corner, across, up, exponents=(18, 1), albedo=0.5):
@@ -85,14 +79,6 @@ def test_falloff_is_about_the_axes_of_a_tilted_and_stretched_monitor(room):
             pixel_center(*divmod(pixel, 6)), corner + 0.3 * patch * right, 0.3 * right, 0.1 * above
         )
         assert A[pixel, patch] == pytest.approx(expected, rel=2e-4)
-
-
-def test_entry_is_proportional_to_the_mean_albedo(room):
-    grey = render_transport(room.load(), strata="midpoint")
-    for color, mean in {"0.9, 0.9, 0.9": 0.9, "0.9, 0.3, 0.15": 0.45}.items():
-        seen = room.load(wall=room.wall(painted(color)))
-        A = render_transport(seen, strata="midpoint")
-        np.testing.assert_allclose(A, grey * (mean / 0.5), rtol=1e-5)
 
 
 def brute_force(points, lights, triangles):
@@ -175,23 +161,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_s
     assert np.mean(first[lit] != other[lit]) > 0.99
 
 
-def test_progress_rises_to_one(shipped, monkeypatch):
-    monkeypatch.setattr(transport, "LANES", 48 * 100)
-    fractions = []
-    render_transport(shipped("chair"), samples=1, progress=fractions.append)
-    np.testing.assert_allclose(fractions, [100 / 576 * k for k in range(1, 6)] + [1])
-    assert fractions[-1] == 1
-
-
-def test_matrix_can_be_rendered_into_a_memory_map(shipped, tmp_path):
-    seen = shipped("chair")
-    out = np.memmap(tmp_path / "A.bin", np.float32, "w+", shape=seen.transport_shape)
-    assert render_transport(seen, out=out) is out
-    out.flush()
-    stored = np.fromfile(tmp_path / "A.bin", np.float32).reshape(seen.transport_shape)
-    np.testing.assert_array_equal(stored, render_transport(seen))
-
-
 @pytest.mark.parametrize(
     "wrong",
     [{"samples": 0}, {"pixel_samples": 0}, {"samples": -4}, {"strata": "random"}],
@@ -217,75 +186,3 @@ def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):
     assert partly.mean() > 0.1
     assert clear.mean() > 0.1
     same_mean([A[partly | clear] for A in jittered], [exact[partly | clear]] * 64)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("samples", "pixel_samples"), [(1, 1), (2, 2)])
-def test_noise_of_entries_and_of_seeds_is_independent(room, samples, pixel_samples):
-    """The variance of a sum is the sum of variances, at 5 standard deviations."""
-    seen, count = room.load(), 200
-    renders = np.array(
-        [
-            render_transport(seen, samples=samples, pixel_samples=pixel_samples, seed=seed)
-            for seed in range(count)
-        ],
-        dtype=np.float64,
-    )
-    noise = (renders - renders.mean(axis=0)) / renders.std(axis=0, ddof=1)
-    for axes in [(1,), (2,), (1, 2)]:
-        number = np.prod([noise.shape[axis] for axis in axes])
-        ratio = noise.sum(axis=axes).var(axis=0, ddof=1) / number
-        assert abs(np.mean(ratio) - 1) < 5 * np.sqrt(2 / (count - 1) / ratio.size)
-    neighbours = np.mean(noise[1:] * noise[:-1])
-    assert abs(neighbours) < 5 / np.sqrt(noise[1:].size)
-
-
-def uncorrelated(first, second):
-    """Two draws of two uniform numbers each, (2, n): at 5 standard errors."""
-    assert abs(first.mean() - 0.5) < 5 / np.sqrt(12 * first.size)
-    assert first.min() > 0 and first.max() < 1
-    for x, y in [
-        (first[0], first[1]),
-        (first[0], second[0]),
-        (first[1], second[1]),
-        (first[0, 1:], first[0, :-1]),
-        (first[1, 1:], first[1, :-1]),
-    ]:
-        assert abs(np.corrcoef(x, y)[0, 1]) < 5 / np.sqrt(x.size)
-
-
-def test_random_numbers_of_neighbouring_integers_are_uncorrelated():
-    import mitsuba as mi
-
-    a = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
-    keys = [kernel._hash(mi, a, mi.UInt32(b)) for b in (6, 8)]
-    uncorrelated(*(np.array([(np.array(k) + 0.5) / 2**32 for k in pair]) for pair in keys))
-
-
-def test_jitter_of_neighbouring_samples_and_of_other_keys_is_uncorrelated():
-    import mitsuba as mi
-
-    def jitter(key, index):
-        return np.array(kernel._two_units(mi, kernel._scrambled(mi, key, index)))
-
-    many = mi.UInt32(np.arange(1 << 17, dtype=np.uint32))
-    keys, _ = kernel._hash(mi, many, mi.UInt32(3))
-    for first, second in [(0, 1), (0, 2), (5, 7), (34, 35)]:
-        uncorrelated(jitter(keys, mi.UInt32(first)), jitter(keys, mi.UInt32(second)))
-    key = mi.UInt32(123456789)
-    uncorrelated(jitter(key, many), jitter(key, many + 1))
-
-
-def test_wall_points_of_a_pixel_see_independent_samples_of_a_patch(room):
-    """Of the noise of one sample a sixteenth is left, besides that of the wall points."""
-
-    seen = room.load()
-
-    def variance(**options):
-        renders = [render_transport(seen, seed=seed, **options) for seed in range(30)]
-        return np.var(renders, axis=0, ddof=1, dtype=np.float64).mean()
-
-    of_patch = variance(samples=1, pixel_samples=1)
-    of_wall = variance(samples=64, pixel_samples=16)
-    of_both = variance(samples=1, pixel_samples=16)
-    assert of_both - of_wall == pytest.approx(of_patch / 16, rel=0.2)

@@ -89,7 +89,7 @@ def test_several_parts_and_deep_images_are_refused(tmp_path):
         [OpenEXR.Part({"name": n}, {"RGB": IMAGE.copy()}) for n in ("left", "right")]
     ) as file:
         file.write(str(tmp_path / "parts.exr"))
-    with pytest.raises(PhotographError, match="2 parts"):
+    with pytest.raises(PhotographError, match=r"parts\.exr: has several parts"):
         read_exr(tmp_path / "parts.exr")
     samples = np.empty((2, 2), dtype=object)
     for index in np.ndindex(2, 2):

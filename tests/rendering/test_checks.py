@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.rendering.checks import RAYS, hidden_fraction, pierced, shadow_doubt
+
+SMALL = {"resolution": 12}
+
+
+def block(x, y, z, half):
+    return (
+        f'<shape type="cube" id="block"><transform name="to_world"><scale x="{half[0]}" '
+        f'y="{half[1]}" z="{half[2]}"/><translate x="{x}" y="{y}" z="{z}"/></transform></shape>'
+    )
+
+
+def chair(**values):
+    return ps.load_scenario("chair", (3, 4), {**SMALL, **values})
+
+
+def test_a_wire_of_a_millimetre_between_monitor_and_wall_is_a_shadow(room):
+    assert shadow_doubt(room.load(block(0.45, 0.5, 0.3, (0.0005, 0.0005, 1.0)))) == ""
+
+
+@pytest.mark.parametrize("place", [(0.3, -0.4, 0.3), (0.3, 1.4, 0.3), (2.5, 0.5, 0.3)])
+def test_an_occluder_without_a_shadow_is_named(room, place):
+    assert "'block'" in shadow_doubt(room.load(block(*place, (0.04, 0.04, 0.04))))
+
+
+def test_a_scene_without_occluders_or_without_light_is_doubted(room):
+    assert "no occluder" in shadow_doubt(room.load())
+    assert "hide all" in shadow_doubt(room.load(block(0.4, 0.2, 0.3, (2, 0.01, 2))))
+
+
+def test_fraction_of_blocked_paths_is_that_of_a_plate_in_closed_form(room):
+    """Between parallel, equal rectangles 1 m apart, an endless edge halfway hides what it must.
+
+    A ray from (x, 0) on the monitor to (X, 1) on the wall passes x + X over 2; the plate hides
+    what passes beyond its edge: the triangular distribution of the sum of two uniform variables.
+    """
+    # Monitor x in (0, 0.4), wall x in (0.5, 0.9): their mean runs from 0.25 to 0.65.
+    edge = 0.35
+    expected = 2 * ((edge - 0.25) / 0.4) ** 2
+    plate = block(edge - 2, 0.5, 0.3, (2, 1e-4, 2))
+    hidden = hidden_fraction(room.load(plate, camera=room.camera((64, 64))))
+    error = np.sqrt(expected * (1 - expected) / RAYS)
+    assert abs(hidden - expected) < 5 * error + 2e-3  # rays end at the pixels' centres
+
+
+@pytest.mark.parametrize("scene", ["chair", "plate", "bright_room", "plant"])
+def test_nothing_stands_in_the_surfaces_of_shipped_scenes(scene):
+    assert pierced(ps.load_scenario(scene, (3, 4))) == ""
+
+
+def test_occluders_that_stand_in_a_surface_are_named(room):
+    told = pierced(chair(occluder_dx=-0.25, occluder_dy=-0.63))
+    assert "'chair_seat'" in told and told.endswith("stands in the monitor")
+    for aside in ({"occluder_dy": -0.63}, {"occluder_dx": -0.25, "occluder_dy": -0.58}):
+        assert pierced(chair(**aside)) == ""
+    # A plate of 1 mm, turned into the screen.
+    values = {"occluder_dx": -0.28, "occluder_dy": -0.57, "occluder_turn": 90}
+    assert pierced(ps.load_scenario("plate", (3, 4), SMALL | values)).startswith("'plate'")
+    # Between the rows of pixels, so that the camera misses it.
+    thin = block(0.7, 1, 0.3 + 0.2 / 6, (0.1, 0.1, 0.004))
+    assert pierced(room.load(thin)) == "'block' stands in the wall"
