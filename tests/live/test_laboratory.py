@@ -10,7 +10,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.laboratory import LiveLaboratory
 from periscopy_sim.live.level import Overtaken
 
-PATIENCE = 20.0
+PATIENCE = 120.0
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from experiments.published.__main__ import PAGE, main
 from experiments.published.setting import PublishedSetting
 from experiments.report import Verdict
 
+pytestmark = pytest.mark.thorough  # to render the stand-in takes 20 s
+
 
 def table(section, start):
     (found,) = (table for table in section.tables if table.caption.startswith(start))
@@ -52,7 +54,6 @@ def test_the_placement_that_was_rendered_is_found(every_placement):
         assert all(other.unexplained > 1.1 * first.unexplained for other in others)
 
 
-@pytest.mark.thorough
 def test_stills_are_recovered_and_lie_as_stored(setting, monkeypatch):
     fewer = {**layout.STILLS, layout.PLATE: layout.STILLS[layout.PLATE][:3]}
     monkeypatch.setattr(stills, "STILLS", fewer)
@@ -65,7 +66,6 @@ def test_stills_are_recovered_and_lie_as_stored(setting, monkeypatch):
     assert all(picture.file.is_file() for picture in section.pictures)
 
 
-@pytest.mark.thorough
 def test_noise_in_time_is_that_of_the_repeats(setting, published):
     """Of 4 repeats at exposures of 20 to 30: its estimate has 1764 x 3 x 3 degrees of freedom."""
     section = repeats.run(setting)
@@ -84,7 +84,6 @@ def test_noise_in_time_is_that_of_the_repeats(setting, published):
             assert 0.05 < float(row["over reported"]) < 1.2
 
 
-@pytest.mark.thorough
 def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkeypatch):
     dark = {layout.AMBIENT: layout.WITHOUT_AMBIENT[layout.AMBIENT]}
     monkeypatch.setattr(ambient, "WITHOUT_AMBIENT", dark)
@@ -111,7 +110,6 @@ def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkey
     assert len(section.claims) == 3 and section.claims[1].verdict is Verdict.AGREES
 
 
-@pytest.mark.thorough
 def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
     section = single_pixels.run(setting)
     rows = table(section, "Patches are")
