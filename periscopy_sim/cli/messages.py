@@ -21,13 +21,14 @@ SENTENCES = {
         "allows for this smooth gain"
     ),
     "does_not_fit": (
-        "the scene does not fit: it leaves {unexplained} % of the photograph unexplained, where "
-        "noise alone would leave {noise_alone} %. Measure or calibrate the scene (periscopy "
-        "calibrate), mask all but bare wall (--mask), or allow for more light (--bounces all)"
+        "the scene does not fit: no hidden image explains {unexplained} % of the photograph, where "
+        "noise alone would leave {noise_alone} %. Render A with more rays (--samples 256), measure "
+        "or calibrate the scene (periscopy calibrate), or mask what is not bare wall (--mask)"
     ),
     "uneven_paint": (
-        "the wall's paint is uneven: {unexplained} % of the photograph is unexplained, where noise "
-        "alone would leave {noise_alone} %. Add a photograph with the monitor off (--monitor-off)"
+        "the wall's paint is uneven: no hidden image explains {unexplained} % of the photograph, "
+        "where noise alone would leave {noise_alone} %. Add a photograph with the monitor off "
+        "(--monitor-off)"
     ),
     "not_linear": (
         "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
@@ -61,12 +62,13 @@ def residual_warning(residual: Residual | None) -> str:
     """Return the warning that a residual's diagnosis calls for; empty where the scene fits."""
     if residual is None or residual.diagnosis not in SENTENCES:
         return ""
-    unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
+    by_any = residual.unexplained_by_any or 0.0
+    unexplained, alone = percentages(by_any, residual.noise_alone or 0.0, 4)
     return SENTENCES[residual.diagnosis].format(unexplained=unexplained, noise_alone=alone)
 
 
 def assumptions(uncertain: Iterable[str]) -> str:
-    """Return what standard errors assume, given the uncertain parameters that they count."""
+    """Return what standard errors assume, but for the uncertain parameters that they count."""
     names = ", ".join(uncertain)
     scene = f"the scene is right but for {names}" if names else "the scene is right"
-    return f"assuming that {scene}, and that unseen details vary like seen ones"
+    return f"{scene}, and that unseen details vary like seen ones"

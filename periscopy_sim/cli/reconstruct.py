@@ -17,7 +17,7 @@ from periscopy_sim.cli.messages import (
 )
 from periscopy_sim.cli.method_options import FOR_STILLS, StillMethod, settings_for, takes_options_of
 from periscopy_sim.cli.options import SCENE, option
-from periscopy_sim.cli.output import as_json, fixable, output_folder, progress, say, warn
+from periscopy_sim.cli.output import as_json, fixable, output_folder, progress, say
 from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -104,8 +104,7 @@ def reconstruct(
         panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
         compared = None if known is None else _compare(folder, image, known, wall.values, text)
         for line in warnings:
-            warn(f"{photo}: {line}")
-        session.warnings += warnings
+            session.warn(f"{photo}: {line}")
         session.write_summary(
             folder / "summary.json",
             {
@@ -121,16 +120,16 @@ def reconstruct(
                 **(compared or {}),
             },
         )
-    if report.residual is not None:
+    if report.residual is not None and not warning:
         say(residual_summary(report.residual))
     for line in sentences(report.notes):
         say(line)
     if compared:
         limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
         say(
-            f"against the truth: gain-matched PSNR {compared['psnr']:.2f} dB, registered "
-            f"{compared['psnr_registered']:.2f} dB (shift {compared['shift']} patches down, right"
-            f"{limit})"
+            f"against the truth: PSNR {compared['psnr']:.2f} dB, "
+            f"{compared['psnr_registered']:.2f} dB after the best shift (patches down, right: "
+            f"{compared['shift']}{limit})"
         )
 
 

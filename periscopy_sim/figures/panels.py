@@ -187,7 +187,7 @@ def draw_certainty(
     bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
     bar.ax.tick_params(labelsize=8)
     sentences = ["Right: how far each patch may be off (one standard deviation)."]
-    sentences += [f"It is assumed that {assumed}."] * bool(assumed)
+    sentences += [f"This assumes that {assumed}."] * bool(assumed)
     figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences), fontsize=7.5)
     figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
 

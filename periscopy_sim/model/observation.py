@@ -157,7 +157,7 @@ def _real(photograph: Image) -> Image:
         warnings.warn(
             "the photograph is of 8-bit integers, taken as linear light; if they are encoded for "
             "screens, as most are, read the file by ps.read_photograph, which decodes it",
-            stacklevel=4,
+            stacklevel=5,
         )
     return values
 

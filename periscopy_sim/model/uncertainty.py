@@ -56,7 +56,7 @@ def standard_errors(
 
     They assume that A and B are right but for what `response` counts, and that what the wall hides
     of the image varies like what it shows: the pull of total variation on both is alike. What f ≥ 0
-    excludes is left out of account, so that errors of images with much black are told too large.
+    excludes is left out of account, so errors of images with much black are reported too large.
 
     Parameters
     ----------
@@ -82,7 +82,9 @@ def standard_errors(
         H = gram / σ**2 + P.toarray()
         # A constant that no pixel shows is not known at all; a little keeps the factor finite.
         H[np.diag_indices_from(H)] += 1e-12 * np.trace(H) / len(H)
-        factor, _ = linalg.lapack.dpotrf(H)
+        factor, failed = linalg.lapack.dpotrf(H)
+        if failed:
+            raise np.linalg.LinAlgError("the curvature of the misfit is not positive definite")
         upper, _ = linalg.lapack.dpotri(factor)
         inverse = np.triu(upper) + np.triu(upper, 1).T
         if response is not None:

@@ -279,18 +279,6 @@ def test_shadows_are_seen_however_far_from_the_rulers_word():
     search._require_shadows(level, TRUTH)
 
 
-@pytest.mark.parametrize("is_mirrored", [False, True])
-def test_a_mirrored_photograph_is_doubted_and_one_that_is_not_is_not(is_mirrored):
-    """Mirrored, the slat's shadows would be at -0.05; the ruler knows that it is not there."""
-    as_it_is, mirrored = (Slat(TRUTH, [1e-4, 1e-4]) for _ in range(2))
-    wrong = mirrored if not is_mirrored else as_it_is
-    wrong._y = wrong.y.reshape(4, -1, 3)[:, ::-1].reshape(wrong.y.shape)
-    flipped = {"mirrored left to right": mirrored}
-    found = calibrate_levels([as_it_is] * 2, TRUTH, NOTHING, flipped=flipped)
-    doubted = [why for why in found.doubts if why.startswith("the photograph may be mirrored left")]
-    assert len(doubted) == is_mirrored
-
-
 @pytest.fixture
 def behind_a_lens():
     """A slat whose light a gain spoils that is brighter to the right and darker at the sides."""

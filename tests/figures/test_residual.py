@@ -15,7 +15,7 @@ def residual(noise_alone=0.1):
     light = np.array([0.1, 0.2, 0.2]) * RNG.standard_normal((20, 30, 3))
     light[5:8, 10:20] = np.nan
     light[12, 3] = 2.0
-    return Residual(light, 0.12, noise_alone, None, "unknown")
+    return Residual(light, 0.12, None, noise_alone, None, "unknown")
 
 
 def test_map_is_signed_over_noise_and_what_is_left_out_is_no_number():
@@ -41,7 +41,7 @@ def test_map_without_known_noise_is_in_percent_of_the_photograph():
 def test_map_of_nothing_is_drawn(tmp_path, value):
     light = np.zeros((20, 30, 3))
     light[0, 0] = value
-    given = Residual(light, 0.0, 0.0, None, "unknown")
+    given = Residual(light, 0.0, None, 0.0, None, "unknown")
     draw_residual(tmp_path / "r.png", PHOTOGRAPH, given, metadata={"a": "b"})
     with Image.open(tmp_path / "r.png") as picture:
         assert picture.text["a"] == "b" and picture.width > picture.height

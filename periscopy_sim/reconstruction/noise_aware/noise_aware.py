@@ -82,7 +82,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
 
     def numbers(self) -> dict[str, Any]:
         """Return the noise, the weight, the iterations and what the corrections found."""
-        return {**super().numbers(), "iterations": self.iterations, **self.corrections}
+        return {**self.corrections, **super().numbers(), "iterations": self.iterations}
 
     @property
     def converged(self) -> bool:
@@ -180,22 +180,19 @@ class NoiseAware(StillMethod[np.float64]):
         def first_image(fitted: FittedPhotograph) -> Array:
             nonlocal split, iterations
             most = min(FIRST, self.max_iterations // 2)
-            first, split = self.recover(fitted.evidence, self._schedule(most))
+            first, split = self.recover(fitted.evidence, self._schedule(most), split)
             iterations += first.iterations
             return first.image
 
         for correction in self.corrections:
             corrected, numbers = correction(corrected, first_image)
             found.update(numbers)
-        schedule = self._schedule(self.max_iterations - iterations)
+        schedule = self._schedule(max(self.max_iterations - iterations, 1))
         solution, _ = self.recover(corrected.evidence, schedule, split)
+        iterations += solution.iterations
+        solution = replace(solution, iterations=iterations, photograph=corrected, corrections=found)
         solution.warn_unless_converged()
-        return replace(
-            solution,
-            iterations=iterations + solution.iterations,
-            photograph=corrected,
-            corrections=found,
-        )
+        return solution
 
     def recover(
         self,

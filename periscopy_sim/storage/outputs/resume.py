@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,16 +33,18 @@ def alone_in(folder: Path) -> Iterator[None]:
             f"cannot write {folder}: {error.strerror}; choose another place"
         ) from error
     with stream:
-        try:
+        if sys.platform != "win32":
             import fcntl
 
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                f"another process is at work in {folder}; wait for its end or name another folder"
-            ) from None
-        except (ImportError, OSError):  # Windows, or a file system without locks
-            pass
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise OutputError(
+                    f"another process is at work in {folder}; wait for its end or name another "
+                    "folder"
+                ) from None
+            except OSError:  # a file system without locks
+                pass
         yield
 
 

@@ -151,17 +151,6 @@ def test_a_photograph_of_too_few_pixels_is_refused(refused, tmp_path):
     assert "too few" in refused(*arguments)
 
 
-@pytest.mark.thorough
-@pytest.mark.xfail(reason="Fit projects it out, and what remains is calibrated")
-def test_a_background_with_the_monitor_on_is_refused(photograph, refused, tmp_path):
-    np.save(tmp_path / "y.npy", photograph)
-    np.save(tmp_path / "on.npy", ps.add_noise(photograph, 60, 4))
-    line = refused(
-        "calibrate", "y.npy", *SCENE, "--background", "on.npy", "--out", "found.xml"
-    )  # fmt: skip
-    assert "on.npy: still shows the monitor" in line
-
-
 def test_nothing_that_was_given_is_overwritten(photograph, refused, tmp_path):
     np.savez(tmp_path / "y.npz", photograph=photograph)
     (tmp_path / "y.npz").rename(tmp_path / "y.json")  # what it is called does not matter
