@@ -40,8 +40,8 @@ BLUR = 2.0
 
 EXCESS = 3.0
 """Energy of a blurred residual over that of noise, above which the scene does not fit. The true
-scene of a chair with an A of 16 rays a patch made 1.4 to 2.2 (29 x 36 patches), where 9 x 11 patches
-and the rays' own noise make 3 to 9; the real chair photograph makes 31."""
+scene of a chair with an A of 16 rays a patch made 1.4 to 2.2 (29 x 36 patches; with 9 x 11 the
+rays' own noise makes 3 to 9), the real chair photograph 31."""
 
 MATERIAL = 1.25
 """Unexplained light over what noise alone would leave, above which the scene does not fit."""
