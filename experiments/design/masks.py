@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.scene import with_mesh
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, write_ply
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file

@@ -23,15 +23,15 @@ from typing import Annotated
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
-
 from periscopy_sim.calibration.calibrate_levels import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
+from periscopy_sim.calibration.search.image_shift import ImageShift
+from scipy.ndimage import gaussian_filter
+
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.result import Calibration
-from periscopy_sim.calibration.search.image_shift import ImageShift
 
 Array = NDArray[np.float64]
 

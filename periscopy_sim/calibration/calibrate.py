@@ -56,7 +56,7 @@ DESCENTS, COARSE_ITERATIONS, FINE_ITERATIONS = 2, 4, 10
 """From the best of the places and the start, and iterations at most."""
 
 ATTEMPTS = 3
-"""Times that places are drawn, at most, while the result is in doubt or its residual is no noise."""
+"""Times that places are drawn, at most, while the result is in doubt or no noise is left."""
 
 MARGIN = 1.3
 """Of standard errors over those of the linear theory: valleys of the evidence are curved. Measured
@@ -71,10 +71,10 @@ SHOWN = 100.0
 MIRRORED = 50.0
 """Gain in evidence by which a flipped photograph suits the scene better."""
 
-FLIPPED = {
-    "mirrored": np.s_[:, ::-1],
-    "upside down": np.s_[::-1],
-    "rotated by 180 degrees": np.s_[::-1, ::-1],
+FLIPPED: dict[str, tuple[slice, slice]] = {
+    "mirrored": (slice(None), slice(None, None, -1)),
+    "upside down": (slice(None, None, -1), slice(None)),
+    "rotated by 180 degrees": (slice(None, None, -1), slice(None, None, -1)),
 }
 
 

@@ -52,9 +52,9 @@ LEAST = 1e-14
 def image_precision(shape: tuple[int, int]) -> Array:
     """Return K for images of (R, C) patches, (R C, R C), row-major.
 
-    fᵀ K f = Σ (difference of neighbours)² + ε ‖f‖². Beyond the monitor all is dark: without that, an
-    image that is moved until it touches the border would be smoother than one that does not, and
-    the evidence would favour a place whole patches from the right one.
+    fᵀ K f = Σ (difference of neighbours)² + ε ‖f‖². Beyond the monitor all is dark: else an
+    image moved until it touches the border would be smoother than one that does not, and the
+    evidence would favour a place whole patches from the right one.
     """
     down, across = (_differences(size) for size in shape)
     K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
@@ -169,7 +169,7 @@ class Explanation:
 
     def residual_of(self, errors: Array) -> Array:
         """Return what image and light would leave of small errors, (M, 3)."""
-        return self.beyond_image(self.without_background(errors)[None])[0]
+        return np.asarray(self.beyond_image(self.without_background(errors)[None])[0])
 
 
 def explain(

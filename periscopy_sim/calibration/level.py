@@ -40,18 +40,24 @@ class Matrices(Protocol):
     """The transport matrices of a scene whose parameters vary; see `SceneMatrices`."""
 
     @property
-    def names(self) -> tuple[str, ...]: ...
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
 
     @property
-    def hidden_shape(self) -> tuple[int, int]: ...
+    def hidden_shape(self) -> tuple[int, int]:
+        """(R, C) of the hidden image."""
 
-    def matrix(self, values: Values, seed: int | None = None) -> NDArray[Any]: ...
+    def matrix(self, values: Values) -> NDArray[Any]:
+        """Return A, (M, N), or raise a SceneError."""
 
-    def linearized(self, values: Values) -> tuple[NDArray[Any], NDArray[Any]]: ...
+    def linearized(self, values: Values) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return A and its derivatives, (S, P, M, N), or raise a SceneError."""
 
-    def is_physical(self, values: Values) -> bool: ...
+    def is_physical(self, values: Values) -> bool:
+        """Return whether there is a scene."""
 
-    def point_lights(self, values: Values) -> Array: ...
+    def point_lights(self, values: Values) -> Array:
+        """Return B, (M, L)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +104,7 @@ class Averaged:
         return float(np.sqrt(np.mean(self.light**2))) if self.used.any() else 1.0
 
     def hidden_shape(self, hidden: tuple[int, int], longest: int) -> tuple[int, int]:
-        """Return (R, C) of at most so many patches along the longer side, and few for few pixels."""
+        """Return (R, C) of at most so many patches along a side, and fewer for few pixels."""
         shape = fitted(hidden, longest)
         fewer = np.sqrt(MOST_PATCHES * self.used.sum() / np.prod(shape))
         return shape if fewer >= 1 else fitted(hidden, max(1, int(fewer * max(shape))))

@@ -180,7 +180,7 @@ class SceneMatrices:
 
     def point_lights(self, values: Values) -> Array:
         """Return the point lights' B, (M, L), of all pixels."""
-        return self._averaged(point_light_backgrounds(self.scenario(values)))
+        return np.asarray(self._averaged(point_light_backgrounds(self.scenario(values))), float)
 
     def _averaged(self, rows: Matrix) -> Matrix:
         """Return means, (M, K), over each pixel of what its wall points have."""
@@ -200,7 +200,7 @@ class SceneMatrices:
 
 
 def _hats_along(size: int) -> Any:
-    """Return the heights, (size, FINER size), of hats of a row; half of the outermost is cut off."""
+    """Return the heights, (size, FINER size), of a row of hats; half an outer one is cut off."""
     places = (np.arange(FINER * size) + 0.5) / FINER - 0.5
     heights = np.maximum(1 - np.abs(places - np.arange(size)[:, None]), 0)
     return sparse.csr_array(heights.astype(np.float32))

@@ -11,13 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-
-from periscopy_sim.calibration.evidence import Explanation
 
 Array = NDArray[np.float64]
 
@@ -39,6 +37,21 @@ PROBES = 8
 
 LEAST_LEFT = 0.1
 """Fraction of white noise that image and light must leave in a band for the band to count."""
+
+
+class Residual(Protocol):
+    """What an explanation leaves of a photograph; see `Explanation`."""
+
+    @property
+    def noise(self) -> Array:
+        """(3,) deviations of the residual."""
+
+    @property
+    def residual(self) -> Array:
+        """(M, 3)."""
+
+    def residual_of(self, errors: Array) -> Array:
+        """Return what would be left of small errors, (M, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +110,7 @@ class WhiteNoise:
     @classmethod
     def of(
         cls,
-        explanation: Explanation,
+        explanation: Residual,
         used: NDArray[np.bool_],
         seed: int,
         absorb: Callable[[Array], Array] = lambda errors: errors,
@@ -109,7 +122,7 @@ class WhiteNoise:
         strengths, means = np.mean(pairs, axis=0)
         return cls(used, absorb, strengths, means / used.mean())
 
-    def whitening(self, explanation: Explanation) -> Whitening:
+    def whitening(self, explanation: Residual) -> Whitening:
         """Return the filter by the spectrum of an explanation's residual.
 
         Powers are means over octaves of spatial frequency in some directions, in each of the

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.studies.silhouettes.subjects import Sought, Subject
-from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
+from periscopy_sim.calibration.silhouette.scene import write_masked_scene
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]

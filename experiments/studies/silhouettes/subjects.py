@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.setting import SNR, kept
-from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.plane import mask_plane
+from periscopy_sim.calibration.silhouette.scene import with_mesh
 from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.evaluation.sweep import array_sha256

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.scene_covariance import is_calibrated, scene_covariance
-from periscopy_sim.calibration.silhouette.masked_scene import local_coordinates, write_masked_scene
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.scene import local_coordinates, write_masked_scene
+from periscopy_sim.calibration.silhouette.scene import with_mesh
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouette
@@ -51,7 +51,7 @@ def test_the_mask_moves_with_the_parameters_of_the_shape(flagged):
 
 
 def test_a_mask_found_in_a_moved_and_turned_shape_stands_where_it_was_found(scene, tmp_path):
-    from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
+    from periscopy_sim.calibration.silhouette.plane import mask_plane
 
     values = {"shift": "0.01", "turn": "20", "size": "0.05"}
     plane = mask_plane(load_scenario(scene, HIDDEN, values), "card")

@@ -15,7 +15,7 @@ from experiments.studies.silhouettes import __main__ as study
 from experiments.studies.silhouettes import outcome as outcomes
 from experiments.studies.silhouettes import report, subjects
 from experiments.studies.silhouettes.outcome import Outcome, shared, shifted
-from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
+from periscopy_sim.calibration.silhouette.plane import mask_plane
 from tests.calibration.silhouette.conftest import FLAG, silhouette
 
 HIDDEN = (4, 5)

@@ -4,9 +4,9 @@ from scipy.ndimage import shift
 
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
+from periscopy_sim.calibration.silhouette.scene import write_masked_scene
 from periscopy_sim.calibration.silhouette.recover import FINE
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.scene import with_mesh
 from periscopy_sim.calibration.silhouette.result import overlap
 from periscopy_sim.calibration.silhouette.search.mask_level import NOTHING, MaskLevel
 from periscopy_sim.calibration.silhouette.search.mask_moves import patch_steps

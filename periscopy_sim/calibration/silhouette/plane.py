@@ -1,18 +1,29 @@
-"""The rectangle in which an unknown flat occluder lies, cut into cells."""
+"""The rectangle in which an unknown flat occluder lies, and the cells that it is cut into."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, did_you_mean
+from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import Array, Occluder, Scenario, wall_frame
 
+Cells = NDArray[np.bool_]
+
 FLAT = 0.1
 """Thickness of a mesh over its width up to which it is flat, and its own plane is the mask's."""
+
+LONGEST = 16
+"""Cells along the longer side of the rectangle by default."""
+
+SIZES = (63, 96, 126)
+"""Of photographs, the longer side in pixels; the search takes one whose pixels are no larger than
+cells."""
 
 EDGE_ON = 0.2
 """Cosine of the angle between a mask's normal and the way from monitor to wall, below which it is
@@ -150,3 +161,83 @@ def _points(occluder: Occluder, scenario: Scenario) -> Array:
 
 def _refusal(scenario: Scenario, occluder: Occluder, reason: str) -> SceneError:
     return SceneError(f"scene '{scenario.path}': occluder '{occluder.name}' {reason}")
+
+
+def fitted_cells(plane: MaskPlane) -> tuple[int, int]:
+    """Return (rows, columns) of cells as square as they can be, `LONGEST` along the longer side."""
+    height, width = plane.sides
+    side = max(height, width) / LONGEST
+    return max(1, round(height / side)), max(1, round(width / side))
+
+
+def require_coarse(scenario: Scenario, plane: MaskPlane, cells: tuple[int, int]) -> None:
+    """Check that cells are not too fine; a SceneError names how many the photograph can tell.
+
+    A cell is at least as large as a pixel is on the mask, as seen from a point of the monitor. What
+    noise and penumbrae leave of that is known once a mask is found.
+    """
+    pixel = _pixel_on_mask(scenario, plane)
+    rows, columns = (max(1, int(side / pixel)) for side in plane.sides)
+    if min(cells) < 1 or max(cells) < 2:
+        raise SceneError("--cells: a mask needs two cells at least")
+    if cells[0] > rows or cells[1] > columns:
+        raise SceneError(
+            f"--cells {cells[0]}x{cells[1]}: these are more than the photograph can tell, whose "
+            f"pixels are {1e3 * pixel:.2g} mm wide at the mask; ask for {rows}x{columns} at most"
+        )
+
+
+def finest_photograph(scenario: Scenario, plane: MaskPlane, cells: tuple[int, int]) -> int:
+    """Return the longer side, in pixels, of a photograph that is fine enough for cells."""
+    pixel = _pixel_on_mask(scenario, plane)
+    cell = min(side / count for side, count in zip(plane.sides, cells, strict=True))
+    longest = max(scenario.photograph_shape)
+    return next((size for size in SIZES if pixel * longest / size <= cell), SIZES[-1])
+
+
+def _pixel_on_mask(scenario: Scenario, plane: MaskPlane) -> float:
+    """Return how large a pixel is on the mask, in metres."""
+    grid = scenario.wall_points.reshape(*scenario.photograph_shape, 3)
+    pixel = max(
+        float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).mean())
+        for axis in (0, 1)
+        if grid.shape[axis] > 1
+    )
+    return (1 - plane.part(scenario)) * pixel
+
+
+def cell_mesh(plane: MaskPlane, opaque: Cells) -> TriangleMesh:
+    """Return a mesh, in the scene's coordinates, of a rectangle's opaque cells, (rows, columns).
+
+    No two of its rectangles share a vertex: each is convex, as closed forms ask for.
+    """
+    rows, columns = opaque.shape
+    quads = [
+        plane.at(
+            np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) / [columns, rows]
+        )
+        for top, bottom, left, right in rectangles(opaque)
+    ]
+    faces = [np.array([[0, 2, 1], [0, 3, 2]]) + 4 * k for k in range(len(quads))]
+    return TriangleMesh(np.concatenate(quads), np.concatenate(faces))
+
+
+def rectangles(opaque: Cells) -> list[tuple[int, int, int, int]]:
+    """Return rectangles that cover the opaque cells, each once: top, bottom, left, right.
+
+    Each begins at the first cell that none covers yet, and grows to the right, then down.
+    """
+    left_over = opaque.copy()
+    found = []
+    while left_over.any():
+        top, left = (int(n) for n in np.argwhere(left_over)[0])
+        right = left + _run(left_over[top, left:])
+        bottom = top + _run(left_over[top:, left:right].all(axis=1))
+        left_over[top:bottom, left:right] = False
+        found.append((top, bottom, left, right))
+    return found
+
+
+def _run(opaque: Any) -> int:
+    """Return how many there are before the first that is not opaque, (n,)."""
+    return len(opaque) if opaque.all() else int(np.argmin(opaque))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array, Scenario
 
