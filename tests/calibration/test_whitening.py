@@ -5,8 +5,8 @@ import pytest
 from scipy import fft
 from scipy.ndimage import gaussian_filter
 
-from periscopy_sim.calibration.explanation.discrepancy import Whitening, WhiteNoise
-from periscopy_sim.calibration.explanation.evidence import explain
+from periscopy_sim.calibration.evidence import explain
+from periscopy_sim.calibration.whitening import Whitening, WhiteNoise
 
 SHAPE, HIDDEN = (32, 40), (3, 4)
 USED = np.ones(SHAPE, bool)
@@ -27,12 +27,12 @@ def strongest(errors_of, seeds, used=USED):
     return np.array([spectrum_of(errors_of(np.random.default_rng(s)), s, used) for s in seeds])
 
 
-def discrepancy(found, used, seed, *left_of):
-    return WhiteNoise.by(found, used, seed, *left_of).discrepancy(found)
+def whitening(found, used, seed, *absorb):
+    return WhiteNoise.of(found, used, seed, *absorb).whitening(found)
 
 
 def spectrum_of(errors, seed, used=USED):
-    return Whitening(used, discrepancy(explained(errors, used), used, seed)).discrepancy
+    return whitening(explained(errors, used), used, seed).discrepancy
 
 
 def white(random):
@@ -87,8 +87,7 @@ def test_it_filters_as_cosines_say_and_is_its_own_adjoint(masked):
 def test_it_makes_blurred_errors_white():
     random = np.random.default_rng(1)
     errors = gaussian_filter(random.standard_normal((*SHAPE, 3)), (1.5, 1.5, 0))
-    spectrum = discrepancy(explained(errors), USED, 0)
-    whitened = Whitening(USED, spectrum)(errors[USED]).reshape(*SHAPE, 3)
+    whitened = whitening(explained(errors), USED, 0)(errors[USED]).reshape(*SHAPE, 3)
     assert spectrum_of(errors, 0) > 10 > 3 > spectrum_of(whitened, 0)
 
 
@@ -96,11 +95,11 @@ def test_what_parameters_would_explain_is_no_discrepancy():
     """A step that one of them makes, ten times the noise; of what it leaves white noise is left."""
     step = np.where(np.arange(SHAPE[1]) > 17, 10.0, -10.0)[:, None] * np.ones((*SHAPE, 1))
     found = explained(step * [1, 1, 1] + white(np.random.default_rng(0)))
-    direction = found.left_of((step * [1.0, 1, 1])[USED])
+    direction = found.residual_of((step * [1.0, 1, 1])[USED])
     direction /= np.linalg.norm(direction)
 
-    def left_of(errors):
+    def absorb(errors):
         return errors - np.vdot(direction, errors) * direction
 
-    assert Whitening(USED, discrepancy(found, USED, 0)).discrepancy > 20
-    assert Whitening(USED, discrepancy(found, USED, 0, left_of)).discrepancy < 2
+    assert whitening(found, USED, 0).discrepancy > 20
+    assert whitening(found, USED, 0, absorb).discrepancy < 2
