@@ -24,7 +24,9 @@ def searched(level, shifting=NONE_SHIFTS, progress=None):
 @pytest.mark.parametrize("seed", range(3))
 def test_wrong_numbers_are_found_within_their_errors(seed):
     told = []
-    found = searched(slat_level(start=TRUTH + [0.02, -0.012], seed=seed), progress=told.append)
+    found = searched(
+        slat_level(start=np.add(TRUTH, [0.02, -0.012]), seed=seed), progress=told.append
+    )
     assert found.trusted and found.moved
     for parameter, truth in zip(found.parameters, TRUTH, strict=True):
         assert abs(parameter.value - truth) < 3 * parameter.standard_error
@@ -42,20 +44,20 @@ def test_values_that_are_right_stay_where_nothing_better_is_found():
 
 
 def test_a_parameter_that_no_ruler_knows_is_found_too():
-    found = searched(slat_level(start=TRUTH + [0.03, 0.0], errors=(np.inf, 0.01)))
+    found = searched(slat_level(start=np.add(TRUTH, [0.03, 0.0]), errors=(np.inf, 0.01)))
     middle = found.parameters[0]
     assert abs(middle.value - TRUTH[0]) < 4 * middle.standard_error < 0.01
 
 
 def test_what_leaves_the_ruler_far_behind_is_not_trusted():
-    found = searched(slat_level(start=TRUTH + [0.02, 0.0], errors=(0.002, 0.01)))
+    found = searched(slat_level(start=np.add(TRUTH, [0.02, 0.0]), errors=(0.002, 0.01)))
     assert not found.trusted
     assert any(doubt.startswith("middle") for doubt in found.doubts)
     assert not any(parameter.determined for parameter in found.parameters)
 
 
 def test_what_only_shifts_the_image_is_no_better_known_than_by_the_ruler():
-    level = slat_level(start=TRUTH + [0.005, 0.0], errors=(0.01, 0.01))
+    level = slat_level(start=np.add(TRUTH, [0.005, 0.0]), errors=(0.01, 0.01))
     found = searched(level, shifting=np.array([True, False]))
     error = found.parameters[0].standard_error
     assert error == pytest.approx(np.hypot(0.01, found.parameters[0].ruler_errors_off * 0.01))

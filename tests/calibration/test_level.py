@@ -9,7 +9,7 @@ from tests.calibration.conftest import PIXELS, ROWS, TRUTH, WALL, SlatMatrices, 
 
 def test_the_slope_is_the_derivative_of_half_the_evidence():
     """By the parameters and by the coefficients of the gain, the penalties included."""
-    level = slat_level(start=TRUTH + [0.01, 0.01], seed=2)
+    level = slat_level(start=np.add(TRUTH, [0.01, 0.01]), seed=2)
     random = np.random.default_rng(1)
     point = level.start(TRUTH + 0.003)
     point[2:] = 0.02 * random.standard_normal(len(point) - 2)
@@ -48,7 +48,7 @@ def test_a_gain_is_found_beside_the_parameters():
 
 def test_the_penalty_counts_parameters_and_gain():
     level = slat_level(start=TRUTH, errors=(0.01, 0.1))
-    point = level.start(TRUTH + [0.01, 0.1])
+    point = level.start(np.add(TRUTH, [0.01, 0.1]))
     assert level.penalty(point) == pytest.approx(2)
     point[-1] = SPREAD
     assert level.penalty(point) == pytest.approx(3)
@@ -67,7 +67,7 @@ def test_points_without_a_scene_or_with_too_much_gain_are_not_physical():
 
 
 def test_a_misplaced_scene_is_no_discrepancy_but_structured_noise_is():
-    aside = slat_level().look(slat_level().start(TRUTH + [0.004, 0.0]))[0]
+    aside = slat_level().look(slat_level().start(np.add(TRUTH, [0.004, 0.0])))[0]
     alike = slat_level(alike=12, noise=0.01).look(slat_level().start(TRUTH))[0]
     assert aside.discrepancy < 4 < alike.discrepancy
 
@@ -77,16 +77,16 @@ def test_errors_are_judged_by_a_points_own_spectrum():
     level = level.comparing(level.start(TRUTH))
     point = level.start(TRUTH)
     own = level.noise.whitening(level.explain(point))
-    filtered = Level(
-        level.averaged, level.matrices, level.prior, level.background, whitening=own
-    )
+    filtered = Level(level.averaged, level.matrices, level.prior, level.background, whitening=own)
     assert level.judge(point).evidence == pytest.approx(filtered.explain(point).evidence)
     assert isinstance(own, Whitening)
 
 
 def test_too_few_pixels_are_refused():
     light = np.ones((4, 3))
-    averaged = Averaged(np.array([[True] * 4 + [False] * (PIXELS - 4)] + [[False] * PIXELS] * 3), light)
+    averaged = Averaged(
+        np.array([[True] * 4 + [False] * (PIXELS - 4)] + [[False] * PIXELS] * 3), light
+    )
     with pytest.raises(PhotographError, match="too few"):
         Level.of(averaged, SlatMatrices(), slat_level().prior, TRUTH)
 

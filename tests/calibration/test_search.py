@@ -15,7 +15,9 @@ def ignore(point, evidence):
 def test_a_descent_ends_at_the_truth():
     level = slat_level(errors=(0.1, 0.1))
     seen = []
-    end = descend(level, level.start(TRUTH + [0.02, -0.015]), STEPS, 10, lambda *v: seen.append(v))
+    end = descend(
+        level, level.start(np.add(TRUTH, [0.02, -0.015])), STEPS, 10, lambda *v: seen.append(v)
+    )
     np.testing.assert_allclose(level.values(end.point), TRUTH, atol=2e-3)
     assert end.unphysical is None
     assert len(seen) > 2
@@ -32,7 +34,7 @@ def test_a_descent_into_the_wall_stops_at_its_border_and_says_so():
 
 
 def test_places_are_drawn_from_the_ruler_and_the_best_comes_first():
-    level = slat_level(start=TRUTH + [0.03, 0.02], errors=(0.03, 0.02))
+    level = slat_level(start=np.add(TRUTH, [0.03, 0.02]), errors=(0.03, 0.02))
     level = level.comparing(level.start(TRUTH))
     found = places(level, level.start(level.prior.centers), level.prior.errors, 16, 0)
     assert len(found) == 16

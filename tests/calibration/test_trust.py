@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.information import Curvature
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 
 NAMES = ("dx", "dy")
@@ -12,9 +12,7 @@ SPREADS = np.array([0.03, 0.3])
 
 
 def test_values_within_the_rulers_errors_are_not_doubted():
-    assert (
-        doubts(NAMES, np.array([0.029, 0.71]), SPREADS, RULER, True, 2.0, 0.1, 0.1) == ()
-    )
+    assert doubts(NAMES, np.array([0.029, 0.71]), SPREADS, RULER, True, 2.0, 0.1, 0.1) == ()
 
 
 def test_a_value_beyond_the_rulers_errors_is_named():

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.scene_covariance import is_calibrated, scene_covariance
-from periscopy_sim.calibration.silhouette.scene import local_coordinates, write_masked_scene
-from periscopy_sim.calibration.silhouette.scene import with_mesh
+from periscopy_sim.calibration.silhouette.scene import (
+    local_coordinates,
+    with_mesh,
+    write_masked_scene,
+)
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouette
