@@ -37,7 +37,7 @@ from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
-COARSE, FINE = (32, 24), (63, 30)
+COARSE, FINE = (32, 24), (48, 36)
 """Pixels of the photograph and patches of the hidden image along their longer sides. Patches of the
 coarse one are nearly as small as an image's details: with 12 along a side, wrong places explained
 images of 20 and 36 better than the true one did."""
@@ -52,7 +52,7 @@ UNRULED = 0.01
 PLACES, MOST_PLACES, UNRULED_PLACES = 8, 24, 128
 """Drawn for each parameter, at most, and in all where no ruler knows one."""
 
-DESCENTS, COARSE_ITERATIONS, FINE_ITERATIONS = 2, 4, 10
+DESCENTS, COARSE_ITERATIONS, FINE_ITERATIONS = 2, 4, 15
 """From the best of the places and the start, and iterations at most."""
 
 ATTEMPTS = 3
