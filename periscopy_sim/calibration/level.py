@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from periscopy_sim.calibration.evidence import Explanation, explain
 from periscopy_sim.calibration.information import Curvature
 from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.scene_matrices import SceneMatrices
 from periscopy_sim.calibration.whitening import Whitening, WhiteNoise
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.photographs.checking import blackened
@@ -34,30 +35,6 @@ DEGREE, SPREAD = 2, 0.07
 
 LARGEST_GAIN = 0.5
 """By which a gain differs from 1 at most: beyond, it is no lens or bounced light."""
-
-
-class Matrices(Protocol):
-    """The transport matrices of a scene whose parameters vary; see `SceneMatrices`."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters."""
-
-    @property
-    def hidden_shape(self) -> tuple[int, int]:
-        """(R, C) of the hidden image."""
-
-    def matrix(self, values: Values) -> NDArray[Any]:
-        """Return A, (M, N), or raise a SceneError."""
-
-    def linearized(self, values: Values) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return A and its derivatives, (S, P, M, N), or raise a SceneError."""
-
-    def is_physical(self, values: Values) -> bool:
-        """Return whether there is a scene."""
-
-    def point_lights(self, values: Values) -> Array:
-        """Return B, (M, L)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +94,7 @@ class Averaged:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class ResolutionLevel:
     """A photograph at one resolution, explained by a scene's P parameters and a gain over the wall.
 
     A point is (P + K,) numbers: the parameters, then the coefficients of the gain
@@ -141,7 +118,7 @@ class Level:
     """
 
     averaged: Averaged
-    matrices: Matrices
+    matrices: SceneMatrices
     prior: Prior
     background: Array
     seed: int = 0
@@ -151,8 +128,13 @@ class Level:
 
     @classmethod
     def of(
-        cls, averaged: Averaged, matrices: Matrices, prior: Prior, values: Values, seed: int = 0
-    ) -> Level:
+        cls,
+        averaged: Averaged,
+        matrices: SceneMatrices,
+        prior: Prior,
+        values: Values,
+        seed: int = 0,
+    ) -> ResolutionLevel:
         """Return the level with the ambient light as seen at some values.
 
         After a camera's move by a centimetre or 2 degrees at most 3e-7 of the light lies outside of
@@ -199,7 +181,7 @@ class Level:
         return small and self.matrices.is_physical(self.values(point))
 
     @property
-    def white(self) -> Level:
+    def white(self) -> ResolutionLevel:
         """The same level, all errors taken for white noise."""
         return replace(self, whitening=None, overdispersion=1.0)
 
@@ -245,13 +227,13 @@ class Level:
         except SceneError:
             return np.inf
 
-    def comparing(self, point: Array) -> Level:
+    def comparing(self, point: Array) -> ResolutionLevel:
         """Return the level, to compare residuals with white noise as left at a point."""
         white = self.white
         noise = WhiteNoise.of(white.explain(point), self.averaged.used, self.seed)
         return replace(self, noise=noise)
 
-    def look(self, point: Array) -> tuple[Level, Explanation, Curvature]:
+    def look(self, point: Array) -> tuple[ResolutionLevel, Explanation, Curvature]:
         """Return the level for the residual of a point, and what is seen there by it."""
         used = self.averaged.used
         A, changes = self.matrices.linearized(self.values(point))

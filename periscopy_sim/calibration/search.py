@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.calibration.information import Curvature
-from periscopy_sim.calibration.level import Level
+from periscopy_sim.calibration.level import ResolutionLevel
 from periscopy_sim.errors import SceneError
 
 Array = NDArray[np.float64]
@@ -45,20 +45,22 @@ class Descent:
     `unphysical` is why it went no further, if the border of the physical stopped it.
     """
 
-    level: Level
+    level: ResolutionLevel
     point: Array
     explanation: Explanation
     curvature: Curvature
     unphysical: SceneError | None
 
 
-def descend(level: Level, start: Array, steps: Array, iterations: int, visit: Visit) -> Descent:
+def descend(
+    level: ResolutionLevel, start: Array, steps: Array, iterations: int, visit: Visit
+) -> Descent:
     """Descend from a point by Levenberg and Marquardt's method until nothing is gained.
 
     A step goes no farther than `LONGEST` times `steps`, (P,), in the parameters. Each iteration
     makes the errors white that are left where it begins: a misplaced scene leaves structured ones,
-    which go as the scene finds its place. Steps are judged by what they leave, see `Level.judge`. A
-    SceneError says that the start is not physical.
+    which go as the scene finds its place. Steps are judged by what they leave, see
+    `ResolutionLevel.judge`. A SceneError says that the start is not physical.
     """
     point, damping, gain = start, DAMPING, np.inf
     longest = np.append(LONGEST * steps, np.full(len(start) - len(steps), LONGEST_GAIN))
@@ -88,7 +90,7 @@ def descend(level: Level, start: Array, steps: Array, iterations: int, visit: Vi
 
 
 def _physical_step(
-    level: Level, about: Curvature, point: Array, damping: float, longest: Array
+    level: ResolutionLevel, about: Curvature, point: Array, damping: float, longest: Array
 ) -> Array:
     """Return Newton's step; parameters that alone would cross the border of the physical stay.
 
@@ -105,7 +107,9 @@ def _physical_step(
     return about.step(damping, longest, free)
 
 
-def places(level: Level, start: Array, widths: Array, count: int, seed: int) -> list[Array]:
+def places(
+    level: ResolutionLevel, start: Array, widths: Array, count: int, seed: int
+) -> list[Array]:
     """Return points about a start, (P + K,), the best first: draws from a normal distribution.
 
     The deviations of the parameters are `widths`, (P,); the draws are Sobol's sequence, so many of

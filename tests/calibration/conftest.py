@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.level import Averaged, Level
+from periscopy_sim.calibration.level import Averaged, ResolutionLevel
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
@@ -67,7 +67,7 @@ def slat_level(start=TRUTH, errors=RULER, seed=0, noise=0.002, gain=None, alike=
     light += noise * np.repeat(grains, alike, axis=1).reshape(-1, 3)
     averaged = Averaged(np.ones((ROWS, PIXELS), bool), light)
     prior = Prior(np.asarray(start, float), np.asarray(errors, float))
-    return Level.of(averaged, SlatMatrices(), prior, TRUTH, seed)
+    return ResolutionLevel.of(averaged, SlatMatrices(), prior, TRUTH, seed)
 
 
 @pytest.fixture

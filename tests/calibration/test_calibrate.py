@@ -6,6 +6,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import periscopy_sim as ps
 from periscopy_sim.calibration import calibrate as calibration
+from periscopy_sim.calibration import coarse_to_fine
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.errors import PhotographError
@@ -18,7 +19,7 @@ NONE_SHIFTS = np.zeros(2, bool)
 
 
 def searched(level, shifting=NONE_SHIFTS, progress=None):
-    return calibration.search(level, level, shifting, NOTHING, progress)
+    return coarse_to_fine.search(level, level, shifting, NOTHING, progress)
 
 
 @pytest.mark.parametrize("seed", range(3))

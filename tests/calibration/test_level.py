@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.level import SPREAD, Averaged, Level, fitted
+from periscopy_sim.calibration.level import SPREAD, Averaged, ResolutionLevel, fitted
 from periscopy_sim.calibration.whitening import Whitening
 from periscopy_sim.errors import PhotographError, SceneError
 from tests.calibration.conftest import PIXELS, ROWS, TRUTH, WALL, SlatMatrices, slat_level
@@ -77,7 +77,9 @@ def test_errors_are_judged_by_a_points_own_spectrum():
     level = level.comparing(level.start(TRUTH))
     point = level.start(TRUTH)
     own = level.noise.whitening(level.explain(point))
-    filtered = Level(level.averaged, level.matrices, level.prior, level.background, whitening=own)
+    filtered = ResolutionLevel(
+        level.averaged, level.matrices, level.prior, level.background, whitening=own
+    )
     assert level.judge(point).evidence == pytest.approx(filtered.explain(point).evidence)
     assert isinstance(own, Whitening)
 
@@ -88,7 +90,7 @@ def test_too_few_pixels_are_refused():
         np.array([[True] * 4 + [False] * (PIXELS - 4)] + [[False] * PIXELS] * 3), light
     )
     with pytest.raises(PhotographError, match="too few"):
-        Level.of(averaged, SlatMatrices(), slat_level().prior, TRUTH)
+        ResolutionLevel.of(averaged, SlatMatrices(), slat_level().prior, TRUTH)
 
 
 def test_pixels_are_averaged_over_what_the_mask_leaves():

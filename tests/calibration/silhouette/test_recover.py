@@ -3,13 +3,8 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.silhouette import recover
-from periscopy_sim.calibration.silhouette.recover import (
-    recover_silhouette,
-    resized,
-    shifted,
-    smooth_mask,
-    unlike,
-)
+from periscopy_sim.calibration.silhouette.moves import resized, shifted, smooth_mask, unlike
+from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 from periscopy_sim.calibration.silhouette.result import overlap
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.measurement import add_noise, composite
