@@ -35,7 +35,7 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.shadow_check import LEAST, hidden_part, shadow_doubt
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
-from periscopy_sim.scenario import Array
+from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
 COARSE, FINE = (32, 24), (48, 36)
