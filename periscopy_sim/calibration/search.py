@@ -25,6 +25,9 @@ NEGLIGIBLE_GAIN = 0.5
 TRIALS = 5
 """Steps tried, each shorter, before a point is called the best."""
 
+DOUBLINGS = 4
+"""Of a step that gains, at most."""
+
 LONGEST = 5.0
 """Of a step, in the steps of the parameters."""
 
@@ -80,6 +83,7 @@ def descend(
                 unphysical = error if trial == 0 else unphysical
             else:
                 if tried < here.evidence:
+                    step, tried = _extended(level, point, step, tried)
                     gain, point, damping = here.evidence - tried, point + step, damping / 5
                     visit(point, tried)
                     break
@@ -87,6 +91,22 @@ def descend(
         else:
             break
     return Descent(level, point, here, about, unphysical if gain < NEGLIGIBLE_GAIN else None)
+
+
+def _extended(
+    level: ResolutionLevel, point: Array, step: Array, evidence: float
+) -> tuple[Array, float]:
+    """Return a step that gains, doubled as long as that gains more, and the evidence there.
+
+    Valleys of the evidence are rough: the information near a point is more than that over the
+    valley, and steps come out short.
+    """
+    for _ in range(DOUBLINGS):
+        farther = level.judgement(point + 2 * step)
+        if not farther < evidence:
+            break
+        step, evidence = 2 * step, farther
+    return step, evidence
 
 
 def _physical_step(
