@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.photograph import Photograph
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,44 +10,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.calibrate_levels import calibrate_levels
-from periscopy_sim.calibration.consider_analysis import (
+from periscopy_sim.calibration.coarse_to_fine import search
+from periscopy_sim.calibration.level import Averaged, ResolutionLevel
+from periscopy_sim.calibration.prior import (
+    Free,
+    InFront,
+    Prior,
+    free_parameters,
+    shifts_image,
     uncertain_parameters,
 )
-from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.explanation.resolution_level import (
-    Rays,
-    Resolution,
-    ResolutionLevel,
-    fitted,
-)
-from periscopy_sim.calibration.prior import Free, Prior, free_parameters
 from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.calibration.scene_covariance import ruled_values
-from periscopy_sim.calibration.search.image_shift import ImageShift
+from periscopy_sim.calibration.scene_matrices import SceneMatrices
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
-from periscopy_sim.model.observation import (
-    Backgrounds,
-    named,
-    observation_of,
-)
+from periscopy_sim.model.observation import Backgrounds, named, observation_of
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.shadow_check import LEAST, hidden_part, shadow_doubt
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
-LEVELS = (
-    Resolution(32, 24, 1, Rays(4, 9), Rays(4, 9)),
-    Resolution(63, 36, 2, Rays(9, 16), Rays(4, 9)),
-)
-"""Coarse and fine: looked over, and descended on. Larger photographs and hidden images are averaged
-down to the last. Patches of the coarse one are nearly as small as an image's details: with 12 along
-a side, wrong places explained images of 20 and 36 by 200 to 1200 in evidence more than the true one
-did. With fewer rays, where areas do not serve, the last has dips that hold a descent, millimetres
-from the best; slopes, of wide differences, need fewer."""
+COARSE, FINE = (32, 24), (48, 36)
+"""Pixels of the photograph and patches of the hidden image along their longer sides. Patches of the
+coarse one are nearly as small as an image's details: with 12 along a side, wrong places explained
+images of 20 and 36 better than the true one did."""
+
+UNRULED = 0.01
+"""Of a unit: how far a parameter is moved that no ruler knows, to see what it does."""
 
 
 def calibrate(
@@ -66,12 +57,10 @@ def calibrate(
 ) -> Calibration:
     """Find the values of a scene's parameters that explain a photograph best.
 
-    Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
-    ambient light but that it comes from afar, see `evidence`, nor of a smooth gain over the wall,
-    see `SmoothGain`. Of the parameters is known what the ruler says, see `Prior`: descents begin
-    there and at places within its errors, at a low resolution, and another goes on from the best of
-    their ends. Where the ruler knows nothing of one, the best of many points of a box is looked for
-    instead.
+    The hidden image is only known to be smooth, the ambient light to come from afar, see
+    `evidence`, and a gain over the wall to be smooth, see `ResolutionLevel`. The parameters have a
+    prior from the ruler, see `Prior`. Descents begin at its centre and at the best of some draws
+    from it, at a low resolution; another goes on from the best of their ends.
 
     Parameters
     ----------
@@ -80,30 +69,31 @@ def calibrate(
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
-        (R, C) of the hidden image; of finer ones than 36 patches along a side, or 0.6 patches a
-        pixel of the search, a coarser one serves.
+        (R, C) of the hidden image; the search uses at most 36 patches along a side, and 0.6 for
+        each pixel.
     free
         Names of the ``<default>``s to find, or a mapping of them to the ruler's errors: standard
         deviations of where they start, None for the one that the scene declares, if it does. By
         default, all whose error the scene declares as the ``<default>`` ``NAME_error``, but for
-        those in `uncertain`. Those that shift the monitor in its plane are found but for whole
-        patches, see `image_shift`: how well they are known stays the ruler's word.
+        those in `uncertain`. Parameters that shift the monitor in its plane are as well known as by
+        the ruler: an image shifted the other way gives the same photograph.
     parameters
         Values of ``<default>``s: where free ones start, where others are held.
     uncertain
         Standard errors of ``<default>``s that are held, independent of each other. They change no
-        value, but its error: see `consider_analysis`.
+        value, only its error ("consider" analysis: Bierman, Factorization Methods for Discrete
+        Sequential Estimation, 1977, chapter 8).
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
-        their names to them: their light joins that from afar.
+        their names to them: their light is projected out.
     mask
         (rows, columns) pixels to use; None for all.
     samples
-        Rays from a pixel to a patch, where the matrix cannot be had by areas, see `area_transport`.
+        Rays from a pixel to a patch, where the matrix has no closed form, see `area_transport`.
     seed
         Of the draws and the rays.
     progress
-        Called with the fraction done, 1 at last; what ends early leaps.
+        Called with the fraction done, 1 at last.
 
     Returns
     -------
@@ -116,7 +106,7 @@ def calibrate(
         If a parameter is unknown or unseen, no shadow is in view where the search starts, or where
         it starts or leads to is not physical.
     PhotographError
-        If the photograph is not of the camera's size, or holds nothing.
+        If the photograph is not of the camera's size, or shows nothing.
     VariantError
         In scalar variants, which would take days.
     """
@@ -134,72 +124,51 @@ def calibrate(
     held = uncertain_parameters(path, names, given, uncertain)
     if not is_vectorized():
         raise VariantError("calibration renders thousands of photographs; " + install_llvm())
-    y = Photograph.of(photograph, first.photograph_shape, mask=mask).values
+    given_off = named(backgrounds)
+    read = Photograph.of(photograph, first.photograph_shape, mask=mask, monitor_off=given_off)
+    y, off = read.values, list(read.monitor_off.values())
+    _check_distinct(read, first)
     if hidden_part(first) < LEAST:
         raise SceneError(
             f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: add an "
             "occluder, or move those there are"
         )
-    in_front = InFront(first)
-    resolutions = [*LEVELS[:-1], finest(samples)]
+    shifting = np.zeros(len(names), bool)
+    steps = np.where(prior.is_known, prior.errors, UNRULED)
+    for k, name in enumerate(names):
+        for value in (start[k] + steps[k], start[k] - steps[k]):
+            try:
+                moved = load_scenario(path, hidden, {**ruled, name: f"{value:.17g}"})
+            except SceneError:
+                continue
+            shifting[k] = shifts_image(first, moved)
+            break
+
+    def level(size: tuple[int, int], light: Array, photographs: Sequence[Array]) -> ResolutionLevel:
+        averaged = Averaged.of(light, photographs, mask, size[0])
+        shape = averaged.hidden_shape(hidden, size[1])
+        matrices = SceneMatrices(
+            path, given, names, steps, averaged.used.shape, shape, InFront(first), None, seed
+        )
+        if not matrices.has_areas(start):
+            matrices = replace(matrices, samples=max(1, -(-samples // 16)))
+        return ResolutionLevel.of(averaged, matrices, prior, start, seed)
+
     # Products this small gain less from threads than these cost by waiting for each other on a busy
     # machine; and how many cores there are does not change what is found.
     with threadpool_limits(1):
-        off = []
-        if backgrounds is not None and len(backgrounds):
-            small = load_scenario(path, fitted(hidden, 12), ruled)
-            off = _monitor_off(backgrounds, y, small, mask, seed)
-
-        def level(resolution: Resolution) -> ResolutionLevel:
-            return ResolutionLevel(
-                path,
-                given,
-                names,
-                prior,
-                y,
-                off,
-                mask,
-                hidden,
-                resolution,
-                seed,
-                in_front.check,
-                by_area=True,
-            )
-
-        levels = [level(resolution) for resolution in resolutions]
-        if not all(each.has_areas(start) for each in levels):
-            levels = [each.by_rays() for each in levels]
-        levels[0].background(start)  # too few pixels are told of before anything is rendered
-        shift = ImageShift.of(path, levels[-1].hidden_shape, ruled, names, prior)
-        return calibrate_levels(levels, start, held, progress, shift=shift)
+        levels = [level(size, y, off) for size in (COARSE, FINE)]
+        return search(levels[0], levels[1], shifting, held, progress)
 
 
-def finest(samples: int) -> Resolution:
-    """Return the last level with so many rays from a pixel to a patch, a few of them for slopes."""
-    last = LEVELS[-1]
-    of_patch = -(-samples // last.rays.pixel_samples)
-    slope_rays = replace(last.slope_rays, samples=min(last.slope_rays.samples, of_patch))
-    return replace(last, rays=replace(last.rays, samples=of_patch), slope_rays=slope_rays)
-
-
-def _monitor_off(
-    backgrounds: Backgrounds,
-    photograph: Array,
-    scenario: Scenario,
-    mask: NDArray[np.bool_] | None,
-    seed: int,
-) -> list[Array]:
-    """Return photographs with the monitor off; a PhotographError names one that is none.
-
-    The scenario's hidden image is as coarse as one that tells whether they show the monitor.
-    """
-    shape, hidden = scenario.photograph_shape, scenario.hidden_shape
-    A = render_transport(scenario, seed=seed)
+def _check_distinct(photograph: Photograph, scenario: Scenario) -> None:
+    """Raise a PhotographError if a background photograph is the photograph itself."""
+    A = np.broadcast_to(0.0, scenario.transport_shape)
+    shape, gain = scenario.photograph_shape, scenario.channel_gain
     try:
-        given = named(backgrounds)
-        off = Photograph.of(photograph, shape, mask=mask, monitor_off=given).monitor_off
-        observation = observation_of(A, hidden, scenario.channel_gain, mask, shape, off)
-        observation.vectorized(photograph)  # which is none of them
+        observation = observation_of(
+            A, scenario.hidden_shape, gain, photograph.mask, shape, photograph.monitor_off
+        )
+        observation.vectorized(photograph.values)
     except ValueError as error:
         raise PhotographError(str(error)) from None
-    return list(off.values())

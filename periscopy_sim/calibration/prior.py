@@ -1,21 +1,27 @@
-"""What a ruler says of a scene's parameters: where they are, and how well it knows."""
+"""What is known of a scene's parameters before the photograph: values, errors, what is physical."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import RULER_ERROR, read_document, undeclared
+from periscopy_sim.scenario import Occluder, Scenario
 
 Array = NDArray[np.float64]
 Free = Sequence[str] | Mapping[str, float | None]
 """Names of parameters that are free, or names with a ruler's errors; see `free_parameters`."""
+
+OUT_OF_PLANE = 0.25
+"""Fraction of a shift of the monitor, at most, that leads out of its plane: 14 degrees."""
+
+SAME = 1e-6
+"""Fraction of the largest coordinate within which points are the same, in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +34,10 @@ class Prior:
     centers: Array  # (P,)
     errors: Array  # (P,) standard deviations
 
-    @classmethod
-    def none(cls, parameters: int) -> Self:
-        """Return the prior of some parameters of which nothing is known."""
-        return cls(np.zeros(parameters), np.full(parameters, np.inf))
+    @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """(P,) whether a ruler knows a parameter."""
+        return np.isfinite(self.errors)
 
     @property
     def precision(self) -> Array:
@@ -49,6 +55,109 @@ class Prior:
     def slope(self, values: Array) -> Array:
         """Return the derivatives, (P,), of half the penalty."""
         return np.asarray(self.distance(values) / self.errors)
+
+
+class InFront:
+    """Check that occluders stay before the wall that stood before it at first.
+
+    In the scene at first, one that reaches through the part of the wall that the camera sees is a
+    SceneError.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._names = set()
+        extent = float(np.linalg.norm(np.ptp(scenario.wall_points, axis=0)))
+        spacing = extent / float(np.sqrt(len(scenario.wall_points)))
+        for name, depth, aside in _before_wall(scenario):
+            through = (depth < 0) & (aside < 2 * spacing)
+            if through.any() and (depth > 0).any():
+                raise _through(scenario, name, float(-depth[through].min()))
+            if (depth > 0).all():
+                self._names.add(name)
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise a SceneError if one of them reaches through the wall."""
+        for name, depth, _ in _before_wall(scenario):
+            if name in self._names and (depth < 0).any():
+                raise _through(scenario, name, float(-depth.min()))
+
+
+def _before_wall(scenario: Scenario) -> Iterator[tuple[str, Array, Array]]:
+    """Yield each mesh's name, and its vertices' distances, (V,), before the wall and along it."""
+    from scipy.spatial import KDTree
+
+    wall = KDTree(scenario.wall_points)
+    for occluder in scenario.occluders:
+        if (vertices := occluder.vertices) is None:
+            continue
+        _, nearest = wall.query(vertices)
+        offset, normals = vertices - scenario.wall_points[nearest], scenario.wall_normals[nearest]
+        depth = np.einsum("vi,vi->v", offset, normals)
+        yield occluder.name, depth, np.linalg.norm(offset - depth[:, None] * normals, axis=1)
+
+
+def _through(scenario: Scenario, name: str, depth: float) -> SceneError:
+    values = ", ".join(f"{key} = {value:.9}" for key, value in scenario.parameters.items())
+    return SceneError(
+        f"scene '{scenario.path}': occluder '{name}' reaches {1e3 * depth:.3g} mm through the wall"
+        + (f" at {values}" if values else "")
+        + "; start elsewhere by -D"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainParameters:
+    """``<default>``s of a scene that are held at values, (U,), known to standard errors, (U,)."""
+
+    names: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+
+
+def uncertain_parameters(
+    path: Path, free: Sequence[str], given: Mapping[str, str], errors: Mapping[str, float]
+) -> UncertainParameters:
+    """Return uncertain parameters by their standard errors; the others are `free` or `given`.
+
+    A SceneError says that one is not declared, no finite number, free, or its error not positive.
+    """
+    names = tuple(errors)
+    for name in names:
+        if name in free:
+            raise SceneError(
+                f"'{name}' is both free and uncertain: name it in --free or --uncertain"
+            )
+        if not (np.isfinite(errors[name]) and errors[name] > 0):
+            raise SceneError(f"standard error {errors[name]:g} of '{name}': give a positive number")
+    values = start_values(path, names, given) if names else np.empty(0)
+    return UncertainParameters(names, values, np.array(list(errors.values()), np.float64))
+
+
+def shifts_image(here: Scenario, moved: Scenario) -> bool:
+    """Return whether a scene differs from another only by a shift of its monitor in its plane.
+
+    The image moved the other way by whole patches then gives the same photograph.
+    """
+    shifts = moved.patch_centers - here.patch_centers
+    shift = shifts.mean(axis=0)
+    if np.abs(here.patch_normals @ shift).max() >= OUT_OF_PLANE * np.linalg.norm(shift):
+        return False
+    still = [
+        (shifts, np.broadcast_to(shift, shifts.shape)),
+        (here.patch_normals, moved.patch_normals),
+        (here.patch_across, moved.patch_across),
+        (here.patch_up, moved.patch_up),
+        (here.wall_points, moved.wall_points),
+        *((_outline(a), _outline(b)) for a, b in zip(here.occluders, moved.occluders, strict=True)),
+    ]
+    same = SAME * max(np.abs(points).max() for points in (here.wall_points, here.patch_centers))
+    return all(a.shape == b.shape and np.abs(a - b).max(initial=0) <= same for a, b in still)
+
+
+def _outline(occluder: Occluder) -> Array:
+    """Return points that tell where an occluder stands: a mesh's own, of others the box's."""
+    points = occluder.bounds if occluder.vertices is None else occluder.vertices
+    return np.empty((0, 3)) if points is None else points
 
 
 def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Array:

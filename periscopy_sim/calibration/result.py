@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 

@@ -6,40 +6,39 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from periscopy_sim.calibration.information import Curvature
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.fisher_information import Curvature
 from periscopy_sim.scenario import Array
 
 FARTHEST = 3.0
 """Ruler's errors within which a ruler errs: all but 3 of 1000 times."""
 
 MISFIT = 0.4
-"""Part of what no smooth light makes, above which a structured residual is no small thing: in
-simulations more than that was left beside near lamps, and the images were worse by 10 dB."""
+"""Fraction of what no smooth light makes, above which a structured residual is too large: simulated
+photographs beside near lamps left more, and their images were worse by 10 dB."""
 
 NEGATIVE = 0.16
-"""Part of the hidden image's light that may be negative where the residual is structured: in
-simulations it was 0.2 to 1 beside near lamps, and at most 0.09 elsewhere, of pictures half black.
-Of small bright things on black, in noise alone, it can be 0.3."""
+"""Fraction of the hidden image's light that may be negative where the residual is structured:
+simulated photographs beside near lamps had 0.2 to 1, others at most 0.09."""
 
 CHANCE = 0.01
-"""Of gaining as much where the ruler is right."""
+"""Probability of gaining as much where the ruler is right."""
 
 LEARNED = 0.5
 """Of one parameter, in variance: a photograph that tells less than this of all tells nothing."""
 
 
 def learned(about: Curvature) -> float:
-    """Return how many parameters the photograph rather than the ruler determines, from 0 to P.
+    """Return how many parameters the photograph rather than the prior determines, from 0 to P.
 
-    The trace of I (I + Λ)⁻¹, of the information and the ruler's precision.
+    The trace of I (I + Λ)⁻¹, of the information and the prior's precision.
     """
-    of_ruler = np.linalg.solve(about.invertible(), np.diag(about.prior.precision))
-    return float(len(of_ruler) - np.trace(of_ruler))
+    of_prior = np.linalg.solve(about.damped(), np.diag(about.precision))
+    return float(len(of_prior) - np.trace(of_prior))
 
 
 def is_significant(gain: float, parameters: float) -> bool:
-    """Tell whether a gain in evidence, over the start, is more than errors of the residual give.
+    """Return whether a gain in evidence, over the start, is more than chance makes it.
 
     Where the start is right the gain of so many parameters has the χ² distribution (Wilks).
     """
@@ -53,15 +52,14 @@ def bounded(covariance: Array, ruler: Array) -> Array:
 
     A value comes from the ruler's, and is no worse known.
     """
-    found = np.sqrt(np.diag(covariance))
-    factors = np.minimum(found, ruler) / found
+    errors = np.sqrt(np.diag(covariance))
+    factors = np.minimum(errors, ruler) / errors
     return np.asarray(covariance * np.outer(factors, factors))
 
 
 def doubts(
     names: Sequence[str],
     values: Array,
-    middles: Array,
     spreads: Array,
     prior: Prior,
     gained: bool,
@@ -71,26 +69,26 @@ def doubts(
 ) -> tuple[str, ...]:
     """Return why parameters, (P,), are not to be believed; empty where nothing says so.
 
-    The box that was searched has half widths `spreads` about its `middles`, (P,) each. `gained`
-    says whether they explain more than the start does, `known` how many of them the photograph
-    determines, `misfit` what part of it no smooth light and no such scene makes, but for noise,
-    `negative` what part of the hidden image's light is, 0 where what is left is but noise.
+    Places were sought within `spreads`, (P,), of the prior's centres. `gained` says whether the
+    values explain more than the start does, `known` how many of them the photograph determines,
+    `misfit` which fraction of it neither smooth light nor such a scene makes, `negative` which
+    fraction of the hidden image's light is; both are 0 where the residual is noise.
     """
     found = []
     for name, value, middle, spread, distance in zip(
-        names, values, middles, spreads, prior.distance(values), strict=True
+        names, values, prior.centers, spreads, prior.distance(values), strict=True
     ):
         if abs(distance) > FARTHEST:
             found.append(
-                f"{name} ended {abs(distance):.1f} of the ruler's errors from where the ruler has "
-                "it: the ruler, its error or the scene is wrong"
+                f"{name} ended {abs(distance):.1f} of the ruler's errors from its measured value: "
+                "the ruler, its error or the scene is wrong"
             )
-        elif np.isinf(prior.errors).any() and abs(value - middle) > spread:
+        elif not prior.is_known.all() and abs(value - middle) > spread:
             found.append(f"{name} ended outside of what was searched, {middle:.4g} ± {spread:.2g}")
     if not gained and known < LEARNED:
         found.append(
-            "the photograph tells less of the parameters than the ruler does: what it leaves "
-            "unexplained hides them"
+            "the photograph tells less of the parameters than the ruler does: the residual hides "
+            "them"
         )
     if misfit > MISFIT:
         found.append(
@@ -100,8 +98,8 @@ def doubts(
         )
     if negative > NEGATIVE:
         found.append(
-            f"{100 * negative:.0f} % of the light of the hidden image that explains most would be "
-            "negative, and what is left is no noise: a near lamp whose light no --background shows "
-            "may pass for the monitor's, or a number that the ruler has far off"
+            f"{100 * negative:.0f} % of the hidden image's light would be negative, and the "
+            "residual is no noise: a near lamp whose light no --background shows may pass for the "
+            "monitor's, or the ruler has a number far off"
         )
     return tuple(found)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas
-from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.prior import start_values
+from periscopy_sim.calibration.prior import InFront, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, VariantError
 from periscopy_sim.model.uncertain_transport import UncertainTransport

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.explanation.resolution_level import COVERED, MOST_PATCHES, fitted
+from periscopy_sim.calibration.level import COVERED, MOST_PATCHES, fitted
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr

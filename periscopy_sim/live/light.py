@@ -105,7 +105,7 @@ def _render(
 ) -> None:
     """Render the light of a place, and send it; or send why it cannot be."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this ends it
-    from periscopy_sim.calibration.explanation.resolution_level import fitted
+    from periscopy_sim.calibration.level import fitted
     from periscopy_sim.rendering.ambient.background import render_background
     from periscopy_sim.rendering.scene.load import load_scenario
 

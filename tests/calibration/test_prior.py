@@ -20,7 +20,6 @@ def test_penalty_and_slope_are_those_of_normal_distributions():
     ]
     np.testing.assert_allclose(prior.slope(values), numeric, atol=1e-8)
     np.testing.assert_array_equal(prior.precision, [4.0, 0.0])
-    assert Prior.none(2).penalty(values) == 0
 
 
 def test_parameters_start_at_their_defaults_or_as_given():

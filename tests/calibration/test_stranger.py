@@ -9,10 +9,8 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.laboratories.making.laboratory import SCENES
-from periscopy_sim.calibration import calibrate_levels
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import declared_errors, start_values
-from periscopy_sim.calibration.search import ruled_starts
 
 ROWS, COLUMNS = SHAPE = 15, 20
 SCENE = SCENES / "sign.xml"
@@ -58,25 +56,14 @@ def photographed(folder, values):
 
 
 @pytest.mark.thorough
-def test_eighteen_numbers_that_are_all_wrong_are_found_with_their_errors(tmp_path, monkeypatch):
+def test_eighteen_numbers_that_are_all_wrong_are_found_with_their_errors(tmp_path):
     random = np.random.default_rng(SEED)
     true = {
         name: value + ERRORS[name] * random.standard_normal()
         for name, value in zip(ERRORS, start_values(SCENE, tuple(ERRORS), {}), strict=True)
     }
     photograph = photographed(tmp_path, true)
-    gained = []
-
-    def ends_from_ruler(level, *others):
-        ends = ruled_starts.ends_from_ruler(level, *others)
-        truth = level.judgement(np.array(list(true.values())))
-        gained.extend(truth - level.judgement(end) for end in ends)
-        return ends
-
-    monkeypatch.setattr(calibrate_levels, "ends_from_ruler", ends_from_ruler)
     found = ps.calibrate(photograph, SCENE, SHAPE)
-    # Of 18 numbers chance explains 18; coarse images in wrong places explained 900 more than it.
-    assert max(gained) < 200, gained
     assert found.trusted and set(found.values) == set(true) and len(true) == 18
     z = [(p.value - true[p.name]) / p.standard_error for p in found.parameters]
     # Of 18 that are right and independent, all but 1 of 20 times each is within 3 errors.

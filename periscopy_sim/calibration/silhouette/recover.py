@@ -3,21 +3,19 @@
 The visibility between a point of the wall and a patch of the monitor is linear in the opacities of
 a flat mask's cells, so that the photograph is bilinear in mask and image: a blind deconvolution,
 whose kernel is the mask. As Levin et al. (IEEE TPAMI 33, 2011) advise for that, the image is
-integrated out while the mask is sought (`opacity_descent`), from many starts and coarse to fine,
-and on from where a descent ends, patch by patch of the image (`mask_walk`); each cell is opaque or
-open in the end (`binary_search`). That no patch shines negatively does most to tell the right mask
-from others (`mask_evidence`).
+integrated out while the mask is sought, from many smooth random starts, coarse to fine, and on from
+where a descent ends, patch by patch of the image (`walk`); each cell is opaque or open in the end
+(`binarized`).
 
 What stays open: mask and image may be shifted against each other, as far as the image's border is
-dark (hence the mask is preferred in the middle of its rectangle); and they may change places, each
-turned by half a circle, if the image has one colour and is as bright as dark. Both would explain
-the photograph alike; answers that do are told.
+dark; and they may change places, each turned by half a circle, if the image has one colour and is
+as bright as dark. `Silhouette.others` are answers that explain the photograph as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -25,99 +23,79 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.explanation.evidence import Explanation
-from periscopy_sim.calibration.explanation.overdispersion import overdispersion
-from periscopy_sim.calibration.explanation.resolution_level import (
-    Rays,
-    Resolution,
-    ResolutionLevel,
-)
-from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.silhouette.cells.cell_size import (
-    finest_photograph,
-    fitted_cells,
-    require_coarse,
-)
-from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane, mask_plane
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
-from periscopy_sim.calibration.silhouette.result import Silhouette, overlap
-from periscopy_sim.calibration.silhouette.search.binary_search import binarized
-from periscopy_sim.calibration.silhouette.search.mask_level import (
-    NOTHING,
+from periscopy_sim.calibration.level import Averaged
+from periscopy_sim.calibration.scene_matrices import SceneMatrices
+from periscopy_sim.calibration.silhouette.evidence import (
+    MaskEvidence,
     MaskFit,
-    MaskLevel,
+    Stages,
+    descend,
     opaque,
     usual_opacity,
 )
-from periscopy_sim.calibration.silhouette.search.mask_moves import (
-    patch_steps,
+from periscopy_sim.calibration.silhouette.moves import (
+    ONWARD,
+    binarized,
     resized,
     shifted,
-    swapped,
-)
-from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
-from periscopy_sim.calibration.silhouette.search.mask_walk import walk
-from periscopy_sim.calibration.silhouette.search.opacity_descent import (
-    FROM_AFAR,
-    NEARBY,
-    ONWARD,
-    Descended,
-    descend,
     smooth_mask,
+    walk,
 )
+from periscopy_sim.calibration.silhouette.plane import (
+    MaskPlane,
+    finest_photograph,
+    fitted_cells,
+    mask_plane,
+    require_coarse,
+)
+from periscopy_sim.calibration.silhouette.result import Silhouette, overlap
+from periscopy_sim.calibration.silhouette.scene import with_mesh
+from periscopy_sim.calibration.silhouette.shadows import CellShadows
+from periscopy_sim.calibration.whitening import WhiteNoise
 from periscopy_sim.errors import PhotographError, SceneError, VariantError
+from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized
-from periscopy_sim.scenario import Array
+from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
 PATCHES = 22
 """Along the longer side of the hidden image that is looked for beside the mask."""
 
-COARSE = Resolution(32, PATCHES, 1, Rays(16, 4), Rays(4, 4))
-FINE = Resolution(63, PATCHES, 2, Rays(16, 4), Rays(4, 4))
+COARSE = 32
+"""Pixels along the longer side of the photograph, for the first descents."""
 
 HALVED = 8
 """Cells along a side from which on the search begins with cells of twice the size."""
 
-STARTS = 12
-"""Random masks that the search begins with."""
-
-FINALISTS = 3
-"""Of where they lead, looked at finely."""
-
-HOPELESS = 100.0
-"""Objective, over the overdispersion, by which a finalist exceeds the best one that is given up
-before its cells are made opaque and open."""
-
-SAME = 0.8
-"""Overlap from which two masks are one answer."""
-
-AGREEING = 0.6
-"""Overlap of masks, one of them of cells twice as large, from which they are one."""
-
-ALIKE = 20.0
-"""Evidence, over the overdispersion, by which one answer must exceed another to exclude it."""
-
-TOLD = 0.5
-"""Part of the seen cells that the photograph must tell as numbers."""
-
-PRIOR_PRECISION = 4.0
-"""Of a cell's opacity, which is 0 or 1 as likely: its reciprocal variance."""
-
-SHOWN = 50.0
-"""Evidence that a mask must win over none for the photograph to show a shadow of it."""
-
-LOOKS = 40
-"""Of the walks, as a rule: how many there will be nobody knows, each is a part of what is left."""
+STARTS, FINALISTS = 12, 3
+"""Random masks that the search begins with; of where they lead, looked at finely."""
 
 PLACES = 2
 """Of a mask, patches apart, at which its cells are made opaque and open."""
 
+FROM_AFAR: Stages = ((1e-1, 20), (1e-2, 20), (0.0, 30))
+NEARBY: Stages = ((1e-3, 20), (0.0, 30))
+HOPELESS = 100.0
+"""Objective, over κ, by which a finalist exceeds the best one that is given up."""
+
+SAME, AGREEING = 0.8, 0.6
+"""Overlaps from which masks are one answer: of the same cells, and one of cells twice as large."""
+
+ALIKE = 20.0
+"""Evidence, over κ, by which one answer must exceed another to exclude it."""
+
+TOLD, PRIOR_PRECISION = 0.5, 4.0
+"""Fraction of the seen cells that the photograph must tell as numbers; the reciprocal variance of
+an opacity that is 0 or 1 as likely."""
+
+SHOWN = 50.0
+"""Evidence that a mask must win over none for the photograph to show a shadow of it."""
+
 UNSEEN = 1e-2
-"""Part of the largest cell's shadow, below which a cell's is not seen."""
+"""Fraction of the largest cell's shadow below which a cell's is not seen."""
 
 
 def recover_silhouette(
@@ -142,7 +120,7 @@ def recover_silhouette(
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
-        (R, C) of the hidden image; of finer ones than 36 patches along a side a coarser one serves.
+        (R, C) of the hidden image; the search uses at most 22 patches along a side.
     shape
         The occluder's id. Its form does not matter, only the rectangle about it, see `MaskPlane`.
     cells
@@ -152,7 +130,7 @@ def recover_silhouette(
         Values of the scene's ``<default>``s.
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
-        their names to them: their light joins that from afar.
+        their names to them: their light is projected out.
     mask
         (rows, columns) pixels to use; None for all.
     seed
@@ -195,169 +173,207 @@ def recover_silhouette(
         # Given values as its defaults: what the shape alone uses, Mitsuba would not take.
         empty.write_text(with_mesh(path, shape, None, given, empty.parent), encoding="utf-8")
 
-        def level(resolution: Resolution, parts: int) -> MaskLevel:
-            rows, columns = (-(-count // parts) for count in cells)
-            here = ResolutionLevel(
-                empty, {}, (), Prior.none(0), y, off, mask, hidden, resolution, seed,
-                lambda _: None,
-            )  # fmt: skip
-            return MaskLevel.of(here, plane, (rows, columns))
+        def level(pixels: int, parts: int) -> MaskLevel:
+            averaged = Averaged.of(y, off, mask, pixels)
+            size = (-(-cells[0] // parts), -(-cells[1] // parts))
+            return MaskLevel.of(
+                averaged, empty, averaged.hidden_shape(hidden, PATCHES), plane, size
+            )
 
-        halves = 1 + (max(cells) > HALVED)
-        coarse = level(COARSE, halves)
-        ends = ends_of_search(coarse, plane, seed, lambda part: report(0.4 * part))
-        masks = different(ends)[:FINALISTS]
-        fine = level(replace(FINE, photograph=finest_photograph(first, plane, cells)), 1)
+        coarse = level(COARSE, 1 + (max(cells) > HALVED))
+        ends = coarse.ends(seed, lambda part: report(0.4 * part))
+        fine = level(finest_photograph(first, plane, cells), 1)
         found = []
-        for k, each in enumerate(masks):
-            start = resized(each.opacities, cells) / (usual_opacity(each.opacities) or 1.0)
+        for k, end in enumerate(different(ends)[:FINALISTS]):
+            start = resized(end.opacities, cells) / (usual_opacity(end.opacities) or 1.0)
             found.append(descend(fine.evidence, np.minimum(start, 1.0), NEARBY))
-            report(0.4 + 0.2 * (k + 1) / len(masks))
+            report(0.4 + 0.2 * (k + 1) / FINALISTS)
+        answers = fine.answers(different(found), shape, lambda part: report(0.6 + 0.4 * part))
         answers = [
             replace(answer, agreeing=agreeing(answer.opaque, ends), starts=len(ends))
-            for answer in _answers(fine, found, plane, shape, lambda part: report(0.6 + 0.4 * part))
+            for answer in answers
         ]
         report(1.0)
     return replace(answers[0], others=tuple(answers[1:]))
 
 
-def ends_of_search(
-    level: MaskLevel,
-    plane: MaskPlane,
-    seed: int,
-    report: Callable[[float], None] = lambda _: None,
-) -> list[Descended]:
-    """Return where random starts lead, and the best of them and its image with places changed."""
-    random = np.random.default_rng(seed)
-    found = []
-    for k in range(STARTS):
-        found.append(descend(level.evidence, smooth_mask(level.cells, random), FROM_AFAR))
-        report((k + 1) / (STARTS + 1))
-    best = min(found, key=lambda each: each.objective)
-    other = swapped(level, plane, level.explain(best.opacities))
-    if other.any():
-        found.append(descend(level.evidence, other, NEARBY))
-    return found
+@dataclass(frozen=True, eq=False)
+class MaskLevel:
+    """A photograph at one resolution, explained by a mask of (rows, columns) of cells in a plane.
+
+    The scenario is without the mask.
+    """
+
+    averaged: Averaged
+    evidence: MaskEvidence
+    scenario: Scenario
+    plane: MaskPlane
+    cells: tuple[int, int]
+
+    @classmethod
+    def of(
+        cls,
+        averaged: Averaged,
+        empty: Path,
+        hidden: tuple[int, int],
+        plane: MaskPlane,
+        cells: tuple[int, int],
+    ) -> MaskLevel:
+        """Return that of a scene's file without the mask, and (R, C) of the hidden image."""
+        rows, columns = averaged.used.shape
+        matrices = SceneMatrices(empty, {}, (), np.empty(0), (rows, columns), hidden, hats=False)
+        used, nothing = averaged.used.ravel(), np.empty(0)
+        scenario = load_scenario(empty, hidden, {}, photograph=(rows, columns))
+        A = matrices.matrix(nothing)[used]
+        B = matrices.point_lights(nothing)[used]
+        basis = joined_basis(background_basis(B), np.hstack([B[:, :0], *averaged.off]))
+        shadows = CellShadows.of(A, scenario, plane, cells, averaged.used)
+        return cls(
+            averaged, MaskEvidence.of(shadows, averaged, basis, hidden), scenario, plane, cells
+        )
+
+    def ends(self, seed: int, report: Callable[[float], None]) -> list[MaskFit]:
+        """Return where random starts lead, and the best of them and its image swapped."""
+        random = np.random.default_rng(seed)
+        found = []
+        for k in range(STARTS):
+            found.append(descend(self.evidence, smooth_mask(self.cells, random), FROM_AFAR))
+            report((k + 1) / (STARTS + 1))
+        other = self.swapped(min(found, key=lambda fit: fit.objective))
+        if other.any():
+            found.append(descend(self.evidence, other, NEARBY))
+        return found
+
+    def swapped(self, fit: MaskFit) -> Array:
+        """Return the mask that is the image of a fit, turned by half a circle, (rows, columns).
+
+        From x, mask m and image f are seen as ∫ m(x + t (q − x)) f(q) dq, t the fraction of the way
+        at which the mask stands. f(−p/t) in the place of the mask, m(−t q) in that of the image
+        give the same for all x but for a shift.
+        """
+        from scipy.spatial import KDTree
+
+        rows, columns = self.cells
+        down, across = np.indices(self.cells) + 0.5
+        cells = self.plane.at(np.stack([across / columns, down / rows], axis=-1)).reshape(-1, 3)
+        monitor = self.scenario.patch_centers.mean(axis=0)
+        middle = self.plane.at(np.array([0.5, 0.5]))
+        places = monitor - (cells - middle) / self.plane.part(self.scenario)
+        distance, nearest = KDTree(self.scenario.patch_centers).query(places)
+        size = np.sqrt(self.scenario.patch_areas.max())
+        grey = np.where(distance < size, fit.images.mean(axis=1)[nearest], 0.0)
+        return np.asarray(grey / max(grey.max(), 1e-300)).reshape(self.cells)
+
+    @property
+    def steps(self) -> Array:
+        """(2, 2) cells down and across that a mask moves as the image does by a patch.
+
+        The first is that of a patch up, the second that of one across. By so much a mask and its
+        image may be shifted against each other, and the photograph changes least.
+        """
+        scenario = self.scenario
+        edges = np.stack([scenario.patch_up.mean(axis=0), scenario.patch_across.mean(axis=0)])
+        rows, _ = self.plane.rows_of_projection()
+        by_patch = self.plane.part(scenario) * edges @ rows[[1, 0]].T
+        return np.asarray(by_patch * np.array(self.cells))
+
+    def overdispersion(self, fit: MaskFit) -> float:
+        """Return how much stronger a residual is than white noise at some scale, at least 1."""
+        noise = WhiteNoise.of(fit, self.averaged.used, 0)
+        return max(1.0, noise.whitening(fit).discrepancy)
+
+    def answers(
+        self, found: list[MaskFit], name: str, report: Callable[[float], None]
+    ) -> list[Silhouette]:
+        """Return the best silhouette, and others that explain the photograph alike."""
+        κ = self.overdispersion(found[0])
+        evidence = self.evidence.tempered(κ)
+        limit = found[0].objective + HOPELESS * κ
+        walked, finished = [], []
+        hopeful = [fit for fit in found if fit.objective < limit]
+        for k, fit in enumerate(hopeful):
+            walked.append(walk(evidence, descend(evidence, fit.opacities, ONWARD), self.steps))
+            report((k + 0.7) / len(hopeful))
+        for fit in different(walked):
+            finished.append(self._finished(evidence, fit))
+        # Errors are as strong as the best mask leaves them, not as the first did.
+        κ = self.overdispersion(min(finished, key=lambda fit: fit.evidence))
+        evidence = self.evidence.tempered(κ)
+        finished = [evidence.explain(fit.opacities) for fit in finished]
+        most = min(fit.evidence for fit in finished) + ALIKE
+        alike = [fit for fit in different(finished) if fit.evidence < most]
+        partly = min((evidence.explain(fit.opacities) for fit in walked), key=lambda f: f.evidence)
+        return [self._silhouette(evidence, fit, name, partly) for fit in alike]
+
+    def _finished(self, evidence: MaskEvidence, fit: MaskFit) -> MaskFit:
+        """Return the binary mask that a descent leads to.
+
+        Opacities may imitate a mask that stands between cells, opaque and open ones cannot: so it
+        is looked for where the image is a patch or two on, and at last by whole cells.
+        """
+
+        def cost(mask: Array) -> float:
+            return evidence.explain(opaque(mask).astype(float)).objective
+
+        places = sorted(shifted(fit.opacities, self.steps), key=cost)
+        best = min((binarized(evidence, m) for m in places[:PLACES]), key=lambda f: f.objective)
+        place = min(shifted(best.opacities, np.eye(2)), key=cost)
+        if place is best.opacities:
+            return best
+        return min((best, binarized(evidence, place)), key=lambda f: f.objective)
+
+    def _silhouette(
+        self, evidence: MaskEvidence, fit: MaskFit, name: str, partly: MaskFit
+    ) -> Silhouette:
+        """Return what is known of a binary mask, beside one whose cells may be partly open."""
+        nothing = evidence.explain(np.zeros(self.cells))
+        if nothing.evidence - fit.evidence < SHOWN:
+            raise PhotographError(
+                f"the photograph shows no shadow of '{name}' in its rectangle; its silhouette "
+                "cannot be found"
+            )
+        light = evidence.shadows.light_held_off
+        seen = light > UNSEEN * light.max()
+        _, H = fit.linearized()
+        known = np.linalg.eigvalsh(H[np.ix_(seen, seen)])
+        told = float((known / (known + PRIOR_PRECISION)).sum())
+        if told < TOLD * seen.sum():
+            rows, columns = (max(2, int(n * np.sqrt(told / seen.sum()))) for n in self.cells)
+            raise SceneError(
+                f"the photograph tells about {told:.0f} numbers of the {seen.sum()} cells of "
+                f"'{name}' that it shows; ask for fewer, such as --cells {rows}x{columns}"
+            )
+        whole = self.averaged.scale
+        unexplained = (float(np.sqrt(np.mean(f.noise**2))) / whole for f in (fit, nothing, partly))
+        of_mask, of_nothing, of_partly = unexplained
+        return Silhouette(
+            name=name,
+            plane=self.plane,
+            opaque=fit.opaque,
+            seen=seen.reshape(self.cells),
+            told=told,
+            image=fit.images.reshape(*self.scenario.hidden_shape, 3),
+            unexplained=of_mask,
+            unexplained_open=of_nothing,
+            unexplained_partly=of_partly,
+            between=2 * evidence.freedom * float(np.log(fit.noise / partly.noise).sum()) / told,
+            residual=self.averaged.picture(fit.residual / whole),
+            overdispersion=self.overdispersion(fit),
+            evidence=fit.evidence,
+        )
 
 
-def agreeing(opaque_cells: NDArray[np.bool_], ends: list[Descended]) -> int:
+def agreeing(opaque_cells: NDArray[np.bool_], ends: list[MaskFit]) -> int:
     """Return how many of the search's ends are a mask, (rows, columns), as far as they are fine."""
     rows, columns = opaque_cells.shape
     fine = (resized(end.opaque.astype(float), (rows, columns)) > 0.5 for end in ends)
     return sum(overlap(mask, opaque_cells) >= AGREEING for mask in fine)
 
 
-def different(found: list[Descended]) -> list[Descended]:
+def different(found: list[MaskFit]) -> list[MaskFit]:
     """Return masks, the best first, no two the same but for a shift."""
-    kept: list[Descended] = []
+    kept: list[MaskFit] = []
     for each in sorted(found, key=lambda each: each.objective):
         if all(overlap(each.opaque, other.opaque) < SAME for other in kept):
             kept.append(each)
     return kept
-
-
-def _answers(
-    level: MaskLevel,
-    descended: list[Descended],
-    plane: MaskPlane,
-    name: str,
-    report: Callable[[float], None],
-) -> list[Silhouette]:
-    """Return the best silhouette, and others that explain the photograph alike."""
-    descended = different(descended)
-    level = level.learned(level.explain(descended[0].opacities).explanation)
-    limit = descended[0].objective + HOPELESS * level.level.overdispersion
-    steps = patch_steps(plane, level.level.scenario(NOTHING), level.cells)
-    done = 0.0
-
-    def looked() -> None:
-        nonlocal done
-        done += (1 - done) / LOOKS
-        report(done)
-
-    ends = [
-        descend(level.evidence, each.opacities, ONWARD)
-        for each in descended
-        if each.objective < limit
-    ]
-    onward = different([walk(level.evidence, end, steps, looked) for end in ends])
-    found = [_finished(level, each, steps) for each in onward]
-    # Errors are as strong as the best mask leaves them, not as the first did.
-    best = min(found, key=lambda fit: fit.explanation.evidence)
-    level = level.learned(best.explanation)
-    found = sorted((level.explain(fit.opacities) for fit in found), key=lambda fit: fit.objective)
-    most = found[0].explanation.evidence + ALIKE
-    alike = found[:1]
-    for fit in found[1:]:
-        if fit.explanation.evidence < most and all(
-            overlap(fit.opaque, each.opaque) < SAME for each in alike
-        ):
-            alike.append(fit)
-    partly = min(
-        (level.explain(each.opacities).explanation for each in onward), key=lambda e: e.evidence
-    )
-    return [_silhouette(level, fit, plane, name, partly) for fit in alike]
-
-
-def _finished(level: MaskLevel, found: Descended, steps: Array) -> MaskFit:
-    """Return the binary mask that a descent leads to.
-
-    Opacities may imitate a mask that stands between cells, opaque and open ones cannot: so it is
-    looked for where the image is a patch or two on, and at last by whole cells.
-    """
-    evidence, nothing = level.evidence, np.ones((len(level.evidence.smoothness), 3))
-    α = evidence.best_ratio(found.opacities.ravel(), 0.0)
-
-    def cost(mask: Array) -> float:
-        cut = opaque(mask).astype(float)
-        return evidence.at(cut.ravel(), α, 0.0, nothing)[0] / 2 + improbability(cut)[0]
-
-    places = sorted(shifted(found.opacities, steps), key=cost)
-    best = min((binarized(level, m) for m in places[:PLACES]), key=lambda fit: fit.objective)
-    place = min(shifted(best.opacities, np.eye(2)), key=cost)
-    if place is best.opacities:
-        return best
-    return min((best, binarized(level, place)), key=lambda fit: fit.objective)
-
-
-def _silhouette(
-    level: MaskLevel, fit: MaskFit, plane: MaskPlane, name: str, partly: Explanation
-) -> Silhouette:
-    """Return what is told of a binary mask, beside one whose cells may be partly open."""
-    found, open_ = fit.explanation, level.explain(np.zeros(level.cells)).explanation
-    if open_.evidence - found.evidence < SHOWN:
-        raise PhotographError(
-            f"the photograph shows no shadow of '{name}' in its rectangle; its silhouette cannot "
-            "be found"
-        )
-    light = level.shadows.light_held_off
-    seen = light > UNSEEN * light.max()
-    _, H = level.linearized(fit)
-    known = np.linalg.eigvalsh(H[np.ix_(seen, seen)])
-    told = float((known / (known + PRIOR_PRECISION)).sum())
-    if told < TOLD * seen.sum():
-        rows, columns = (max(2, int(n * np.sqrt(told / seen.sum()))) for n in level.cells)
-        raise SceneError(
-            f"the photograph tells about {told:.0f} numbers of the {seen.sum()} cells of '{name}' "
-            f"that it shows; ask for fewer, such as --cells {rows}x{columns}"
-        )
-    whole = level.level.scale
-    return Silhouette(
-        name=name,
-        plane=plane,
-        opaque=fit.opaque,
-        seen=seen.reshape(level.cells),
-        told=told,
-        image=found.images.reshape(*level.level.hidden_shape, 3),
-        unexplained=_rms(found.noise) / whole,
-        unexplained_open=_rms(open_.noise) / whole,
-        unexplained_partly=_rms(partly.noise) / whole,
-        between=2 * found.fit.freedom * float(np.log(found.noise / partly.noise).sum()) / told,
-        residual=level.level.picture(found.residuals),
-        overdispersion=overdispersion(found, level.level.used, level.level.seed),
-        evidence=found.evidence,
-    )
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

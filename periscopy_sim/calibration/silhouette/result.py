@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
-from periscopy_sim.calibration.silhouette.cells.mask_plane import MaskPlane
+from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
+from periscopy_sim.calibration.whitening import STRUCTURED
 from periscopy_sim.scenario import Array
-
-Cells = NDArray[np.bool_]
 
 FARTHEST = 4
 """Cells by which two masks are shifted against each other, at most, to be compared."""

@@ -94,7 +94,7 @@ def _finite(value: float) -> float | None:
 
 def say_found(found: Calibration, *, has_backgrounds: bool) -> None:
     """Print the parameters, and warn of those that neither photograph nor ruler knows."""
-    from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
+    from periscopy_sim.calibration.whitening import STRUCTURED
 
     width = max(len(p.name) for p in found.parameters)
     for k, p in enumerate(found.parameters):

@@ -63,12 +63,12 @@ def find_silhouette(
     with ExitStack() as stack:
         spare_inputs(outputs, (photo, path, *(background or []), mask))
         with timed("load the scene"), progress("loading the scene"):
-            from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
-            from periscopy_sim.calibration.silhouette.masked_scene import (
+            from periscopy_sim.calibration.silhouette.plane import mask_plane
+            from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+            from periscopy_sim.calibration.silhouette.scene import (
                 local_coordinates,
                 write_masked_scene,
             )
-            from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 
             scenario = inputs.load(scene, hidden, define)
             mask_plane(scenario, shape)

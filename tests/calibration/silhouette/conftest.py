@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
-from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.calibration.silhouette.plane import mask_plane
 from periscopy_sim.calibration.silhouette.result import Silhouette
+from periscopy_sim.calibration.silhouette.scene import with_mesh, write_masked_scene
 from periscopy_sim.rendering.scene.load import load_scenario
 
 SCENE = """<scene version="3.0.0">

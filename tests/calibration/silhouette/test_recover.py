@@ -3,9 +3,9 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.silhouette import recover
+from periscopy_sim.calibration.silhouette.moves import resized, shifted, smooth_mask, unlike
 from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 from periscopy_sim.calibration.silhouette.result import overlap
-from periscopy_sim.calibration.silhouette.search.mask_moves import resized, shifted
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -89,3 +89,30 @@ def test_cells_of_another_grid_are_the_nearest():
     mask = np.arange(4.0).reshape(2, 2)
     np.testing.assert_array_equal(resized(mask, (4, 4)), np.kron(mask, np.ones((2, 2))))
     np.testing.assert_array_equal(resized(resized(mask, (6, 4)), (2, 2)), mask)
+
+
+def test_random_masks_are_smooth_and_about_half_open():
+    random = np.random.default_rng(0)
+    masks = np.array([smooth_mask((16, 12), random) for _ in range(40)])
+    assert ((masks > 0) & (masks < 1)).all()
+    filled = (masks > 0.5).mean(axis=(1, 2))
+    assert filled.min() > 0.25
+    assert filled.max() < 0.65
+    # Rough ones would differ from cell to cell as from mask to mask.
+    assert np.abs(np.diff(masks, axis=2)).mean() < 0.4 * np.abs(np.diff(masks, axis=0)).mean()
+
+
+def test_masks_of_one_cell_across_are_drawn_too():
+    assert smooth_mask((6, 1), np.random.default_rng(0)).shape == (6, 1)
+
+
+def test_flips_are_known_by_how_much_they_lengthen_the_outline():
+    mask = np.random.default_rng(2).random((5, 6)) < 0.5
+
+    def length(m):
+        return sum(np.count_nonzero(np.diff(m.astype(int), axis=axis)) for axis in (0, 1))
+
+    for k, told in enumerate(unlike(mask)):
+        flipped = mask.copy()
+        flipped.ravel()[k] ^= True
+        assert length(flipped) - length(mask) == told

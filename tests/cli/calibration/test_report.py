@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.cli.calibration.calibrate import DISTRUSTED, UNTOLD
 from periscopy_sim.cli.calibration.report import _open, say_found
