@@ -54,12 +54,6 @@ def test_method_whose_photographs_have_no_known_shape_tells_their_pixels(transpo
     )
 
 
-def test_method_on_a_device_tells_where(transport):
-    method = ps.PortableNoiseAware(ps.NoiseAware(transport, **SHAPES), np.zeros(1))
-    line = "PortableNoiseAware(NoiseAware(3x4 patches, 6x8 pixels), numpy, cpu)"
-    assert told_briefly(method) == line
-
-
 def test_videos_and_preconditioners_tell_their_sizes(transport):
     still = ps.NoiseAware(transport, **SHAPES)
     assert "3x4 patches, coupling '" in told_briefly(ps.NoiseAwareVideo(still))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.sparse.linalg import LinearOperator, lsqr
+from scipy.sparse.linalg import LinearOperator
 
 from periscopy_sim.model import transport_operator
 from periscopy_sim.model.transport_operator import COLUMNS, TransportOperator
@@ -131,14 +131,6 @@ def test_strongest_patterns_are_the_eigenvectors_of_the_dense_gram_matrix(patche
     assert (np.linalg.norm(left, axis=0) <= 2e-4 * eigenvectors.energy).all()
 
 
-def test_scipy_solves_with_it():
-    A, Q = matrix(60, 8), basis(60)
-    y = np.random.default_rng(4).normal(size=60)
-    expected = np.linalg.pinv(projected(A, Q)) @ y
-    found = lsqr(TransportOperator(A, Q), y - Q @ (Q.T @ y), atol=1e-14, btol=1e-14)[0]
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
-
-
 def test_backgrounds_of_another_size_are_refused():
     with pytest.raises(ValueError, match="B has 7 rows"):
         TransportOperator(matrix(), basis(7))
@@ -180,11 +172,3 @@ def test_used_rows_are_those_of_the_mask(form, entries, tmp_path, monkeypatch):
     np.testing.assert_allclose(operator.gram_product(f), expected, rtol=1e-7, atol=1e-7)
     y = np.random.default_rng(4).normal(size=(int(mask.sum()), 2))
     np.testing.assert_allclose(operator.T @ y, dense.T @ y, rtol=1e-9, atol=1e-9)
-
-
-def test_memory_map_is_never_copied_whole_for_its_used_rows(tmp_path, monkeypatch):
-    monkeypatch.setattr(transport_operator, "BLOCK_ENTRIES", 10 * 50)
-    A = memory_map(matrix(patches=50), tmp_path)
-    used = transport_operator.used_rows(A, np.arange(41) != 7)
-    sizes = [len(block) for _, block in used.row_blocks()]
-    assert sizes == [9, 10, 10, 10, 1]

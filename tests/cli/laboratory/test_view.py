@@ -14,6 +14,7 @@ import pytest
 from periscopy_sim.cli.laboratory.viewed import write_view
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.level import Level, Shot
+from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.formats.exr import read_exr
@@ -107,7 +108,7 @@ def test_what_other_pictures_left_in_the_folder_is_removed(tmp_path):
     pictures = pictures_of()
     write_view(tmp_path / "view", pictures, {"resolution": "24"}, None)
     (tmp_path / "view" / "notes.txt").write_text("mine", "utf-8")
-    plain = replace(pictures, standard_errors=None)
+    plain = replace(pictures, report=Report())
     write_view(tmp_path / "view", plain, {"resolution": "24"}, None)
     written = {file.name for file in (tmp_path / "view").iterdir()}
     assert written == {

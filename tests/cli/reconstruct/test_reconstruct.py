@@ -144,8 +144,7 @@ def test_truth_adds_metrics_and_a_comparison(given, light, succeeds, setting, hi
         (("--method", "magic"), "no method 'magic'; use noise-aware, preconditioned, "),
         (
             ("--method", "differencing", "--repair-threshold", "1"),
-            "--repair-threshold belongs to --method preconditioned, truncated-svd or pseudoinverse,"
-            " not to differencing; leave it out",
+            "--repair-threshold belongs to --method preconditioned",
         ),
         (("--method", "noise-aware", "--tv-weight", "0"), "--method noise-aware takes 1e-09 to"),
         (("--tv-weight", "-1"), "'--tv-weight'"),

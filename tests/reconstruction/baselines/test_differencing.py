@@ -1,20 +1,12 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from periscopy_sim.analytic.point_light import point_light_response
-from periscopy_sim.evaluation.metrics import registered
-from periscopy_sim.measurement import composite
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from periscopy_sim.shipped import find_scene
 
 PHOTOGRAPH = (20, 18)
 HIDDEN = (5, 6)
@@ -48,12 +40,6 @@ def occluded_transport(opacity=0.5):
 
 A = occluded_transport()
 FAINT = occluded_transport(0.02)
-
-
-def distant_light(*lights):
-    """Light of points in front of the wall, (M, L)."""
-    away = np.array(lights) - WALL[:, None]
-    return -away[..., 1] / np.sum(away**2, axis=2) ** 1.5
 
 
 def difference_matrix(wrap):
@@ -165,16 +151,6 @@ def test_with_wrapping_a_constant_background_enters_by_the_last_pixel_alone():
     np.testing.assert_allclose(change[..., 0].ravel(), expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
-def test_converged_differencing_stops_within_its_tolerance(tolerance):
-    y = photograph_of(two_halves(), noise=1e-3, A=FAINT)
-    result = differencing(FAINT, tolerance=tolerance).solve(y)
-    assert result.gap.shape == result.iterations.shape == (3,)
-    assert (result.gap <= tolerance).all()
-    finer = differencing(FAINT, tolerance=tolerance / 1e4).solve(y)
-    assert (finer.iterations > result.iterations).any()
-
-
 def test_published_differencing_ends_at_its_cap_near_the_minimum():
     y = photograph_of(two_halves(), noise=1e-3, A=FAINT)
     published, converged = (
@@ -234,35 +210,12 @@ def test_all_singular_values_give_the_pseudoinverse_without_background():
     assert relative_error(svd, expected) < 1e-6
 
 
-def test_only_the_method_that_models_the_background_sees_through_it():
-    B = distant_light([-1.0, -2.0, 1.0], [2.0, -1.0, 2.0], [0.5, -3.0, 1.5], [-2.0, -4.0, 2.5])
-    y = photograph_of(two_halves(), noise=1e-4)
-    light = (B @ [[1.0], [2.0], [1.5], [0.7]]).reshape(*PHOTOGRAPH, 1)
-    y += 5 * y.mean() / light.mean() * light
-    modelled = Periscope(A, B, hidden_shape=HIDDEN).reconstruct(y)
-    assert relative_error(modelled, two_halves()) < 0.2
-    others = [differencing(), truncated_svd(), Periscope(A, None, hidden_shape=HIDDEN)]
-    for method in others:
-        assert relative_error(method.reconstruct(y), two_halves()) > 0.4
-
-
-@pytest.mark.parametrize(
-    ("make", "options", "message"),
-    [
-        (differencing, {"stop": "early"}, "stop is 'early'"),
-        (differencing, {"tv_weight": -1.0}, "tv_weight is -1.0"),
-        (differencing, {"tv_weight": np.nan}, "tv_weight is nan"),
-        (differencing, {"tv_weight": np.inf}, "tv_weight is inf"),
-        (differencing, {"tolerance": 0.0}, "tolerance is 0.0"),
-        (differencing, {"channel_gain": np.array([1.0, 0.0, 1.0])}, "channel gains"),
-        (truncated_svd, {"fraction": 0.0}, "not 0.0"),
-        (truncated_svd, {"fraction": 1.5}, "not 1.5"),
-        (truncated_svd, {"channel_gain": np.ones(2)}, "channel gains"),
-    ],
-)
-def test_option_out_of_range_is_refused(make, options, message):
-    with pytest.raises(ValueError, match=message):
-        make(**options)
+def test_options_out_of_range_are_rejected():
+    for wrong in ({"stop": "early"}, {"tv_weight": -1.0}, {"tolerance": 0.0}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            differencing(**wrong)
+    with pytest.raises(ValueError, match=r"1\.5"):
+        truncated_svd(fraction=1.5)
 
 
 def test_patches_that_cannot_be_told_apart_are_refused():
@@ -273,23 +226,3 @@ def test_patches_that_cannot_be_told_apart_are_refused():
     with pytest.raises(ValueError, match="fewer than 30 singular values"):
         TruncatedSVD(twins, hidden_shape=HIDDEN, fraction=1.0)
     TruncatedSVD(twins, hidden_shape=HIDDEN)
-
-
-@pytest.mark.slow
-def test_real_photograph_is_seen_until_ambient_light_drowns_it():
-    shared = Path(__file__).parents[3].parent / "shared" / "data" / "chair_mushroom.npz"
-    if not shared.exists():
-        pytest.skip(f"{shared.name} is not at hand")
-    with np.load(shared) as data:
-        y, truth = data["photograph"], data["hidden"] / 255
-    scene = load_scenario(find_scene("chair"), hidden=truth.shape[:2])
-    A = render_transport(scene)
-    light = point_light_response(
-        np.array([[2.1, -1.3, 2.2]]), scene.wall_points, scene.wall_normals
-    ).reshape(*scene.photograph_shape, 1)
-    drowned = composite(y, np.broadcast_to(light, y.shape), sbr=0.2)
-    sizes = {"photograph_shape": scene.photograph_shape, "hidden_shape": scene.hidden_shape}
-    for wrap, clear, dark in [(True, 13.0, 8.0), (False, 13.5, 12.0)]:
-        method = Differencing(A, wrap=wrap, **sizes)
-        assert registered(method.reconstruct(y), truth).psnr > clear
-        assert registered(method.reconstruct(drowned), truth).psnr < dark

@@ -134,11 +134,3 @@ def test_minimum_is_that_of_the_solver_with_a_gram_matrix(count):
         minimum = quadratic.minimize(h, λ, tolerance=1e-14, max_iterations=20_000)
         error = np.linalg.norm(solved.f[:, c] - minimum.f) / np.linalg.norm(minimum.f)
         assert error < 1e-5
-
-
-def test_iterations_stop_where_they_are_told():
-    A, B, y = problem(decay=1e-3)
-    transport = operator(A, B)
-    assert conjugate_gradients(transport, y, max_iterations=3).iterations == 3
-    solved = with_total_variation(transport, y, np.full(3, 1e-3), max_iterations=4)
-    assert solved.iterations == 4 and solved.left > 1e-6

@@ -41,11 +41,11 @@ def problems(small):
     from periscopy_sim.reconstruction.learned.unrolled_network import Problems
     from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
-    method = NoiseAware(small.A, small.B, **small.settings, wall_gain=False)
-    found = method.solve(small.photograph)
-    problem = problem_of(method, found)
-    rows = method._basis.rows
-    patterns = rows, method._basis.curvatures.astype(np.float32), rows @ laplacian(HIDDEN)
+    method = NoiseAware(small.A, small.B, **small.settings, profiles=False, corrections=())
+    solution = method.solve(small.photograph)
+    problem = problem_of(method, solution)
+    patterns = method.fit.patterns
+    shared = patterns.rows, patterns.curvatures, patterns.rows @ laplacian(HIDDEN)
     own = problem.data, problem.weights, problem.errors[None], problem.start
-    tensors = [torch.tensor(each, dtype=torch.float32) for each in patterns]
-    return Problems(*tensors, *(torch.tensor(each)[None] for each in own)), problem, found
+    tensors = [torch.tensor(each, dtype=torch.float32) for each in shared]
+    return Problems(*tensors, *(torch.tensor(each)[None] for each in own)), problem, solution

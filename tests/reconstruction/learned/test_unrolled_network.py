@@ -9,7 +9,6 @@ torch = pytest.importorskip("torch")
 pytestmark = pytest.mark.torch
 
 from periscopy_sim.reconstruction.learned.unrolled_network import (  # noqa: E402
-    Problems,
     UnrolledNetwork,
     proximal_step,
 )
@@ -29,26 +28,6 @@ def test_what_explains_the_photograph_is_what_dense_normal_equations_say(small, 
         data = problem.scale / found.noise[channel] ** 2 * rest.T @ y
         expected = np.linalg.solve(misfit + ρ * K, data + ρ * K @ v[channel].ravel())
         assert x[channel].ravel() == pytest.approx(expected, rel=1e-3, abs=1e-3)
-
-
-def test_axes_of_colour_turn_the_photograph_and_the_image_alike(problems):
-    given, *_ = problems
-    turned, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
-    turn = torch.tensor(turned, dtype=torch.float32)[None]
-    alike = torch.ones_like(given.weights) * 50
-    same = Problems(*patterns(given), turn, turn @ given.data, alike, *rest(given))
-    straight = Problems(*patterns(given), torch.eye(3)[None], given.data, alike, *rest(given))
-    ρ = torch.full((1, 1, 1), 2.0)
-    images = [proximal_step(each, given.start, ρ) for each in (same, straight)]
-    torch.testing.assert_close(*images, rtol=1e-4, atol=1e-4)
-
-
-def patterns(problems):
-    return problems.rows, problems.curvatures, problems.rows_K
-
-
-def rest(problems):
-    return problems.errors, problems.start
 
 
 def test_untrained_network_leaves_the_image_as_it_is(problems):

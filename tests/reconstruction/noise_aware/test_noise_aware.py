@@ -250,12 +250,6 @@ def test_photograph_that_shows_something_is_not_warned_of(noise):
     assert not warns(SIGNAL + noise * (photograph() - SIGNAL))[0]
 
 
-@pytest.mark.parametrize("hidden", [(1, 20), (20, 1), (2, 10)])
-def test_thin_images_are_recovered_too(hidden):
-    image = NoiseAware(A, B, hidden_shape=hidden).reconstruct(photograph())
-    assert image.shape == (*hidden, 3) and np.isfinite(image).all()
-
-
 def test_iterations_that_do_not_suffice_are_told():
     method = NoiseAware(A, B, hidden_shape=HIDDEN, max_iterations=3)
     with pytest.warns(RuntimeWarning, match="3 iterations"):

@@ -124,11 +124,3 @@ def test_unknown_coupling_and_negative_weights_are_refused(periscope):
     for weights in ({name: value} for name, values in wrong.items() for value in values):
         with pytest.raises(ValueError, match="finite number, not negative"):
             Video(periscope, **weights)
-
-
-def test_refused_photograph_leaves_the_video_as_it_was(periscope):
-    video = Video(periscope)
-    before = video.next_frame(PHOTOGRAPHS[0])
-    with pytest.raises(ValueError, match="must be finite"):
-        video.next_frame(np.full((400, 3), np.nan))
-    np.testing.assert_array_equal(video.previous, before)

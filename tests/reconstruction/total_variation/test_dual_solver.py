@@ -14,15 +14,6 @@ def objective(f, g, weight):
     return ((f - g) ** 2).sum() + weight * np.hypot(down, across).sum()
 
 
-@pytest.mark.parametrize(
-    ("given", "returned"),
-    [("f2", np.float32), ("f4", np.float32), ("f8", np.float64), ("g", np.float64)],
-)
-@pytest.mark.parametrize("weight", [0, 0.3, np.inf])
-def test_the_result_has_the_precision_of_the_image(given, returned, weight, blocks):
-    assert prox_total_variation(blocks().astype(given), weight).dtype == returned
-
-
 @pytest.mark.parametrize("weight", [0.01, 0.1, 0.5, 2.0, 7.0, 20.0])
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
 def test_single_precision_agrees_with_double_precision_up_to_their_gaps(
@@ -58,13 +49,6 @@ def test_a_tolerance_beyond_single_precision_is_met_in_double_precision(blocks):
     expected = prox_total_variation(g.astype(np.float64), 0.3, tolerance=1e-11)
     f = prox_total_variation(g, 0.3, tolerance=1e-11)
     np.testing.assert_array_equal(f, expected.astype(np.float32))
-
-
-@pytest.mark.parametrize("scale", [1e37, 1e-36])
-def test_single_precision_neither_overflows_nor_underflows(scale, blocks):
-    g = blocks().astype(np.float32)
-    f = prox_total_variation(np.float32(scale) * g, scale * 0.3)
-    np.testing.assert_allclose(f / scale, prox_total_variation(g, 0.3), rtol=1e-5, atol=1e-6)
 
 
 def test_result_reports_the_slowest_channel(blocks):

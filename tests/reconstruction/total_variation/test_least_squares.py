@@ -6,10 +6,8 @@ from scipy import optimize
 
 from periscopy_sim.reconstruction.total_variation.least_squares import (
     GramMatrix,
-    Iterate,
     LeastSquares,
     minimize,
-    path_of_last_third,
 )
 
 SHAPE = (5, 6)
@@ -173,12 +171,6 @@ def test_lipschitz_constant_is_the_largest_squared_gain_beside_the_uniform_image
     assert problem_of(K).without_mean.lipschitz == pytest.approx(largest, rel=1e-9)
 
 
-def test_restarted_momentum_spares_iterations():
-    K = ill_conditioned()
-    _, b = measured(K)
-    assert solved(K, b, 0.003, tolerance=1e-10).iterations < 500  # 1000 without
-
-
 def gram_matrix(K):
     G = K.T @ K
     return GramMatrix(G, SHAPE, float(np.linalg.eigvalsh(G)[-1]))
@@ -202,14 +194,6 @@ def test_images_are_settled_where_the_iterations_stop(condition, seed):
     for c, λ in enumerate(weights):
         exact = solved(K, b[:, c], λ, tolerance=1e-14).f
         assert np.linalg.norm(found.f[:, c] - exact) < 1e-4 * np.linalg.norm(exact)
-
-
-def test_columns_do_not_disturb_one_another():
-    K = ill_conditioned(condition=30.0)
-    b = np.stack([measured(K, seed=k)[1] for k in range(2)], axis=1)
-    both = together(K, b * [1, 0], [0.03, 0.03])
-    assert not both.f[:, 1].any()
-    np.testing.assert_allclose(both.f[:, :1], together(K, b[:, :1], [0.03]).f, rtol=1e-10)
 
 
 def test_account_of_an_iterate_is_the_problems():
@@ -237,11 +221,3 @@ def test_weight_follows_the_image_it_is_told_of():
     assert np.linalg.norm(found.f[:, 0] - exact) < 1e-6 * np.linalg.norm(exact)
     again = minimize(gram_matrix(K), h, scaled, np.linalg.solve(K.T @ K, h), **settings)
     np.testing.assert_allclose(again.f, found.f, atol=1e-7)
-
-
-def test_path_is_that_of_the_last_third():
-    path = [np.array([10.0, 0.0])] * 4 + [np.array([0.25, 1.0]), np.array([0.5, 1.5])]
-    none = np.zeros((N, 2))
-    iterate = Iterate(none, none, none, len(path), path, np.inf)
-    assert path_of_last_third(iterate) == 2.5
-    assert path_of_last_third(Iterate(none, none, none, 5, path[:5], np.inf)) == np.inf

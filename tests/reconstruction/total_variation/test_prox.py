@@ -16,48 +16,16 @@ SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 6), (29, 36)]
 EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
 
 
-def difference_matrix(rows, columns):
-    """Dense differences: rows 2k and 2k + 1 act on pixel k, down and across."""
-    D = np.zeros((2 * rows * columns, rows * columns))
-    for i in range(rows):
-        for j in range(columns):
-            k = i * columns + j
-            if i + 1 < rows:
-                D[2 * k, [k, k + columns]] = -1, 1
-            if j + 1 < columns:
-                D[2 * k + 1, [k, k + 1]] = -1, 1
-    return D
-
-
-def loop_total_variation(image):
-    pairs = (difference_matrix(*image.shape) @ image.ravel()).reshape(-1, 2)
-    return sum((dx * dx + dy * dy) ** 0.5 for dx, dy in pairs)
-
-
-def objective(f, g, weight):
-    return ((f - g) ** 2).sum() + weight * loop_total_variation(f)
-
-
-def admm_prox(g, weight, ρ=2.0, iterations=6000):
-    """Alternating directions on z = D f, by dense linear algebra."""
-    D = difference_matrix(*g.shape)
-    inverse = np.linalg.inv(2 * np.eye(g.size) + ρ * D.T @ D)
-    z = np.zeros((g.size, 2))
-    u = np.zeros((g.size, 2))
-    for _ in range(iterations):
-        f = inverse @ (2 * g.ravel() + ρ * D.T @ (z - u).ravel())
-        v = (D @ f).reshape(-1, 2) + u
-        length = np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
-        z = v * np.maximum(1 - weight / ρ / length, 0)
-        u = v - z
-    return f.reshape(g.shape)
-
-
 @pytest.mark.parametrize("shape", SHAPES)
-def test_gradient_is_the_dense_difference_matrix(shape, random_image):
+def test_gradient_is_that_of_plain_loops(shape, random_image):
     image = random_image(*shape)
-    expected = (difference_matrix(*shape) @ image.ravel()).reshape(*shape, 2)
-    np.testing.assert_allclose(gradient(image), np.moveaxis(expected, -1, 0), atol=1e-14)
+    expected = np.zeros((2, *shape))
+    for i, j in np.ndindex(shape):
+        if i + 1 < shape[0]:
+            expected[0, i, j] = image[i + 1, j] - image[i, j]
+        if j + 1 < shape[1]:
+            expected[1, i, j] = image[i, j + 1] - image[i, j]
+    np.testing.assert_allclose(gradient(image), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -68,23 +36,19 @@ def test_divergence_is_minus_the_adjoint_of_the_gradient(shape, random_image):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_total_variation_is_the_sum_of_gradient_lengths(shape, random_image):
+def test_total_variation_is_the_sum_of_gradient_lengths(shape, random_image, variation):
     image = random_image(*shape)
-    assert total_variation(image) == pytest.approx(loop_total_variation(image), rel=1e-13)
-
-
-def test_total_variation_of_a_half_plane_is_its_jump_times_its_edge():
-    image = np.zeros((9, 5))
-    image[:, 3:] = 2.5
-    assert total_variation(image) == pytest.approx(9 * 2.5)
+    assert total_variation(image) == pytest.approx(variation(image), rel=1e-13)
 
 
 @pytest.mark.parametrize("shape", [(5, 6), (1, 9), (9, 1), (2, 3)])
 @pytest.mark.parametrize("weight", [0.05, 0.6, 2.5])
-def test_prox_equals_the_minimizer_by_alternating_directions(shape, weight, random_image):
+def test_prox_equals_the_minimizer_by_alternating_directions(
+    shape, weight, random_image, minimizer
+):
     g = random_image(*shape, seed=3)
     f = prox_total_variation(g, weight, **EXACT)
-    np.testing.assert_allclose(f, admm_prox(g, weight), atol=2e-5)
+    np.testing.assert_allclose(f, minimizer(g, weight), atol=2e-5)
 
 
 @pytest.mark.parametrize("weight", [0.1, 0.9])
@@ -95,7 +59,7 @@ def test_a_step_moves_each_side_by_half_the_weight_over_its_width(weight):
 
 
 @pytest.mark.parametrize("weight", [0.05, 0.3])
-def test_prox_agrees_with_scikit_image_at_half_the_weight(weight, blocks):
+def test_prox_agrees_with_scikit_image_at_half_the_weight(weight, blocks, objective):
     restoration = pytest.importorskip("skimage.restoration")
     g = blocks()
     theirs = restoration.denoise_tv_chambolle(g, weight / 2, eps=1e-8, max_num_iter=5000)
@@ -106,14 +70,16 @@ def test_prox_agrees_with_scikit_image_at_half_the_weight(weight, blocks):
 
 @pytest.mark.parametrize("weight", [0.1, 1.0, 4.0])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
-def test_the_objective_is_within_the_reported_gap_of_the_least(weight, tolerance, random_image):
+def test_the_objective_is_within_the_reported_gap_of_the_least(
+    weight, tolerance, random_image, objective, minimizer
+):
     g = random_image(5, 6, seed=4)
     result = solve_total_variation(g, weight, tolerance=tolerance)
     assert result.converged
     assert result.gap <= tolerance
-    reached, least = objective(result.image, g, weight), objective(admm_prox(g, weight), g, weight)
+    reached, least = objective(result.image, g, weight), objective(minimizer(g, weight), g, weight)
     assert least * (1 - 1e-9) <= reached <= least / (1 - result.gap) + 1e-9
-    distance = ((result.image - admm_prox(g, weight)) ** 2).sum()
+    distance = ((result.image - minimizer(g, weight)) ** 2).sum()
     assert distance <= result.gap * reached + 1e-9
 
 
@@ -127,7 +93,7 @@ small_images = arrays(
 @settings(deadline=None, max_examples=60)
 @given(g=small_images, weight=st.floats(0, 300), seed=st.integers(0, 1000))
 def test_the_result_is_optimal_against_every_other_image_up_to_its_gap(
-    g, weight, seed, random_image
+    g, weight, seed, random_image, objective, variation
 ):
     # ⟨g − f, u − f⟩ ≤ λ/2 (‖u‖_TV − ‖f‖_TV) for all u says that f is the minimizer.
     result = solve_total_variation(g, weight, max_iterations=2000)
@@ -135,13 +101,13 @@ def test_the_result_is_optimal_against_every_other_image_up_to_its_gap(
     slack = result.gap * objective(f, g, weight) / 2 + 1e-9
     others = [np.zeros_like(g), g, 2 * f - g, 1.1 * f, 0.9 * f, random_image(*g.shape, seed=seed)]
     for u in others:
-        gain = weight / 2 * (loop_total_variation(u) - loop_total_variation(f))
+        gain = weight / 2 * (variation(u) - variation(f))
         assert ((g - f) * (u - f)).sum() <= gain + slack
 
 
 @settings(deadline=None, max_examples=60)
 @given(g=small_images, weight=st.floats(0, 300), seed=st.integers(0, 1000))
-def test_prox_is_non_expansive(g, weight, seed, random_image):
+def test_prox_is_non_expansive(g, weight, seed, random_image, objective):
     h = g + random_image(*g.shape, seed=seed)
     results = [solve_total_variation(image, weight, max_iterations=2000) for image in (g, h)]
     errors = [
@@ -175,12 +141,6 @@ def test_shifting_the_image_shifts_the_result(blocks):
     np.testing.assert_allclose(shifted - 1e6, prox_total_variation(g, 0.3), atol=1e-8)
 
 
-def test_transposing_the_image_transposes_the_result(blocks):
-    g = blocks()
-    f = prox_total_variation(g, 0.3, tolerance=1e-8)
-    np.testing.assert_allclose(prox_total_variation(g.T, 0.3, tolerance=1e-8).T, f, atol=1e-3)
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("value", [0.0, 0.1, -3e7])
 def test_a_constant_image_is_a_fixed_point(shape, value):
@@ -193,14 +153,6 @@ def test_a_constant_image_is_a_fixed_point(shape, value):
 def test_a_huge_weight_gives_the_mean(shape, weight, random_image):
     g = random_image(*shape)
     np.testing.assert_allclose(prox_total_variation(g, weight), np.full(shape, g.mean()))
-
-
-@pytest.mark.parametrize("shape", [*SHAPES, (4, 5, 3)])
-def test_zero_weight_returns_a_copy(shape, random_image):
-    g = random_image(*shape)
-    f = prox_total_variation(g, 0)
-    np.testing.assert_array_equal(f, g)
-    assert not np.shares_memory(f, g)
 
 
 def test_each_channel_is_denoised_on_its_own_with_its_own_weight(blocks):
@@ -221,26 +173,24 @@ def test_each_image_of_a_stack_is_denoised_on_its_own(shape, random_image):
 
 
 @pytest.mark.parametrize(
-    ("image", "weight", "options", "message"),
+    ("shape", "given", "name"),
     [
-        (np.ones((3, 3)), -1, {}, "not negative"),
-        (np.ones((3, 3)), np.nan, {}, "not negative"),
-        (np.ones((3, 3)), [1, 2, 3], {}, "one number"),
-        (np.ones((3, 3, 3)), [1, 2], {}, "one for each channel"),
-        (np.ones((3, 3, 3)), [1, 2, -3], {}, "not negative"),
-        (np.ones((2, 3, 3, 3)), [1, 2], {}, "one for each channel"),
-        (np.ones((2, 3, 3, 3)), np.ones((3, 3)), {}, "one for each channel"),
-        (np.ones((2, 2, 3, 3, 3)), 1, {}, "shape"),
-        (np.ones(3), 1, {}, "shape"),
-        (np.ones((0, 3)), 1, {}, "shape"),
-        (np.ones((3, 3, 0)), 1, {}, "shape"),
-        (np.full((3, 3), np.nan), 1, {}, "NaN"),
-        (np.full((3, 3), np.inf), 1, {}, "NaN"),
-        (np.ones((3, 3)), 1, {"tolerance": 0}, "tolerance"),
-        (np.ones((3, 3)), 1, {"tolerance": np.nan}, "tolerance"),
-        (np.ones((3, 3)), 1, {"max_iterations": 0}, "max_iterations"),
+        ((3, 3), {"weight": -1}, "weight"),
+        ((3, 3, 3), {"weight": [1, 2]}, "channel"),
+        ((3,), {}, "shape"),
+        ((0, 3), {}, "shape"),
+        ((3, 3), {"tolerance": 0}, "tolerance"),
+        ((3, 3), {"max_iterations": 0}, "max_iterations"),
+        ((2, 3, 3), {"temporal_weight": -1}, "temporal_weight"),
+        ((3, 3), {"temporal_weight": 1}, "shape"),
+        ((3, 3), {"previous": np.ones((3, 4)), "l1_weight": 1}, "previous"),
+        ((3, 3), {"previous": np.full((3, 3), np.nan), "l1_weight": 1}, "previous"),
+        ((3, 3), {"previous": np.ones((3, 3)), "l1_weight": -1}, "l1_weight"),
+        ((3, 3), {"l1_weight": 1}, "previous"),
     ],
 )
-def test_bad_arguments_are_refused(image, weight, options, message):
-    with pytest.raises(ValueError, match=message):
-        prox_total_variation(image, weight, **options)
+def test_bad_arguments_are_rejected(shape, given, name):
+    with pytest.raises(ValueError, match=name):
+        solve_total_variation(np.ones(shape), **{"weight": 1, **given})
+    with pytest.raises(ValueError, match="NaN"):
+        solve_total_variation(np.full((3, 3), np.nan), 1)
