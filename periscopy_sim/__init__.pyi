@@ -13,10 +13,10 @@ from .calibration.result import Calibration
 from .calibration.silhouette.recover import recover_silhouette
 from .calibration.silhouette.result import Silhouette
 from .calibration.uncertain_scene import uncertain_transport
-from .dataset.archive.reading import open_dataset
-from .dataset.archive.torch_dataset import TorchDataset
-from .dataset.configuration.document import load_configuration
-from .dataset.making.make import make_dataset
+from .dataset.configuration import load_configuration
+from .dataset.make import make_dataset
+from .dataset.reading import open_dataset
+from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
@@ -55,7 +55,7 @@ from .scenario import Scenario
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
-from .storage.sequences.opening import open_frames
+from .storage.sequences import open_frames
 from .storage.wall_marks import read_wall_points, read_wall_tags
 
 __all__ = [

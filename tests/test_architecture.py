@@ -187,7 +187,7 @@ def test_only_the_rendering_and_the_variants_name_need_mitsuba():
     # These ask for the variant's name alone.
     assert others <= {
         "periscopy_sim.cli.inputs",
-        "periscopy_sim.dataset.making.inputs",
+        "periscopy_sim.dataset.make",
         "periscopy_sim.storage.ambient_library",
     }
 

@@ -294,7 +294,7 @@ def _scenes() -> list[Case]:
 
 
 def _configurations() -> Iterator[Case]:
-    from periscopy_sim.dataset.configuration.document import EXAMPLE
+    from periscopy_sim.dataset.configuration import EXAMPLE
 
     least = (
         b"count: 10\nhidden: 3x4\nscenes: [{scene: chair}]\nhidden_images: [{kind: shapes}]\n"

@@ -38,12 +38,11 @@ ACCEPTED, REFUSED = "accepted", "refused"
 
 def readers() -> dict[str, Callable[[Path], Any]]:
     """Return the readers by name; each returns arrays, or None."""
-    from periscopy_sim.dataset.configuration.document import load_configuration
+    from periscopy_sim.dataset.configuration import load_configuration
     from periscopy_sim.rendering.scene.load import load_scenario
     from periscopy_sim.storage.photographs import read_mask, read_photograph
     from periscopy_sim.storage.pictures import read_hidden_image
-    from periscopy_sim.storage.sequences.hidden_frames import read_hidden_frames
-    from periscopy_sim.storage.sequences.opening import open_frames
+    from periscopy_sim.storage.sequences import open_frames, read_hidden_frames
 
     return {
         "photograph": lambda path: [read_photograph(path, SHAPE).values],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,7 @@ import periscopy_sim as ps
 from experiments.published.layout import captures
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
-from periscopy_sim.storage.formats.matlab import averaged_counts, picture_of
+from periscopy_sim.storage.formats.matlab import averaged_counts, picture_of, read_matrices
 from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.pictures import area_average
@@ -182,18 +182,17 @@ def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
     return np.asarray(np.einsum("kij,ricjd->krcd", weights, blocks, optimize=True))
 
 
-def truth_of(matrices: dict[str, Matrix], path: Path, hidden: tuple[int, int]) -> Array | None:
+def truth_of(
+    matrices: dict[str, NDArray[Any]], path: Path, hidden: tuple[int, int]
+) -> Array | None:
     """Return what the monitor was sent, as linear light, (R, C, 3); None if the file has none.
 
     A black image counts as none, since nothing can be compared with it. What was sent is of 0 to
     255, or of 0 to 1 where nothing is larger, and encoded by the sRGB curve, as monitors take it.
     An image of other numbers is a PhotographError.
     """
-    if "ground_truth" not in matrices:
-        return None
-    values = matrices["ground_truth"].values
-    is_image = values is not None and values.ndim == 3 and values.shape[2] == 3 and values.size
-    if values is None or not is_image:
+    values = matrices.get("ground_truth")
+    if values is None or values.ndim != 3 or values.shape[2] != 3 or not values.size:
         return None
     sent = np.asarray(values, np.float64)
     if not (np.isfinite(sent).all() and sent.min() >= 0 and sent.max() <= 255):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.validation.solver import within
-from periscopy_sim.dataset.configuration.distributions import Distribution
-from periscopy_sim.dataset.configuration.hidden_sources import Shapes, Smooth
+from periscopy_sim.dataset.distributions import Distribution
+from periscopy_sim.dataset.hidden_sources import Shapes, Smooth
 
 Array = NDArray[np.float64]
 HIDDEN = (15, 18)

@@ -54,7 +54,7 @@ def make(
         ),
     ] = None,
     count: Annotated[
-        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1)
+        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1, max=10**8)
     ] = None,
     scheduler: Annotated[
         str | None, option("ADDRESS", "A Dask scheduler; without it, this machine.")
@@ -64,8 +64,8 @@ def make(
     ] = False,
 ) -> None:
     """Make what is missing of a data set ('make' may be left out)."""
-    from periscopy_sim.dataset.configuration.document import EXAMPLE, load_configuration
-    from periscopy_sim.dataset.making.make import make_dataset
+    from periscopy_sim.dataset.configuration import EXAMPLE, load_configuration
+    from periscopy_sim.dataset.make import make_dataset
 
     if example:
         print(EXAMPLE.read_text("utf-8"), end="")
@@ -124,7 +124,7 @@ def info(
     """Print how large a data set is, and what it holds."""
     import json
 
-    from periscopy_sim.dataset.archive.reading import describe
+    from periscopy_sim.dataset.reading import describe
 
     description = describe(data)
     if as_json:
@@ -136,23 +136,18 @@ def info(
 
 @app.command("verify", cls=GroupedCommand)
 def verify(data: Archive) -> None:
-    """Look for damaged files; exit 2 if there is one.
-
-    Every checksum is compared, and every chunk decoded.
-    """
-    from periscopy_sim.dataset.archive.reading import verify_dataset
+    """Compare every file with its checksum; exit 2 if one is damaged."""
+    from periscopy_sim.dataset.reading import verify_dataset
 
     with counted_progress("verifying", "blocks") as report:
-        whole, damaged = verify_dataset(data, report)
-    for damage in damaged:
-        first, after = damage.samples
-        say(f"samples {first} to {after - 1}: {damage.reason}")
+        damaged = verify_dataset(data, report)
+    for first, after in damaged:
+        say(f"samples {first} to {after - 1} are missing or damaged")
     if damaged:
         raise DatasetError(
-            f"{data}: {whole} samples are whole, the others not; run 'periscopy dataset' with its "
-            "configuration again to repair it"
+            f"{data}: is damaged; run 'periscopy dataset' with its configuration again"
         )
-    say(f"{data}: all {whole} samples are whole")
+    say(f"{data}: all samples are whole")
 
 
 @app.command("export", cls=GroupedCommand)
@@ -165,8 +160,8 @@ def export(
     ] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
-    from periscopy_sim.dataset.archive.export import export_samples
-    from periscopy_sim.dataset.archive.reading import open_dataset
+    from periscopy_sim.dataset.export import export_samples
+    from periscopy_sim.dataset.reading import open_dataset
     from periscopy_sim.storage.outputs.staging import staged_folder
 
     count = open_dataset(data, incomplete=True).sizes["sample"]

@@ -138,7 +138,7 @@ class LightModel:
 
             return point_light_backgrounds(scenario)
         if _is_file(source):
-            from periscopy_sim.storage.prototypes import read_prototypes
+            from periscopy_sim.storage.transport_matrix import read_prototypes
 
             return read_prototypes(Path(source), scenario.transport_shape[0])
         from periscopy_sim.rendering.ambient.emitter_backgrounds import emitter_backgrounds

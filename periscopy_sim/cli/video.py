@@ -214,8 +214,7 @@ def _read_clip(
     """Read and check the photographs and the hidden images, into files of a scratch folder."""
     from periscopy_sim.figures.video import picture_names
     from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.sequences.hidden_frames import decoded_truth
-    from periscopy_sim.storage.sequences.opening import decoded_photographs, open_frames
+    from periscopy_sim.storage.sequences import decoded_photographs, decoded_truth, open_frames
 
     scenario = session.scenario
     shape = scenario.photograph_shape
@@ -250,7 +249,8 @@ def _recover(
 
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.reconstruction.report import Report
-    from periscopy_sim.storage.sequences.stacks import mapped_stack, npy_writer
+    from periscopy_sim.storage.formats.arrays import mapped_stack
+    from periscopy_sim.storage.sequences import npy_writer
 
     count, shape = len(clip.names), session.scenario.hidden_shape
     records: list[dict[str, Any]] = []

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.storage.outputs.completion import Block
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.outputs.store import BlockStore
+from periscopy_sim.storage.outputs.store import Block, BlockStore
 
 if TYPE_CHECKING:
     import xarray as xr

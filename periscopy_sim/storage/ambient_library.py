@@ -17,7 +17,7 @@ from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
-"""Takes what is being rendered, gives what the fraction done is reported to."""
+"""Receives the name of a rendering, and gives the function that reports its fraction done."""
 
 
 def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
@@ -34,12 +34,12 @@ def ambient_photographs(
     target: float = 3e-4,
     progress: Progress = silent,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return photographs of a wall under ambient conditions; what the folder lacks is rendered.
+    """Return photographs of a wall under ambient conditions, and render those the folder lacks.
 
-    `names` are shipped conditions or paths of scene files. Each photograph, (rows, columns, 3)
-    radiance, lies in the folder, or will, as ``NAME.exr``. `target` is the relative error of a
-    pixel, see `render_background`; `progress` is called with each condition that is rendered. A
-    name that is unknown or given twice, or a file made otherwise, is a `PeriscopyError`.
+    `names` are shipped conditions or paths of scene files. The folder keeps each photograph, (rows,
+    columns, 3) radiance, as ``NAME.exr``. `target` is the relative error of a pixel, see
+    `render_background`; `progress` is called with each condition that is rendered. A name that is
+    unknown or given twice, or a file of other settings, is a `PeriscopyError`.
     """
     paths = {Path(name).stem: find_condition(name) for name in names}
     if len(paths) < len(names):
@@ -47,8 +47,19 @@ def ambient_photographs(
     photographs = {}
     for name, path in paths.items():
         file, settings = folder / f"{name}.exr", _settings(path, scenario, seed, target)
-        picture, held = rendered_once(file, path, scenario, seed, target, progress, settings)
-        _check(file, picture, held, scenario, settings)
+        picture, metadata = rendered_once(file, path, scenario, seed, target, progress, settings)
+        # The digest identifies the scene, wherever it lies.
+        wanted: dict[str, object] = {
+            **settings,
+            "pixels": scenario.photograph_shape,
+            "scene": metadata.get("scene"),
+        }
+        held: dict[str, object] = {**metadata, "pixels": picture.shape[:2]}
+        for key in (key for key, value in wanted.items() if held.get(key) != value):
+            raise PeriscopyError(
+                f"{file}: was made otherwise ({key} {held.get(key)}, here {wanted[key]}); name "
+                "another folder or remove it"
+            )
         photographs[name] = picture.astype(np.float64)
     return photographs
 
@@ -62,7 +73,7 @@ def rendered_once(
     progress: Progress,
     settings: Mapping[str, str] | None = None,
 ) -> tuple[NDArray[np.float32], dict[str, str | float]]:
-    """Return the photograph that a file holds, with its metadata; without a file it is rendered.
+    """Return the photograph that a file holds, with its metadata, and render it if there is none.
 
     With `settings`, these and the errors of the photograph become the file's metadata.
     """
@@ -70,14 +81,14 @@ def rendered_once(
 
     if not file.is_file():
         with staged_file(file) as staged, progress(f"ambient light: {path.stem}") as report:
-            found = render_background(path, scenario, target=target, seed=seed, progress=report)
-            report(1.0)  # who interrupts may have stopped Mitsuba in the midst of it
-            # To six digits: beyond those lies in which order BLAS has added this time.
+            rendered = render_background(path, scenario, target=target, seed=seed, progress=report)
+            report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
+            # To six digits: beyond those, results depend on the order in which BLAS adds.
             errors = {
-                name: float(f"{getattr(found, name):.6g}")
+                name: float(f"{getattr(rendered, name):.6g}")
                 for name in ("relative_error", "brightness_error")
             }
-            write_exr(staged, found.photograph, {**settings, **errors} if settings else {})
+            write_exr(staged, rendered.photograph, {**settings, **errors} if settings else {})
     # Also what was just rendered: as kept, so that a later run computes the same.
     return read_exr(file)
 
@@ -95,7 +106,7 @@ def find_condition(name: str) -> Path:
 
 
 def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[str, str]:
-    """Return what a picture depends on; the scenario's hidden size is not of it."""
+    """Return what a picture depends on, which does not include the scenario's hidden size."""
     import mitsuba as mi
 
     made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
@@ -104,26 +115,3 @@ def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[
         del record[of_this_run]
     ambient = {"ambient": path.stem, "ambient_sha256": scene_sha256(path)}
     return {**ambient, "target": f"{target:g}", **record}
-
-
-def _check(
-    file: Path,
-    picture: NDArray[np.float32],
-    held: Mapping[str, str | float],
-    scenario: Scenario,
-    settings: Mapping[str, str],
-) -> None:
-    """Refuse a picture that was made otherwise."""
-    rows, columns = scenario.photograph_shape
-    if picture.shape[:2] != (rows, columns):
-        raise PeriscopyError(
-            f"{file}: has {picture.shape[0]}x{picture.shape[1]} pixels, the scene's camera "
-            f"{rows}x{columns}; name another folder or remove it"
-        )
-    for key, value in settings.items():
-        # The digest tells the scene, wherever it lies.
-        if key != "scene" and held.get(key) != value:
-            raise PeriscopyError(
-                f"{file}: was made otherwise ({key} {held.get(key)}, here {value}); name another "
-                "folder or remove it"
-            )

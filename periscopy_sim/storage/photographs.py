@@ -12,24 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import (
-    Photograph,
-    check_size,
-    with_channels,
-)
+from periscopy_sim.photograph import Photograph, check_size, with_channels
 from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
-from periscopy_sim.storage.formats.colour_profile import SRGB, encoding_of
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
+from periscopy_sim.storage.formats.rasters import SRGB, encoding_of
 from periscopy_sim.storage.formats.srgb import srgb_decode
-from periscopy_sim.storage.formats.table import decode_picture, format_of
+from periscopy_sim.storage.formats.table import FileFormat, decode_picture, format_of
 
 
 def read_photograph(
     path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
 ) -> Photograph:
-    """Read a photograph of a known size; its format is told by its contents.
+    """Read a photograph of a known size; its contents decide its format.
 
     EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; arrays of
     8-bit integers are taken so, too, with a warning. PNG, TIFF and JPEG are what their colour
@@ -52,12 +48,9 @@ def read_photograph(
     PhotographError
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
-    path = Path(path)
-    row = format_of(path)
-    picture = row.decode(path, "photograph", shape)
-    encoded = _is_encoded(picture, path)
-    values, warnings = _linear_light(picture, encoded, shape, row.name, str(path))
-    return Photograph.of(values, shape, str(path), mask=mask, warnings=tuple(warnings))
+    name, row, picture, encoded = _decoded(path)
+    values, warnings = _linear_light(picture, encoded, shape, row.name, name)
+    return Photograph.of(values, shape, name, mask=mask, warnings=tuple(warnings))
 
 
 def read_sensor_image(
@@ -65,8 +58,8 @@ def read_sensor_image(
 ) -> tuple[SensorImage, tuple[str, ...]]:
     """Read a photograph of any size, as `read_photograph` does, and where it is saturated.
 
-    Raw files of cameras are read, too: linear, their black level off, without white balance, a
-    pixel of each cell of the mosaic, of which nothing is interpolated.
+    Raw files of cameras are linear, their black level off, without white balance, one pixel for
+    each cell of the mosaic, without interpolation.
 
     Parameters
     ----------
@@ -74,10 +67,10 @@ def read_sensor_image(
         The file.
     white : float
         The value from which on a pixel is saturated. None: what a raw file says, and the largest
-        integer, if a converter's range ends there. Other plateaus at the top are told of.
+        integer, if a converter's range ends there. A warning names other plateaus at the top.
     has_black : bool
-        Whether a black level is still to be taken off, which makes no sense of what is encoded for
-        screens: that is refused.
+        Whether a black level is still to be taken off, which is an error for pictures that are
+        encoded for screens.
 
     Returns
     -------
@@ -89,41 +82,35 @@ def read_sensor_image(
     PhotographError
         If the file is missing, damaged or of another format.
     """
-    path = Path(path)
-    row = format_of(path)
-    picture = row.decode(path, "photograph", None)
-    values = picture.values
-    encoded = _is_encoded(picture, path)
-    if encoded and (has_black or white is not None):
-        raise PhotographError(
-            f"{path}: is {_bits(values)}-bit {row.name}, encoded for screens, of whose counts "
-            "nothing is known; give a raw file, or leave out the black level and the saturation"
-        )
-    full = picture.saturated
+    name, row, picture, encoded = _decoded(path)
+    values, full = picture.values, picture.saturated
     if encoded:
+        if has_black or white is not None:
+            raise PhotographError(
+                f"{name}: is encoded for screens; give a raw file, or leave out the black level "
+                "and the saturation"
+            )
         full = (values == np.iinfo(values.dtype).max).any(axis=2)
-    light, warnings = _linear_light(picture, encoded, None, row.name, str(path))
-    exposure = sensor_image(light, str(path), white, full, picture.cell)
+    light, warnings = _linear_light(picture, encoded, None, row.name, name)
+    exposure = sensor_image(light, name, white, full, picture.cell)
     if exposure.white == np.inf and (plateau := saturated_pixels(exposure.values)).any():
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(
-            f"{path}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
+            f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
             f"are saturated, leave them out by --white {top:.6g}"
         )
     return exposure, tuple(warnings)
 
 
-def _is_encoded(picture: Picture, path: Path) -> bool:
-    """Return whether integers are encoded by the sRGB curve; see `read_photograph`."""
-    if not picture.is_display or picture.values.dtype not in (np.uint8, np.uint16):
-        return False
-    if picture.profile:
-        return encoding_of(picture.profile, path) == SRGB
-    return picture.values.dtype == np.uint8
-
-
-def _bits(values: NDArray[Any]) -> int:
-    return 8 * values.dtype.itemsize
+def _decoded(path: str | Path) -> tuple[str, FileFormat, Picture, bool]:
+    """Return name, format and content of a photograph, and whether it is sRGB-encoded."""
+    path = Path(path)
+    row = format_of(path)
+    picture = row.decode(path, "photograph")
+    encoded = picture.is_display and picture.values.dtype == np.uint8
+    if picture.is_display and picture.profile and picture.values.dtype in (np.uint8, np.uint16):
+        encoded = encoding_of(picture.profile, path) == SRGB
+    return str(path), row, picture, encoded
 
 
 def _linear_light(
@@ -137,6 +124,7 @@ def _linear_light(
         warnings.append(f"{name}: left out the channels {', '.join(picture.left_out)}")
     if picture.alpha is not None:
         warnings.append(f"{name}: left out the alpha channel")
+    bits = 8 * values.dtype.itemsize
     if encoded:
         if shape is not None:
             check_size(values.shape[:2], shape, name)  # before it becomes eight times as large
@@ -144,12 +132,11 @@ def _linear_light(
         if picture.profile:
             why = "as its colour profile says"
         warnings.append(
-            f"{name}: {_bits(values)}-bit {kind}, {why} decoded by the sRGB curve; save linear "
-            "data as 16-bit PNG or TIFF, EXR or NPY"
+            f"{name}: {bits}-bit {kind}, {why} decoded by the sRGB curve; save linear data as "
+            "16-bit PNG or TIFF, EXR or NPY"
         )
-        levels = np.iinfo(values.dtype).max + 1
-        values = srgb_decode(np.arange(levels) / (levels - 1))[values]
-    elif values.dtype == np.uint8 and not picture.profile:
+        values = srgb_decode(np.linspace(0, 1, 2**bits))[values]
+    elif bits == 8 and values.dtype.kind == "u" and not picture.profile:
         warnings.append(
             f"{name}: 8-bit {kind}, taken as linear light; if it is gamma-encoded, as most such "
             "data are, save it as PNG, which is decoded"
@@ -183,10 +170,9 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
     """
     path = Path(path)
     picture = decode_picture(path, "mask")
-    values = picture.values
+    values = with_channels(picture.values, str(path))
     if picture.alpha is not None:
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
-    values = with_channels(values, str(path))
     if shape is not None:
         check_size(values.shape[:2], shape, str(path))
     if not np.isfinite(values).all():

@@ -19,7 +19,6 @@ from periscopy_sim.storage.outputs.staging import staged_file
 
 __all__ = ["area_average", "read_hidden_image", "srgb_decode", "srgb_encode", "write_png"]
 
-_LONGEST_SIDE = 1 << 16  # pixels; JPEG's own limit
 _BAND = 1 << 20  # pixels made linear light at once
 
 
@@ -55,19 +54,14 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
         )
     picture = decode_picture(path, "hidden")
     values, alpha = with_channels(picture.values, str(path)), picture.alpha
-    encoded = picture.is_display and values.dtype.kind == "u"
     if values.size == 0:
         raise PhotographError(f"{path}: has shape {values.shape}; give one pixel at least")
-    if max(values.shape) > _LONGEST_SIDE:
-        raise PhotographError(f"{path}: is {max(values.shape)} pixels long; shrink it first")
 
     def light(rows: slice) -> NDArray[np.float64]:
-        band = _fraction(values[rows], path)
-        if encoded:
+        band = linear_light(values[rows], path)
+        if picture.is_display and values.dtype.kind == "u":
             band = srgb_decode(band)
-        if alpha is not None:  # before a black ground
-            band = band * _fraction(alpha[rows], path)
-        return linear_light(band, path)
+        return band if alpha is None else band * linear_light(alpha[rows], path)  # on black
 
     return _average(light, values.shape[:2], shape)
 
@@ -76,9 +70,13 @@ def linear_light(values: NDArray[Any], place: Path) -> NDArray[np.float64]:
     """Return (rows, columns, 1 or 3) values as (rows, columns, 3) light, 1 for white.
 
     Integers, of 8 or 16 bits, are fractions of the largest of their dtype. Values that are negative
-    or not finite are refused.
+    or not finite are a `PhotographError`.
     """
-    light = _fraction(values, place)
+    if values.dtype.kind != "f" and values.dtype not in (np.uint8, np.uint16):
+        raise PhotographError(f"{place}: holds {values.dtype}; save 8- or 16-bit or float values")
+    white = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
+        light = values.astype(np.float64) / white
     if not (np.isfinite(light) & (light >= 0)).all():
         raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
     return np.broadcast_to(light, (*light.shape[:2], 3))
@@ -131,8 +129,7 @@ def _average(
     rows, columns = size
     down, across = _coverage(shape[0], rows), _coverage(shape[1], columns)
     height = max(1, _BAND // columns)
-    starts = range(0, rows, height)
-    bands = (slice(start, start + height) for start in starts)
+    bands = (slice(start, start + height) for start in range(0, rows, height))
     return np.asarray(across @ sum(np.tensordot(down[:, b], band(b), axes=1) for b in bands))
 
 
@@ -143,13 +140,3 @@ def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
     upper = np.minimum(edges[1:, None], pixel + 1)
     lower = np.maximum(edges[:-1, None], pixel)
     return np.asarray(np.maximum(upper - lower, 0) * (boxes / pixels))
-
-
-def _fraction(values: NDArray[Any], path: Path) -> NDArray[np.float64]:
-    """Return integers as fractions of the largest of their dtype, other values as they are."""
-    if values.dtype.kind == "f":
-        with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
-            return values.astype(np.float64)
-    if values.dtype not in (np.uint8, np.uint16):
-        raise PhotographError(f"{path}: holds {values.dtype}; save 8- or 16-bit or float values")
-    return values / float(np.iinfo(values.dtype).max)

@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from periscopy_sim.dataset.configuration.document import Configuration
+from periscopy_sim.dataset.configuration import Configuration
 from periscopy_sim.rendering.transport import bounced
 
 ENTRIES = {

@@ -51,36 +51,19 @@ def test_example_shows_every_kind_of_occluder_and_camera():
         ("  width: 40 cm\n", "", r"line 3, camera.width: is missing$"),
         ("width: 40 cm", "widht: 40 cm", r"line 7, camera.widht: is not known; did you mean"),
         ("12x16", "12", r"line 5, camera.film: write ROWSxCOLUMNS"),
-        ("[30 cm, 10 cm]", "[30 cm]", r"line 6, the second of camera.bottom_left: is missing"),
-        (
-            "center: [0 m",
-            "center: [0,5 cm",
-            "monitor.center: holds 4, at most 3 belong there; decimals take a point",
-        ),
+        ("12x16", "0x16", r"line 5, camera.film"),
+        ("[30 cm, 10 cm]", "[30 cm]", r"line 6, camera.bottom_left\[1\]: is missing"),
+        ("[30 cm, 10 cm]", "[30 cm, 10]", r"line 6, camera.bottom_left\[1\]: 10 has no unit"),
+        ("center: [0 m", "center: [0,5 cm", "line 12, monitor.center: "),
         ("center: [0 m", "corner: [0 m", r"line 12, monitor.corner: is not known"),
         ("  center", "  top_left: [0 m, 0 m, 1 m]\n  center", r"monitor: give one of center, top"),
-        ("kind: rectified", "kind: oblique", r"camera: kind 'oblique' is not known"),
-        ("  kind: rectified\n", "", r"camera: has no 'kind'; see 'periscopy lab --example'"),
+        ("kind: rectified", "kind: oblique", r"line 3, camera: .*'oblique'"),
+        ("  kind: rectified\n", "", r"line 3, camera: .*'kind'"),
         ("length: 5 mm", "length: -5 mm", r"line 1, errors.length: '-5 mm' is not positive"),
         ("angle: 1 deg", "angle: 0 deg", r"line 1, errors: the error of an angle"),
         ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
-        (
-            "kind: rectified",
-            "kind: perspective",
-            r"line 6, camera.bottom_left: is not known of "
-            "kind perspective; it belongs to kind rectified",
-        ),
-        (
-            "  kind: rectified",
-            "  position: 1\n  kind: rectified",
-            "is not known of kind rectified; it belongs to kind perspective and corners",
-        ),
-        (
-            "center: [0 m",
-            "place: [0 m",
-            r"line 12, monitor.place: is not known; there are width, "
-            "height, center, .*; see 'periscopy lab --example'",
-        ),
+        ("kind: rectified", "kind: perspective", r"line 6, camera.bottom_left: is not known"),
+        ("center: [0 m", "place: [0 m", r"line 12, monitor.place: is not known; there are width, "),
     ],
 )
 def test_mistakes_are_told_with_their_line(tmp_path, old, new, message):
@@ -99,27 +82,15 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
         (BOX.replace("NAME", "wall"), "'wall' is no name"),
         (BOX.replace("NAME", "a b"), "'a b' is no name"),
         (BOX.replace("NAME", "x_error"), "'x_error' is no name"),
-        (
-            BOX.replace("NAME", "b").replace("width: 1 cm", "width: 0 cm"),
-            r"\('b'\), width: '0 cm' is not",
-        ),
-        (BOX.replace("box", "bx"), "kind 'bx' is not known; there are 'box', 'plate'"),
+        (BOX.replace("NAME", "b").replace("width: 1", "width: 0"), r"\[0\].width: '0 cm' is not"),
+        (BOX.replace("box", "bx"), r"occluders\[0\]: .*'bx'.*'box', 'plate'"),
         ("{kind: mesh, name: m, file: a.stl, position: [0 m, 0 m, 0 m]}", "have no unit; give it"),
         ("{kind: mesh, name: m, file: a.stl, unit: furlong, position: [0 m, 0 m, 0 m]}", "'mm'"),
-        (
-            "{kind: rod, name: r, thickness: 1 cm}",
-            r"the first of occluders \('r'\), thickness: is not known of kind rod; it belongs to "
-            "kind plate and frame",
-        ),
-        (
-            "{kind: rod, name: r, length: 1 cm}",
-            "the first of occluders \\('r'\\), length: is not known; kind rod has "
-            "name, with, reflectance, diameter, radius, start, end; see",
-        ),
+        ("{kind: rod, name: r, length: 1 cm}", r"occluders\[0\].length: is not known; there are"),
         (
             "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm, "
             "radius: 5 mm}",
-            r"line 13, the first of occluders \('r'\): give either diameter or radius",
+            r"line 13, occluders\[0\]: give either diameter or radius",
         ),
         (
             BOX.replace("}", ", with: a}").replace("NAME", "b") + f", {BOX.replace('NAME', 'a')}",
@@ -160,31 +131,3 @@ def test_camera_looks_at_a_target_or_in_a_direction(tmp_path):
             load_laboratory(written(tmp_path, text.replace(camera, changed)))
     with pytest.raises(ConfigurationError, match=r"camera: .* between 0 and 180 deg"):
         load_laboratory(written(tmp_path, text.replace(camera, aimed.replace("30 deg", "-3 deg"))))
-
-
-def test_entry_of_a_list_is_counted_from_1_and_called_by_its_name_or_kind(tmp_path):
-    """In the file as a person wrote it: one entry below the other, each on lines of its own."""
-    lines = [
-        "occluders:",
-        *(f"  - {BOX.replace('NAME', f'b{k}')}" for k in range(10)),
-        "  - {kind: box, size: 3 cm}",
-        "  - name: shade",
-        "    kind: box",
-        "    position: [0 m, 50 cm, 20]",
-        "    size: 3 cm",
-    ]
-    text = LEAST + "\n".join(lines) + "\n"
-    before = len(LEAST.splitlines())
-
-    def told():
-        with pytest.raises(ConfigurationError) as caught:
-            load_laboratory(written(tmp_path, text))
-        return str(caught.value)
-
-    place = f"line {before + 12}, number 11 of occluders ('box'), size: is not known; kind box has"
-    assert place in told()
-    text = text.replace(lines[11] + "\n", "").replace(lines[10] + "\n", "")
-    assert f"line {before + 14}, the tenth of occluders ('shade'), size: is not known" in told()
-    text = text.replace("    size: 3 cm\n", "    width: 3 cm\n    depth: 3 cm\n    height: 3 cm\n")
-    place = f"line {before + 13}, the tenth of occluders ('shade'), the third of position: 20 has"
-    assert place in told()

@@ -1,33 +1,20 @@
-"""What decoders return, bounds on what files announce, and every failure as one error."""
+"""What decoders return, and every failure of a decoder as one error."""
 
 from __future__ import annotations
 
-import io
-import math
-import os
-import warnings
-import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photograph import check_real, check_size
 
-LARGEST_COUNT = 2**28
-"""Most values (rows x columns x channels) that a file may announce."""
-
-UNPACKED_COUNT = 2**25
-"""Most values that a file may announce however small it is: few colours pack well."""
-
-LARGEST_RATIO = 64
-"""Most values that a larger file may announce for each of its bytes."""
-
-_PIECE = 1 << 20  # bytes unpacked at once
+Frame = TypeVar("Frame")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,78 +31,64 @@ class Picture:
     cell: int = 1  # pixels of the sensor along each side of one of these
 
 
+@dataclass(frozen=True, eq=False)
+class Frames(Generic[Frame]):
+    """Frames in time's order, decoded one at a time as they are iterated over.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The file, the part or the number of each.
+    warnings : tuple of str
+        What was left out of the whole, one line each.
+    decode : callable
+        Starts an iterator over all of them: photographs, or arrays not yet checked one by one.
+    """
+
+    names: tuple[str, ...]
+    warnings: tuple[str, ...]
+    decode: Callable[[], Iterator[Frame]]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self.decode()
+
+
 def listed(names: Sequence[str]) -> str:
-    """Return the first four names for a message, and how many follow."""
+    """Return the first four names for a message, and the number of the others."""
     rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + rest
 
 
 def place_of(path: Path, frame: int | str) -> Path:
-    """Return what to call a frame of a file, or several, in a message."""
+    """Return the name of a frame of a file, or of several, for a message."""
     return Path(f"{path}, frame {frame}")
 
 
-def check_count(shape: Sequence[int], path: Path) -> None:
-    """Refuse a header that announces too many values, before allocating them.
-
-    These are more than `LARGEST_COUNT`, or more than `UNPACKED_COUNT` and more than `LARGEST_RATIO`
-    for each byte of the file. Nor may an extent be negative.
-    """
-    count, size = math.prod(shape), " x ".join(map(str, shape))
-    if min(shape, default=1) < 0 or count > LARGEST_COUNT:
+def check_stack(
+    shape: Sequence[int], dtype: np.dtype[Any], camera: tuple[int, int], path: Path
+) -> None:
+    """Check shape and dtype of a stack of photographs, (frames, rows, columns, 1 or 3)."""
+    check_real(dtype, str(path))
+    if len(shape) != 4 or shape[3] not in (1, 3) or shape[0] == 0:
         raise PhotographError(
-            f"{path}: its header announces {size} values, more than {LARGEST_COUNT}; "
-            "the file is damaged, or average its pixels first"
+            f"{path}: has shape {tuple(shape)}; give a stack (frames, rows, columns, 3)"
         )
-    if count > UNPACKED_COUNT and path.is_file() and count > LARGEST_RATIO * path.stat().st_size:
-        raise PhotographError(
-            f"{path}: its header announces {size} values, more than {LARGEST_RATIO} for each byte "
-            "of the file; it is damaged, or average its pixels first"
-        )
-
-
-def check_unpacked(pieces: Iterable[bytes], most: int, path: Path) -> None:
-    """Refuse deflated bytes that unpack to more than `most`; damaged ones are a zlib.error."""
-    inflate, left = zlib.decompressobj(), most
-    for packed in pieces:
-        while packed:
-            left -= len(inflate.decompress(packed, _PIECE))
-            if left < 0:
-                raise PhotographError(
-                    f"{path}: unpacks to more pixels than its header announces; save or copy it "
-                    "again"
-                )
-            packed = inflate.unconsumed_tail
+    check_size(tuple(shape[1:3]), camera, str(path))
 
 
 @contextmanager
 def decoding(path: Path, kind: str, remedy: str = "save or copy it again") -> Iterator[None]:
-    """Read an untrusted file: quietly, and whatever the block raises becomes a `PhotographError`.
+    """Raise whatever a decoder raises in the block as a `PhotographError`.
 
-    Decoders meet damaged bytes with all kinds of exceptions. The message says the file, the `kind`
-    of its format, and what a user can do about it.
+    The message names the file, the `kind` of its format, the reason and the `remedy`.
     """
     try:
-        with _silenced(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
+        yield
     except PhotographError:
         raise
-    except Exception as error:
+    except Exception as error:  # damaged bytes raise all kinds of exceptions
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
         raise PhotographError(f"{path}: cannot be read as {kind}: {reason}; {remedy}") from error
-
-
-@contextmanager
-def _silenced() -> Iterator[None]:
-    """Keep decoders off the terminal: OpenEXR and libtiff print from C++ as well as Python."""
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), ExitStack() as restore:
-        sink = os.open(os.devnull, os.O_WRONLY)
-        restore.callback(os.close, sink)
-        for descriptor in (1, 2):
-            with suppress(OSError):  # a stream that was closed stays so
-                saved = os.dup(descriptor)
-                restore.callback(os.close, saved)
-                restore.callback(os.dup2, saved, descriptor)
-                os.dup2(sink, descriptor)
-        yield

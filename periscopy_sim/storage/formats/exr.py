@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import check_count, decoding, listed, place_of
+from periscopy_sim.photograph import check_size
+from periscopy_sim.storage.formats.decoding import Frames, Picture, decoding, listed, place_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
 _STRUCTURAL = {  # attributes that describe the pixels, which metadata must not replace
@@ -20,41 +19,32 @@ _STRUCTURAL = {  # attributes that describe the pixels, which metadata must not 
     *("lineOrder", "maxSamplesPerPixel", "name", "pixelAspectRatio", "screenWindowCenter"),
     *("screenWindowWidth", "tiles", "type", "version", "view"),
 }
-_LONGEST_NAME = 255  # characters, "long names" in the OpenEXR file layout
 _FLAT = ("scanlineimage", "tiledimage")
 
 
-@dataclass(frozen=True)
-class ExrPart:
-    """What the header of a part of an OpenEXR file tells."""
+class _Part(NamedTuple):
+    """A part of an OpenEXR file."""
 
-    name: str  # empty where it has none
-    size: tuple[int, int]  # rows, columns
-    colour: tuple[str, ...]  # its channels of colour, or the grey one
+    name: str  # empty if it has none
+    colour: NDArray[Any]  # (rows, columns, 1 or 3) of float16, float32 or uint32
     left_out: tuple[str, ...]  # its other channels
-    metadata: dict[str, str | float]  # what is text or numbers and does not describe the pixels
-
-    @property
-    def count(self) -> int:
-        """Number of values."""
-        return math.prod(self.size) * len((*self.colour, *self.left_out))
+    metadata: dict[str, str | float]  # attributes of text or numbers beside the structural ones
 
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
     """Write a float32 RGB image, (rows, columns, 3) linear light.
 
     The same inputs give the same bytes. The metadata are text, and numbers at double precision.
-    Another shape of the image is a ValueError, and so is a name that is empty, over 255 characters
-    long or one that OpenEXR itself uses, such as `compression`.
+    Another shape of the image is a ValueError, and so is a name that OpenEXR itself uses, such as
+    `compression`.
     """
     import OpenEXR
 
     pixels = np.asarray(image, dtype=np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise ValueError(f"image: expected shape (rows, columns, 3), got {pixels.shape}")
-    for name in metadata:
-        if name in _STRUCTURAL or not 0 < len(name.encode()) <= _LONGEST_NAME:
-            raise ValueError(f"metadata: '{name}' cannot name an attribute; choose another name")
+    if reserved := sorted(_STRUCTURAL & set(metadata)):
+        raise ValueError(f"metadata: '{reserved[0]}' cannot name an attribute")
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -72,83 +62,62 @@ def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
 
     The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated.
     """
-    colour, part = decode_exr(path)
-    return np.broadcast_to(colour, (*part.size, 3)).astype(np.float32), part.metadata
+    part = _only_part(path)
+    shape = (*part.colour.shape[:2], 3)
+    return np.broadcast_to(part.colour, shape).astype(np.float32), part.metadata
 
 
-def decode_exr(path: Path) -> tuple[NDArray[Any], ExrPart]:
-    """Read the colour channels of an OpenEXR file of one flat part, and what its header tells.
+def decode_exr(path: Path, *_: object) -> Picture:
+    """Read the colour channels of an OpenEXR file of one flat part, or its grey one."""
+    part = _only_part(path)
+    return Picture(part.colour, left_out=part.left_out)
 
-    They are linear light, (rows, columns, 1 or 3) of float16, float32 or uint32: red, green, blue,
-    or grey alone.
-    """
-    parts = exr_parts(path)
+
+def exr_stack(path: Path, shape: tuple[int, int]) -> Frames[NDArray[Any]]:
+    """Open an EXR file, one frame a part, all of which OpenEXR decodes; see `open_frames`."""
+    parts = _parts(path)
+    for k, part in enumerate(parts):
+        check_size(part.colour.shape[:2], shape, str(place_of(path, k)))
+    left_out = sorted({name for part in parts for name in part.left_out})
+    warnings = (f"{path}: left out the channels {listed(left_out)}",) if left_out else ()
+    names = tuple(part.name for part in parts)
+    return Frames(names, warnings, lambda: (part.colour for part in parts))
+
+
+def _only_part(path: Path) -> _Part:
+    parts = _parts(path)
     if len(parts) != 1:
         raise PhotographError(f"{path}: has {len(parts)} parts; save one image alone")
-    (colour,) = exr_pixels(path, parts)
-    return colour, parts[0]
+    return parts[0]
 
 
-def exr_parts(path: Path) -> list[ExrPart]:
-    """Read and check the headers of an OpenEXR file.
+def _parts(path: Path) -> list[_Part]:
+    """Read an OpenEXR file whole.
 
     Of each part the channels R, G, B are taken, in whatever layer they are, else a lone Y or the
-    only channel. Deep or subsampled parts and ambiguous colour are refused.
+    only channel.
     """
     import OpenEXR
 
-    with decoding(path, "EXR"), OpenEXR.File(str(path), header_only=True) as file:
-        headers = [dict(part.header) for part in file.parts]  # closing the file empties its own
-        parts = [_part(header, path, len(headers), k) for k, header in enumerate(headers)]
-        check_count((sum(part.count for part in parts),), path)
-    return parts
+    with decoding(path, "EXR"):
+        with OpenEXR.File(str(path), header_only=True) as file:
+            count = len(file.parts)
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            if not count or len(file.parts) < count:  # how OpenEXR reports pixels it cannot read
+                raise PhotographError(f"{path}: truncated or damaged EXR; save or copy it again")
+            places = [path] if count == 1 else [place_of(path, k) for k in range(count)]
+            return [_part(*each) for each in zip(file.parts, places, strict=True)]
 
 
-def exr_pixels(path: Path, parts: Sequence[ExrPart]) -> Iterator[NDArray[Any]]:
-    """Yield the colour of each part in turn, (rows, columns, 1 or 3) of float16, float32 or uint32.
-
-    OpenEXR decodes all parts at once.
-    """
-    import OpenEXR
-
-    with decoding(path, "EXR"), OpenEXR.File(str(path), separate_channels=True) as file:
-        pixels = {
-            _name(part.header): {c: part.channels[c].pixels for c in part.channels}
-            for part in file.parts
-        }
-    for k, part in enumerate(parts):
-        if part.name not in pixels:  # how OpenEXR reports pixels it could not read
-            place = _place(path, len(parts), k)
-            raise PhotographError(f"{place}: truncated or damaged EXR; save or copy it again")
-        channels = pixels.pop(part.name)
-        yield np.stack([channels[c] for c in part.colour], axis=-1)
-
-
-def _part(header: Mapping[str, Any], path: Path, count: int, k: int) -> ExrPart:
-    """Check the header of a part."""
-    place = _place(path, count, k)
+def _part(part: Any, place: Path) -> _Part:
+    header = part.header
     if header["type"].name not in _FLAT:
         raise PhotographError(f"{place}: is a deep image; save it flattened")
-    names = [channel.name for channel in header["channels"]]
-    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
-    size = (bottom - top + 1, right - left + 1)
-    check_count((*size, len(names)), path)
-    if "tiles" in header:
-        check_count((header["tiles"].ySize, header["tiles"].xSize, len(names)), path)
+    names = list(part.channels)
     colour = _colour_channels(names, place)
-    if any((c.xSampling, c.ySampling) != (1, 1) for c in header["channels"]):
-        raise PhotographError(f"{place}: has subsampled channels; save it as full RGB")
+    pixels = np.stack([part.channels[name].pixels for name in colour], axis=-1)
     left_out = tuple(name for name in names if name not in colour)
-    return ExrPart(_name(header), size, tuple(colour), left_out, _metadata(header))
-
-
-def _place(path: Path, count: int, k: int) -> Path:
-    """Return what to call a part in messages: a lone one is the file."""
-    return path if count == 1 else place_of(path, k)
-
-
-def _name(header: Mapping[str, Any]) -> str:
-    return str(header.get("name", ""))
+    return _Part(str(header.get("name", "")), pixels, left_out, _metadata(header))
 
 
 def _colour_channels(names: Sequence[str], place: Path) -> list[str]:
@@ -169,12 +138,6 @@ def _colour_channels(names: Sequence[str], place: Path) -> list[str]:
 
 def _metadata(header: Mapping[str, Any]) -> dict[str, str | float]:
     """Return text and numbers of a header, doubles unpacked from the arrays they come in."""
-    found: dict[str, str | float] = {}
-    for name, value in header.items():
-        if name in _STRUCTURAL:
-            continue
-        if isinstance(value, str | float | int):
-            found[name] = value
-        elif isinstance(value, np.ndarray) and value.shape == (1,):
-            found[name] = float(value[0])
-    return found
+    held = {name: value for name, value in header.items() if name not in _STRUCTURAL}
+    lone = {n: float(v[0]) for n, v in held.items() if isinstance(v, np.ndarray) and v.size == 1}
+    return {name: v for name, v in held.items() if isinstance(v, str | float | int)} | lone

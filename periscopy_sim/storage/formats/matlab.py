@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import subprocess
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +13,33 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import Picture
-from periscopy_sim.storage.formats.matfile import Matrix, read_matrices
+from periscopy_sim.storage.formats.decoding import Picture, decoding
 
 _REPEATS = ("averaged_iterations", "iterations")
-"""Fields for the number of exposures; those averaged count where both are told."""
+"""Fields for the number of exposures; the first counts if both are there."""
+
+_FIELDS = ["image", "shutter_speed", *_REPEATS, "ground_truth"]
+
+_LOAD = f"""
+import sys, numpy, scipy.io
+fields = scipy.io.loadmat(sys.argv[1], variable_names={_FIELDS}).items()
+numbers = {{n: v for n, v in fields if isinstance(v, numpy.ndarray) and v.dtype.kind in "iuf"}}
+numpy.savez(sys.stdout.buffer, **numbers)
+"""
+
+
+def read_matrices(path: Path) -> dict[str, NDArray[Any]]:
+    """Read those fields of a MATLAB file of the layout that hold real numbers.
+
+    Another process runs SciPy's reader, since damaged files can crash it.
+    """
+    with decoding(path, "MATLAB", "save it again in MATLAB with -v7"):
+        command = [sys.executable, "-P", "-c", _LOAD, str(path)]
+        done = subprocess.run(command, capture_output=True, check=False)
+        if done.returncode:
+            raise ValueError((done.stderr.decode().splitlines() or ["damaged"])[-1])
+        with np.load(io.BytesIO(done.stdout), allow_pickle=False) as held:
+            return dict(held)
 
 
 def read_matlab_counts(path: Path, *_: object) -> Picture:
@@ -25,9 +51,9 @@ def read_matlab_counts(path: Path, *_: object) -> Picture:
     return picture_of(read_matrices(path), path)
 
 
-def picture_of(matrices: dict[str, Matrix], path: Path) -> Picture:
-    """Return the raw counts of a MATLAB file's variables, see `read_matlab_counts`."""
-    counts = _real_field(matrices, "image", path)
+def picture_of(matrices: Mapping[str, NDArray[Any]], path: Path) -> Picture:
+    """Return the raw counts of a MATLAB file's fields, see `read_matlab_counts`."""
+    counts = _field(matrices, "image", path)
     if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
         raise PhotographError(
             f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
@@ -53,7 +79,7 @@ def averaged_counts(
             f"{name}: {height} x {width} colour pixels (rows x columns) do not average to "
             f"{shape[0]} x {shape[1]}; give the camera's film a size that divides the former"
         )
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as infinite
+    with np.errstate(over="ignore", invalid="ignore"):  # overflows become infinite, and an error
         blocks = colour.reshape(shape[0], height // shape[0], shape[1], width // shape[1], -1)
         return np.asarray(blocks.mean(axis=(1, 3)) / exposure, np.float64)
 
@@ -70,23 +96,18 @@ def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
     return np.stack([red, green, blue], axis=-1)
 
 
-def _real_field(matrices: dict[str, Matrix], name: str, path: Path) -> NDArray[Any]:
-    """Return the real numbers of a field, or say why there are none."""
+def _field(matrices: Mapping[str, NDArray[Any]], name: str, path: Path) -> NDArray[Any]:
     if name not in matrices:
-        held = ", ".join(filter(None, matrices)) or "none at all"
         raise PhotographError(
-            f"{path}: has no field '{name}', only {held}; "
-            "store the raw layout: image, shutter_speed, iterations"
+            f"{path}: has no numbers '{name}'; store the raw layout: image, shutter_speed, "
+            "iterations"
         )
-    values = matrices[name].values
-    if values is None:
-        raise PhotographError(f"{path}: '{name}' is {matrices[name].kind}; store it as double")
-    return values
+    return matrices[name]
 
 
-def _number(matrices: dict[str, Matrix], name: str, path: Path) -> float:
+def _number(matrices: Mapping[str, NDArray[Any]], name: str, path: Path) -> float:
     """Return the value of a field that is one positive number."""
-    values = _real_field(matrices, name, path)
+    values = _field(matrices, name, path)
     if values.size != 1 or not 0 < values.item() < np.inf:
         raise PhotographError(f"{path}: '{name}' is not one positive number; store it as such")
     return float(values.item())

@@ -9,58 +9,37 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, TypeAlias
-
-import numpy as np
+from typing import NoReturn
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.arrays import read_npy, read_npz
+from periscopy_sim.storage.formats.arrays import Stack, npy_stack, npz_stack, read_npy, read_npz
 from periscopy_sim.storage.formats.camera_raw import (
     RAW_SIGNATURES,
     RAW_SUFFIXES,
     read_camera_raw,
 )
 from periscopy_sim.storage.formats.decoding import Picture
-from periscopy_sim.storage.formats.exr import decode_exr
+from periscopy_sim.storage.formats.exr import decode_exr, exr_stack
 from periscopy_sim.storage.formats.matlab import read_matlab_counts
 from periscopy_sim.storage.formats.rasters import read_jpeg, read_png, read_tiff
-from periscopy_sim.storage.sequences.stacks import Stack, exr_stack, npy_stack, npz_stack
-
-Size: TypeAlias = tuple[int, int] | None
 
 
 @dataclass(frozen=True)
 class FileFormat:
     """A row of the table.
 
-    `decode` reads one picture from a path. It is told, too, for what that serves, `photograph`,
-    `hidden` or `mask`, which is the key of its array where a file holds several, and the (rows,
-    columns) that it must have, if any, which a slow decoder checks at once. `open_stack` opens the
-    frames of one file, of the camera's (rows, columns); None where it holds one.
+    `decode` reads one picture from a path, for a purpose: `photograph`, `hidden` or `mask`, which
+    is the key of its array if a file holds several. `open_stack` opens the frames of one file, of
+    the camera's (rows, columns); None for formats that hold one.
     """
 
     name: str
     suffixes: tuple[str, ...]  # in lower case; they count only where a folder is listed
     signatures: tuple[tuple[int, bytes], ...]  # bytes by which a file is known, after their offset
-    decode: Callable[[Path, str, Size], Picture]
+    decode: Callable[[Path, str], Picture]
     open_stack: Callable[[Path, tuple[int, int]], Stack] | None = None
     is_raw: bool = False  # counts of a sensor, which are no mask and no hidden image
-    within: str = ""  # a format whose signature its files may bear: then their suffixes tell them
-
-
-def _exr(path: Path, *_: object) -> Picture:
-    colour, part = decode_exr(path)
-    return Picture(colour, left_out=part.left_out)
-
-
-def _npy(path: Path, key: str, _: Size) -> Picture:
-    return Picture(read_npy(path, truth_values=key == "mask"))
-
-
-def _npz(path: Path, key: str, _: Size) -> Picture:
-    values = read_npz(path, key, truth_values=key == "mask")
-    # What a monitor was sent.
-    return Picture(values, is_display=key == "hidden" and values.dtype == np.uint8)
+    within: str = ""  # a format with the same signature; then the suffix decides
 
 
 def _hdf5(path: Path, *_: object) -> NoReturn:
@@ -68,10 +47,10 @@ def _hdf5(path: Path, *_: object) -> NoReturn:
 
 
 FORMATS = (
-    FileFormat("EXR", (".exr",), ((0, b"\x76\x2f\x31\x01"),), _exr, exr_stack),
-    FileFormat("NPY", (".npy",), ((0, b"\x93NUMPY"),), _npy, npy_stack),
+    FileFormat("EXR", (".exr",), ((0, b"\x76\x2f\x31\x01"),), decode_exr, exr_stack),
+    FileFormat("NPY", (".npy",), ((0, b"\x93NUMPY"),), read_npy, npy_stack),
     # The second begins an archive without entries.
-    FileFormat("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), _npz, npz_stack),
+    FileFormat("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), read_npz, npz_stack),
     FileFormat("PNG", (".png",), ((0, b"\x89PNG\r\n\x1a\n"),), read_png),
     FileFormat(
         "TIFF",  # and BigTIFF, of either endianness
@@ -104,20 +83,14 @@ _HEAD = 128  # bytes that tell every format
 
 def format_of(path: Path) -> FileFormat:
     """Return the format of a file by its first bytes, whatever its suffix."""
+    if path.exists() and not path.is_file():  # a pipe can be read but once
+        raise PhotographError(f"{path}: is a folder or no regular file; name a file")
     try:
-        if path.is_dir():
-            raise PhotographError(f"{path}: is a folder; name a file in it")
-        if path.exists() and not path.is_file():  # a pipe can be read but once
-            raise PhotographError(f"{path}: is not a regular file; save it to one")
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
-    except FileNotFoundError as error:
-        raise PhotographError(f"{path}: no such file; check the path") from error
     except OSError as error:
-        reason = error.strerror or error
-        raise PhotographError(f"{path}: cannot be opened: {reason}; check the path") from error
-    if not head:
-        raise PhotographError(f"{path}: is empty; save or copy it again")
+        reason = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
+        raise PhotographError(f"{path}: {reason}; check the path") from error
     for row in FORMATS:
         if any(head[offset:].startswith(known) for offset, known in row.signatures):
             suffix = path.suffix.lower()
@@ -125,8 +98,7 @@ def format_of(path: Path) -> FileFormat:
             return next(special, row)
     *others, last = (row.name for row in FORMATS if row.suffixes)
     raise PhotographError(
-        f"{path}: is no {', '.join(others)} or {last} 5 to 7 file, or is damaged at its start; "
-        "save it as one of these"
+        f"{path}: is no {', '.join(others)} or {last} file, or is empty or damaged"
     )
 
 
@@ -136,9 +108,9 @@ def decode_picture(path: Path, key: str) -> Picture:
     if row.is_raw:
         known = ", ".join(each.name for each in FORMATS if not each.is_raw)
         raise PhotographError(f"{path}: is {row.name}; give a picture ({known})")
-    return row.decode(path, key, None)
+    return row.decode(path, key)
 
 
 def suffixes(raw: bool = True) -> dict[str, str]:
-    """Return the names of formats by suffix, those of sensors' counts among them or not."""
+    """Return the names of formats by suffix, with or without those of sensors' counts."""
     return {suffix: row.name for row in FORMATS for suffix in row.suffixes if raw or not row.is_raw}

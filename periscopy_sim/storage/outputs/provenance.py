@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -25,16 +25,21 @@ def provenance(
 
     The dict is flat: the versions of this package, NumPy, SciPy, Mitsuba, Dr.Jit and Python under
     their names, then `scene`, `scene_sha256` (with values for the scene's defaults), `variant`,
-    `seed` and `command`, which leaves out where the result lies; None where there is none.
+    `seed` and `command` without `--out`, so that results are the same wherever they lie; None
+    where there is none.
     """
+    words = [word for word in command if not word.startswith("--out=")]
+    if "--out" in words:
+        place = words.index("--out")
+        del words[place : place + 2]
     return {
-        **{package: _version(package) for package in _PACKAGES},
+        **{package: metadata.version(package) for package in _PACKAGES},
         "python": platform.python_version(),
         "scene": None if scene is None else _printable(str(scene)),
         "scene_sha256": None if scene is None else scene_sha256(scene, parameters),
         "variant": variant,
         "seed": seed,
-        "command": _printable(shlex.join(_without_output(command))),
+        "command": _printable(shlex.join(words)),
     }
 
 
@@ -54,24 +59,6 @@ def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> st
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
-
-
-def _version(package: str) -> str:
-    """Return the version of an installed package, without importing it."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"
-
-
-def _without_output(command: Sequence[str]) -> Iterator[str]:
-    """Yield a command line but for its `--out`, so that results are the same wherever they lie."""
-    words = iter(command)
-    for word in words:
-        if word == "--out":
-            next(words, None)
-        elif not word.startswith("--out="):
-            yield word
 
 
 def _printable(text: str) -> str:

@@ -24,32 +24,29 @@ def alone_in(folder: Path) -> Iterator[None]:
 
     The folder is made if missing. Another process at work there is an `OutputError`.
     """
-    from filelock import FileLock, Timeout
-
-    lock = FileLock(folder / LOCK, timeout=0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / LOCK).touch()
+        stream = (folder / LOCK).open("ab")
     except OSError as error:
         raise OutputError(
             f"cannot write {folder}: {error.strerror}; choose another place"
         ) from error
-    try:
-        lock.acquire()
-    except Timeout:
-        raise OutputError(
-            f"another process is at work in {folder}; wait for its end or name another folder"
-        ) from None
-    except (OSError, NotImplementedError):  # a file system without locks
-        pass
-    try:
+    with stream:
+        try:
+            import fcntl
+
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                f"another process is at work in {folder}; wait for its end or name another folder"
+            ) from None
+        except (ImportError, OSError):  # Windows, or a file system without locks
+            pass
         yield
-    finally:
-        lock.release()
 
 
 def read_settings(folder: Path) -> dict[str, Any] | None:
-    """Return what a folder's results were made with; None where nothing tells."""
+    """Return what a folder's results were made with; None if it has no such record."""
     file = folder / SETTINGS
     if not file.is_file():
         return None
@@ -66,45 +63,30 @@ def write_settings(folder: Path, settings: Mapping[str, Any]) -> None:
 
 
 def refuse_results(folder: Path, results: Iterable[str]) -> None:
-    """Refuse a folder that holds results, files by name or pattern, of which nothing tells."""
-    for found in (next(folder.glob(pattern), None) for pattern in results):
-        if found is not None:
-            raise OutputError(
-                f"{folder} holds {found.name}, and nothing tells what it was made with; name "
-                "another folder"
-            )
+    """Raise if a folder holds results, files by name or pattern, without a record of settings."""
+    for file in (file for pattern in results for file in folder.glob(pattern)):
+        raise OutputError(
+            f"{folder} holds {file.name}, and nothing tells what it was made with; name another "
+            "folder"
+        )
 
 
 def check_settings(
     held: Mapping[str, Any], wanted: Mapping[str, Any], where: str, what: str
 ) -> None:
-    """Refuse to add to results of other settings; the message names the first entry that differs.
+    """Raise if results have other settings; the message names the first entry that differs.
 
     Settings are of JSON's types. `where` is what holds the results, `what` they are: a sweep.
     """
-    plain = json.loads(json.dumps(wanted))
-    if held == plain:
-        return
-    key, there, here = _first_difference(held, plain)
-    raise OutputError(
-        f"{where} holds another {what} ({key} {_short(there)}, here {_short(here)}); name another "
-        "folder, or remove it to start anew"
-    )
-
-
-def _first_difference(held: Any, wanted: Any, key: str = "") -> tuple[str, Any, Any]:
-    if isinstance(held, Mapping) and isinstance(wanted, Mapping):
-        for name in (*wanted, *(name for name in held if name not in wanted)):
-            if held.get(name) != wanted.get(name):
-                inner = f"{key}.{name}" if key else name
-                return _first_difference(held.get(name), wanted.get(name), inner)
-    if isinstance(held, list) and isinstance(wanted, list) and len(held) == len(wanted):
-        for number, (there, here) in enumerate(zip(held, wanted, strict=True)):
-            if there != here and isinstance(there, Mapping):
-                return _first_difference(there, here, f"{key}[{number}]")
-    return key, held, wanted
-
-
-def _short(value: Any) -> str:
-    text = "unset" if value is None else json.dumps(value)
-    return text if len(text) <= 48 else f"{text[:45]}..."
+    there: Any = held
+    here: Any = json.loads(json.dumps(wanted))
+    path: list[str] = []
+    while there != here and isinstance(there, Mapping) and isinstance(here, Mapping):
+        path.append(next(name for name in (*here, *there) if there.get(name) != here.get(name)))
+        there, here = there.get(path[-1]), here.get(path[-1])
+    if path:
+        told = ["unset" if value is None else json.dumps(value)[:48] for value in (there, here)]
+        raise OutputError(
+            f"{where} holds another {what} ({'.'.join(path)} {told[0]}, here {told[1]}); name "
+            "another folder, or remove it to start anew"
+        )

@@ -9,9 +9,11 @@ attributes give the same bytes, however often the work was stopped, and by whome
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,31 +21,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.completion import (
-    MAKING,
-    Block,
-    digest_of,
-    is_complete,
-    is_recorded,
-    read_record,
-    record_file,
-    record_of,
-    recorded_blocks,
-)
 from periscopy_sim.storage.outputs.resume import LOCK, check_settings
 from periscopy_sim.storage.outputs.staging import out_of_space_reported, staged_file, staged_folder
 
+MAKING = "making"
+"""Folder (and empty Zarr group) of what belongs to the making of a store alone."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """What is written at once, with files of its own."""
+
+    number: int  # counts the blocks of a store from 0
+    place: Mapping[str, slice]  # its slice of each dimension that is cut into blocks
+    files: Mapping[str, str]  # each variable's file, as seen from the store
+
+    @property
+    def size(self) -> int:
+        """Entries, such as samples."""
+        return math.prod(each.stop - each.start for each in self.place.values())
+
 
 class StoreLayout(Protocol):
-    """What a store holds, and how it is cut into blocks."""
+    """The variables of a store, and how it is cut into blocks."""
 
     @property
     def what(self) -> str:
-        """Return what to call the store in messages: a sweep."""
+        """Return the name of the store in messages: a sweep."""
 
     @property
     def count(self) -> int | None:
-        """Return the entries, where they may become more from run to run; None elsewhere."""
+        """Return the entries, if they may become more from run to run; else None."""
 
     @property
     def blocks(self) -> int:
@@ -53,7 +61,7 @@ class StoreLayout(Protocol):
         """Return a block."""
 
     def variables(self) -> dict[str, dict[str, Any]]:
-        """Return what `zarr.Group.create_array` takes for each variable that blocks hold."""
+        """Return the arguments of `zarr.Group.create_array` for each variable of blocks."""
 
     def recognizes(self, attributes: Mapping[str, Any]) -> bool:
         """Return whether attributes are those of such a store."""
@@ -82,10 +90,11 @@ class BlockStore:
         check_place(path, layout.what, layout.recognizes)
         self._check_held(attributes)
         with out_of_space_reported(path):
-            self._remove_what_was_torn()
+            for torn in path.rglob("*.partial*"):  # left by a process that was killed
+                if torn.is_file():
+                    torn.unlink()
             for number in recorded_blocks(path):  # before the head tells of more than there is
-                in_range = number < layout.blocks
-                if not (in_range and is_recorded(path, self.digest, layout.block(number))):
+                if not (number < layout.blocks and self._has(number, is_recorded)):
                     record_file(path, number).unlink()
             # The head of the whole comes last: `zarr.json` is behind all other names.
             with staged_folder(path) as head:
@@ -95,13 +104,13 @@ class BlockStore:
     def missing(self) -> Iterator[int]:
         """Yield the numbers of the blocks that are missing, smaller, or not what was written."""
         for number in range(self.layout.blocks):
-            if not is_complete(self.path, self.digest, self.layout.block(number)):
+            if not self._has(number, is_complete):
                 yield number
 
     def write(self, number: int, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
         block = self.layout.block(number)
-        with out_of_space_reported(self.path), _writing(self.path):
+        with out_of_space_reported(self.path):
             file = record_file(self.path, number)
             file.unlink(missing_ok=True)
             for name, each in values.items():
@@ -113,35 +122,26 @@ class BlockStore:
                 lengths = (p.stop - p.start if p.stop is not None else None for p in place)
                 array[place] = each[tuple(slice(length) for length in lengths)]
             with staged_file(file) as staged:
-                record = record_of(self.path, self.digest, block)
+                record = _record_of(self.path, self.digest, block)
                 staged.write_text(json.dumps(record) + "\n", "utf-8")
 
+    def _has(self, number: int, test: Callable[[Path, str, Block], bool]) -> bool:
+        return test(self.path, self.digest, self.layout.block(number))
+
     def _check_held(self, wanted: Mapping[str, Any]) -> None:
-        """Refuse entries of other attributes; records tell what they are of, or else the head."""
-        path, what = self.path, self.layout.what
-        read = ((number, read_record(path, number)) for number in recorded_blocks(path))
-        records = {number: record for number, record in read if record is not None}
-        if not records:
-            return  # there is nothing to lose: what there is of a head is written anew
-        held = attributes_of(path)
-        known = {record["of"] for record in records.values()}
-        if digest_of(held) != self.digest and self.digest not in known:
-            if held:
-                held.pop("count", None)
-                check_settings(held, wanted, str(path), what)
+        """Raise if there are entries of other attributes, or more of them than the layout has."""
+        path, layout = self.path, self.layout
+        records = {number: read_record(path, number) for number in recorded_blocks(path)}
+        own = {n: record for n, record in records.items() if record.get("of") == self.digest}
+        if not own and any(records.values()):
+            held = attributes_of(path)
+            held.pop("count", None)
+            check_settings(held, wanted, str(path), layout.what)
+        last = max(own, default=-1)
+        if last >= layout.blocks or (last >= 0 and own[last]["samples"] > layout.block(last).size):
             raise OutputError(
-                f"{path} holds another {what}, whose head is lost; name another folder, or remove "
-                "it to start anew"
-            )
-        # Where head and records contradict each other, one of them is damaged, and made anew.
-        last, count = max(records), self.layout.count
-        beyond = (
-            last >= self.layout.blocks or records[last]["samples"] > self.layout.block(last).size
-        )
-        if beyond and count is not None and held.get("count", np.inf) > count:
-            raise OutputError(
-                f"{path} holds more than {count} samples; ask for as many or more, or name another "
-                "folder"
+                f"{path} holds more than {layout.count} samples; ask for as many or more, or name "
+                "another folder"
             )
 
     def _lay_out(
@@ -161,17 +161,9 @@ class BlockStore:
             array = np.array(values, np.dtypes.StringDType() if is_text else None)
             group.create_array(name, data=array, dimension_names=(dimension,))
 
-    def _remove_what_was_torn(self) -> None:
-        """Remove what a run that was killed has left of its writing."""
-        places = [self.path / name for name in (MAKING, *self.layout.variables())]
-        for torn in (file for place in places for file in place.rglob("*") if file.is_file()):
-            hidden = torn.name.startswith(".") and torn.name != LOCK and MAKING in torn.parts
-            if hidden or torn.suffix == ".partial":
-                torn.unlink()
-
 
 def attributes_of(path: Path) -> dict[str, Any]:
-    """Return the attributes of a store; none where its head is missing or damaged."""
+    """Return the attributes of a store; none if its head is missing or damaged."""
     try:
         return dict(json.loads((path / "zarr.json").read_text("utf-8"))["attributes"])
     except (ValueError, KeyError, TypeError, OSError):
@@ -179,25 +171,67 @@ def attributes_of(path: Path) -> dict[str, Any]:
 
 
 def check_place(path: Path, what: str, recognizes: Callable[[Mapping[str, Any]], bool]) -> None:
-    """Refuse a place that holds anything but such a store, whole or begun."""
-    try:
-        if path.exists() and not path.is_dir():
-            raise OutputError(f"cannot write {path}: it is a file; name a folder")
-        begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
-        if begun or recognizes(attributes_of(path)):
-            return
-        if any(file.is_file() for file in path.rglob("*")):
-            raise OutputError(f"{path} is not empty and no {what}; name another folder")
-    except OSError as error:
-        raise OutputError(f"cannot read {path}: {error.strerror}; name another folder") from error
+    """Raise an `OutputError` if a place holds anything but such a store, whole or begun."""
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a file; name a folder")
+    begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
+    held = any(each.is_file() for each in path.rglob("*"))
+    if held and not begun and not recognizes(attributes_of(path)):
+        raise OutputError(f"{path} is not empty and no {what}; name another folder")
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Report what the system has against a file within the store."""
+def digest_of(attributes: Mapping[str, Any]) -> str:
+    """Return the digest of all that entries depend on, which leaves out the `count`."""
+    fixed = {name: value for name, value in attributes.items() if name != "count"}
+    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def record_file(path: Path, number: int) -> Path:
+    """Return the file whose presence says that a block of the store at `path` is complete."""
+    return path / MAKING / "finished" / f"{number:08d}.json"
+
+
+def recorded_blocks(path: Path) -> list[int]:
+    """Return the numbers of the blocks that have a record, whole or not."""
+    records = record_file(path, 0).parent.glob("*.json")
+    return sorted(int(file.stem) for file in records if file.stem.isdecimal())
+
+
+def read_record(path: Path, number: int) -> dict[str, Any]:
+    """Read the record of a block; empty if it is missing or damaged."""
     try:
-        yield
-    except (IsADirectoryError, NotADirectoryError, PermissionError) as error:
-        raise OutputError(
-            f"cannot write {error.filename or path}: {error.strerror}; remove what stands there"
-        ) from error
+        return dict(json.loads(record_file(path, number).read_text("utf-8")))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
+def is_recorded(path: Path, digest: str, block: Block) -> bool:
+    """Return whether a block's record is of this store, and of a block as large."""
+    record = read_record(path, block.number)
+    checksums = record.get("crc32c") or {}
+    return (record.get("of"), record.get("samples")) == (digest, block.size) and (
+        checksums.keys() == block.files.keys()
+    )
+
+
+def is_complete(path: Path, digest: str, block: Block) -> bool:
+    """Return whether a block is recorded, and each of its files is what its record says."""
+    recorded = is_recorded(path, digest, block)  # if not, its checksums need no computing
+    return recorded and read_record(path, block.number) == _record_of(path, digest, block)
+
+
+def checksum(file: Path) -> str:
+    """Return the CRC-32C of a file in hexadecimal."""
+    import google_crc32c
+
+    return f"{google_crc32c.value(file.read_bytes()):08x}"
+
+
+def _record_of(path: Path, digest: str, block: Block) -> dict[str, Any]:
+    """Return the record of a block that was written.
+
+    Zarr writes no file of values that are all the fill value: its checksum is None.
+    """
+    files = {name: path / file for name, file in sorted(block.files.items())}
+    checksums = {name: checksum(f) if f.exists() else None for name, f in files.items()}
+    return {"of": digest, "samples": block.size, "crc32c": checksums}

@@ -36,7 +36,6 @@ def written(tmp_path_factory):
         Samples(
             basis.rows,
             basis.curvatures.astype(np.float32),
-            np.tile(np.eye(3, dtype=np.float32), (n, 1, 1)),
             np.zeros((n, 3, N), np.float32),
             np.full((n, 3, N), 1e-6, np.float32),
             np.full((n, *SHAPE), 0.3, np.float32),

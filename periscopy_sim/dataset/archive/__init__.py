@@ -1,1 +1,0 @@
-"""A data set on disk: its layout, reading, export."""

@@ -1,0 +1,244 @@
+"""The description of a data set: a YAML file, checked before anything is rendered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
+
+from periscopy_sim.dataset.distributions import Distribution, Source, within
+from periscopy_sim.dataset.hidden_sources import HiddenSource, sha256_of
+from periscopy_sim.scenario import Array
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.ambient_library import find_condition
+from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
+from periscopy_sim.storage.outputs.provenance import scene_sha256
+
+EXAMPLE = Path(__file__).with_name("example.yaml")
+
+SPLITS = ("train", "validation", "test")
+
+Count = Annotated[int, Field(strict=True, ge=1)]
+
+Files = Annotated[tuple[str, ...], Field(min_length=1)]
+"""Paths, relative to the configuration's folder."""
+
+
+class SceneSource(Source):
+    """A scene, and what varies in it from geometry to geometry."""
+
+    scene: str
+    version: str = ""  # digest of the scene's files, filled in when a data set is made
+    parameters: dict[str, Distribution | str] = Field(default_factory=dict)
+
+    def located(self, folder: Path) -> Self:
+        """Return the source with the absolute path of its scene and the digest of its files."""
+        beside = folder / self.scene
+        path = (beside if beside.is_file() else find_scene(self.scene)).resolve()
+        return self.model_copy(update={"scene": str(path), "version": scene_sha256(path)})
+
+    def identity(self) -> dict[str, Any]:
+        """Return the name of the scene."""
+        return {"scene": Path(self.scene).stem}
+
+
+class Lamps(Source):
+    """Point lights at random places, by Eq. 4.
+
+    They lie `across`, `away` from the wall and `up`, in metres from the centre of the camera's
+    field of view; `tint` is the standard deviation of the logarithm of each lamp's colour.
+    """
+
+    kind: Literal["lamps"]
+    number: within(1, 1000) = Distribution(choice=(1, 2, 3, 4, 5, 6))  # type: ignore[valid-type]
+    across: within(-1000, 1000) = Distribution(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
+    away: within(0.05, 1000) = Distribution(uniform=(1.0, 7.0))  # type: ignore[valid-type]
+    up: within(-1000, 1000) = Distribution(uniform=(-3.0, 3.0))  # type: ignore[valid-type]
+    tint: within(0, 3) = Distribution(value=0.2)  # type: ignore[valid-type]
+
+    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw places, (L, 3) as (across, away, up), and powers, (L, 3) by channel."""
+        count = round(self.number.draw(rng))
+        axes = (self.across, self.away, self.up)
+        places = np.array([[axis.draw(rng) for axis in axes] for _ in range(count)])
+        brightness = rng.uniform(0.2, 1.0, (count, 1))
+        return places, brightness * np.exp(self.tint.draw(rng) * rng.standard_normal((count, 3)))
+
+
+class Conditions(Source):
+    """Rendered lighting conditions, as `periscopy ambient` makes them, mixed at random."""
+
+    kind: Literal["conditions"]
+    names: Files  # or shipped conditions
+    mixed: within(1, 100) = Distribution(value=1.0)  # type: ignore[valid-type]
+    flip: bool = True  # about the photograph's axes, at random
+    target: Annotated[float, Field(gt=1e-6, lt=1)] = 3e-4  # relative error when rendered
+
+    @model_validator(mode="after")
+    def _are_distinct(self) -> Self:
+        if len({Path(name).stem for name in self.names}) < len(self.names):
+            raise ValueError("two conditions have one name")
+        return self
+
+    def located(self, folder: Path) -> Self:
+        """Return the source with absolute paths of the conditions that are not shipped."""
+        beside = [(folder / name).resolve() for name in self.names]
+        found = [str(p) if p.is_file() else n for p, n in zip(beside, self.names, strict=True)]
+        for name in found:
+            find_condition(name)
+        return self.model_copy(update={"names": tuple(found)})
+
+    def identity(self) -> dict[str, Any]:
+        """Return names and digests of the conditions."""
+        digests = [scene_sha256(find_condition(name)) for name in self.names]
+        return {"names": [Path(name).stem for name in self.names], "sha256": digests}
+
+
+class Pictures(Source):
+    """Photographs of ambient light, such as real ones, of the photographs' size."""
+
+    kind: Literal["pictures"]
+    files: Files
+    flip: bool = True
+
+    def located(self, folder: Path) -> Self:
+        """Return the source with absolute paths."""
+        files = tuple(str((folder / name).resolve()) for name in self.files)
+        return self.model_copy(update={"files": files})
+
+    def identity(self) -> dict[str, Any]:
+        """Return the names of the files and the digest of all of them."""
+        names = [Path(name).name for name in self.files]
+        return {"files": names, "sha256": sha256_of(map(Path, self.files))}
+
+
+class Darkness(Source):
+    """No ambient light."""
+
+    kind: Literal["none"]
+
+
+AmbientSource = Annotated[Lamps | Conditions | Pictures | Darkness, Field(discriminator="kind")]
+
+
+class Splits(Strict):
+    """Shares of the geometries, of sum 1."""
+
+    train: NonNegativeFloat = 0.8
+    validation: NonNegativeFloat = 0.1
+    test: NonNegativeFloat = 0.1
+
+    @model_validator(mode="after")
+    def _sum_to_one(self) -> Self:
+        if abs(self.train + self.validation + self.test - 1) > 1e-6:
+            raise ValueError("the shares of train, validation and test must sum to 1")
+        return self
+
+
+class Direct(Strict):
+    """Photographs A f: light that the wall reflects once, without Monte Carlo noise of its own."""
+
+    kind: Literal["direct"] = "direct"
+    samples: Annotated[int, Field(ge=1, le=4096)] = 16  # of a patch, see `render_transport`
+
+
+class Bounced(Strict):
+    """Photographs A f with light that bounces between all surfaces, hardly noisy of their own."""
+
+    kind: Literal["bounced"]
+    samples: Annotated[int, Field(ge=1, le=4096)] = 16
+    bounces: Annotated[int, Field(ge=2, le=10**6)] | None = None  # reflections at most
+
+
+class PathTraced(Strict):
+    """Photographs path traced one by one, with light that bounces between all surfaces."""
+
+    kind: Literal["path-traced"]
+    samples: Annotated[int, Field(ge=1, le=1 << 20)] = 64  # rounded up to a square number
+    bounces: Annotated[int, Field(ge=1)] | None = None
+
+
+class Configuration(Strict):
+    """A data set's description; ``example.yaml`` beside this file explains each entry.
+
+    `folder`, where relative paths start, is set by `load_configuration`.
+    """
+
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
+    count: Annotated[Count, Field(le=10**8)]
+    hidden: RowsAndColumns
+    samples_per_geometry: Count = 1000
+    samples_per_shard: Annotated[Count, Field(le=1000)] = 50
+    clip_length: Count = 1
+    splits: Splits = Splits()
+    scenes: Annotated[tuple[SceneSource, ...], Field(min_length=1)]
+    hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
+    ambient: Annotated[tuple[AmbientSource, ...], Field(min_length=1)]
+    light: Annotated[Direct | Bounced | PathTraced, Field(discriminator="kind")] = Direct()
+    sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
+    snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
+    exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
+    saturation: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    photograph_type: Literal["float32", "float16"] = "float32"
+    keep_background: bool = False
+    folder: Path = Path()
+
+    @model_validator(mode="after")
+    def _divide(self) -> Self:
+        for whole, part in (
+            ("samples_per_shard", "clip_length"),
+            ("samples_per_geometry", "samples_per_shard"),
+        ):
+            size, of = getattr(self, whole), getattr(self, part)
+            if size % of:
+                raise ValueError(f"{whole} ({size}) must be a multiple of {part} ({of})")
+        return self
+
+    @property
+    def geometries(self) -> int:
+        """Return the number of geometries; the last may be cut short."""
+        return -(-self.count // self.samples_per_geometry)
+
+    @property
+    def sources(self) -> dict[str, tuple[Source, ...]]:
+        """Return the lists that are drawn from, by their entries' names."""
+        lists = {"hidden_images": self.hidden_images, "ambient": self.ambient}
+        return {**lists, "scenes": self.scenes}
+
+    def located(self) -> Configuration:
+        """Return the configuration with absolute paths; an error names one that does not exist."""
+        found = {
+            name: tuple(source.located(self.folder) for source in sources)
+            for name, sources in self.sources.items()
+        }
+        return self.model_copy(update=found)
+
+    def identity(self) -> dict[str, Any]:
+        """Return all entries that a sample depends on, of JSON's types, without paths."""
+        entries = self.model_dump(mode="json", exclude={"count", "folder"})
+        for name, sources in self.sources.items():
+            for entry, source in zip(entries[name], sources, strict=True):
+                entry |= source.identity()
+        return entries
+
+
+def load_configuration(path: str | Path) -> Configuration:
+    """Read a data set's configuration.
+
+    Parameters
+    ----------
+    path
+        A YAML file.
+
+    Returns
+    -------
+    Configuration
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no YAML, or an entry is unknown, missing or out of range; with its line.
+    """
+    return read_yaml(Path(path), Configuration, "periscopy dataset --example")

@@ -1,1 +1,0 @@
-"""What a data set shall hold: its YAML file, distributions and sources."""

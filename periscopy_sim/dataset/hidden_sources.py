@@ -1,0 +1,284 @@
+"""Images and short videos on the hidden monitor: generators, and folders of pictures.
+
+Each source is an entry of the configuration and draws clips, (frames, R, C, 3) of linear light in
+[0, 1] with some light in every frame, from a random generator alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from periscopy_sim.dataset.distributions import Distribution, Source, within
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.scenario import Array
+
+Rng = np.random.Generator
+
+OVERSAMPLING = 8
+"""Points a patch across and down that drawings are averaged over."""
+
+
+class Shapes(Source):
+    """Ellipses, rectangles, triangles and stars before a plain background.
+
+    `size` is their radius over the image's height, `speed` the heights that each moves from frame
+    to frame, in a direction of its own; walls reflect it.
+    """
+
+    kind: Literal["shapes", "moving"]
+    number: within(1, 100) = Distribution(choice=(1, 2, 3, 4, 5))  # type: ignore[valid-type]
+    size: within(1e-3, 10) = Distribution(uniform=(0.08, 0.35))  # type: ignore[valid-type]
+    speed: within(0, 10) | None = None  # type: ignore[valid-type]
+
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
+        """Draw a clip."""
+        aspect = shape[1] / shape[0]
+        usual = {"uniform": (0.01, 0.06)} if self.kind == "moving" else {"value": 0.0}
+        speed = self.speed or Distribution.model_validate(usual)
+        count = round(self.number.draw(rng))
+        ground = _colour(rng) * rng.uniform(0, 0.5)
+        corners = [_outline(rng) * self.size.draw(rng) for _ in range(count)]
+        colours = [_colour(rng) for _ in range(count)]
+        start = rng.random((count, 2)) * (aspect, 1)
+        heading = rng.uniform(0, 2 * np.pi, count)
+        pace = np.array([speed.draw(rng) for _ in range(count)])
+        velocity = pace[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        clip = np.empty((frames, *shape, 3))
+        for t in range(frames):
+            places = _reflected(start + t * velocity, (aspect, 1.0))
+            clip[t] = ground
+            for outline, place, colour in zip(corners, places, colours, strict=True):
+                covered = _polygon(outline + place, shape)
+                clip[t] += covered * (colour - clip[t])
+        return clip
+
+
+class Text(Source):
+    """Letters, digits and signs, bright before dark or dark before bright.
+
+    `length` of them stand side by side. The `height` is that of a capital letter, over the image's;
+    it is made smaller where the text would not fit.
+    """
+
+    kind: Literal["text", "digits"]
+    characters: Annotated[str, Field(pattern=r"^\S+$", max_length=1000)] | None = None
+    length: within(1, 40) | None = None  # type: ignore[valid-type]
+    height: within(0.05, 2) = Distribution(uniform=(0.35, 0.9))  # type: ignore[valid-type]
+
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
+        """Draw a clip, at rest."""
+        digits = self.kind == "digits"
+        characters = self.characters or ("0123456789" if digits else _LETTERS)
+        length = self.length or Distribution(choice=(1,) if digits else (1, 2, 3, 4))
+        text = "".join(rng.choice(list(characters), round(length.draw(rng))))
+        covered = _lettering(text, self.height.draw(rng), rng.random(2), shape)
+        ground, ink = _contrasting(rng)
+        return _at_rest(ground + covered * (ink - ground), frames)
+
+
+class Gratings(Source):
+    """Sinusoids or stripes of any direction, in two colours; `periods` over the image's height."""
+
+    kind: Literal["gratings"]
+    periods: within(0.01, 1000) = Distribution(log_uniform=(0.5, 8.0))  # type: ignore[valid-type]
+    square: Annotated[float, Field(ge=0, le=1)] = 0.5  # share of stripes
+
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
+        """Draw a clip, at rest."""
+        y, x = _grid(shape)
+        direction, phase = rng.uniform(0, 2 * np.pi, 2)
+        across = np.cos(direction) * x + np.sin(direction) * y
+        wave = np.sin(2 * np.pi * self.periods.draw(rng) * across + phase)
+        if rng.random() < self.square:
+            wave = np.where(wave > 0, 1.0, -1.0)
+        ground, ink = _contrasting(rng)
+        return _at_rest(
+            ground + _averaged((1 + wave[..., None]) / 2, shape) * (ink - ground), frames
+        )
+
+
+class Smooth(Source):
+    """Random fields without edges: Gaussian, of a power-law spectrum.
+
+    Amplitudes fall with the power `exponent` of the frequency. A `saturation` of 0 is grey, one of
+    1 has three independent channels.
+    """
+
+    kind: Literal["smooth"]
+    exponent: within(0, 10) = Distribution(uniform=(1.5, 3.0))  # type: ignore[valid-type]
+    saturation: within(0, 1) = Distribution(uniform=(0.0, 1.0))  # type: ignore[valid-type]
+
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
+        """Draw a clip, at rest."""
+        # Twice as large as needed, so that opposite edges differ.
+        tall, wide = 2 * shape[0], 2 * shape[1]
+        frequency = np.hypot(np.fft.fftfreq(tall)[:, None], np.fft.rfftfreq(wide))
+        frequency[0, 0] = np.inf  # no mean
+        spectrum = np.fft.rfft2(rng.standard_normal((4, tall, wide)))
+        fields = np.fft.irfft2(spectrum * frequency ** -self.exponent.draw(rng), (tall, wide))
+        fields = fields[:, : shape[0], : shape[1]]
+        fields -= fields.mean(axis=(1, 2), keepdims=True)
+        fields /= np.maximum(fields.std(axis=(1, 2), keepdims=True), 1e-300)
+        s = self.saturation.draw(rng)
+        image = np.moveaxis((1 - s) * fields[:1] + s * fields[1:], 0, -1)
+        low, high = image.min(), image.max()
+        return _at_rest((image - low) / (high - low) if high > low else image + 0.5, frames)
+
+
+class Folder(Source):
+    """Pictures of a folder and of those within it."""
+
+    kind: Literal["folder"]
+    folder: str  # relative to the configuration's own
+    flip: bool = False  # half of them, left to right
+    version: str = ""  # digest of the pictures, filled in when a data set is made
+
+    def located(self, folder: Path) -> Self:
+        """Return the source with an absolute path and the digest of its pictures."""
+        place = str((folder / self.folder).resolve())
+        pictures_in.cache_clear()
+        return self.model_copy(update={"folder": place, "version": sha256_of(pictures_in(place))})
+
+    def identity(self) -> dict[str, Any]:
+        """Return the name of the folder; `version` tells its pictures."""
+        return {"folder": Path(self.folder).name}
+
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
+        """Draw a clip, at rest; the folder is an absolute path by now."""
+        files = pictures_in(self.folder, self.version)
+        image = _picture(str(files[int(rng.integers(len(files)))]), shape, self.version)
+        if self.flip and rng.random() < 0.5:
+            image = image[:, ::-1]
+        return _at_rest(image, frames)
+
+
+HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discriminator="kind")]
+
+
+@lru_cache(maxsize=64)
+def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: ARG001
+    """Return the pictures of a folder, sorted; remembered for each version of it."""
+    from periscopy_sim.storage.formats.table import suffixes
+
+    known = suffixes(raw=False)
+    found = (file for file in Path(folder).rglob("*") if file.suffix.lower() in known)
+    files = tuple(sorted(file for file in found if not file.name.startswith(".")))
+    if not files:
+        raise ConfigurationError(f"folder '{folder}' holds no pictures ({', '.join(known)})")
+    return files
+
+
+def sha256_of(files: Iterable[Path]) -> str:
+    """Return the digest of the contents of files, in their order."""
+    digest = hashlib.sha256()
+    for file in files:
+        try:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+        except OSError as error:
+            raise ConfigurationError(f"{file}: {error.strerror}; check the path") from error
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=512)
+def _picture(file: str, shape: tuple[int, int], version: str) -> Array:  # noqa: ARG001
+    from periscopy_sim.storage.pictures import read_hidden_image
+
+    image = read_hidden_image(file, shape)
+    if not image.any():
+        raise ConfigurationError(f"{file}: is black; leave it out")
+    image.flags.writeable = False
+    return image
+
+
+_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789&?!#%+=@"
+
+
+def _at_rest(image: Array, frames: int) -> Array:
+    return np.broadcast_to(image, (frames, *image.shape))
+
+
+def _colour(rng: Rng) -> Array:
+    """Draw a colour whose brightest channel is 1 or, half of the time, less."""
+    colour = rng.random(3) ** 2 + 1e-3
+    return np.asarray(colour / colour.max() * rng.uniform(0.5, 1.0))
+
+
+def _contrasting(rng: Rng) -> tuple[Array, Array]:
+    """Draw a dark and a bright colour, either way round."""
+    dark, bright = _colour(rng) * rng.uniform(0, 0.2), _colour(rng)
+    return (dark, bright) if rng.random() < 0.7 else (bright, dark)
+
+
+def _outline(rng: Rng) -> Array:
+    """Return (n, 2) corners (x, y) of a shape of radius about 1, turned by a random angle."""
+    kind = rng.choice(["ellipse", "rectangle", "triangle", "star"])
+    turn = rng.uniform(0, 2 * np.pi)
+    corners = {"ellipse": 48, "rectangle": 4, "triangle": 3, "star": 10}[str(kind)]
+    angle = 2 * np.pi * np.arange(corners) / corners + np.pi / corners
+    radius = np.where(np.arange(corners) % 2, 0.45, 1.0) if kind == "star" else np.ones(corners)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    if kind in ("ellipse", "rectangle"):
+        points[:, 1] *= rng.uniform(0.3, 1.0)
+    c, s = np.cos(turn), np.sin(turn)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]))
+
+
+def _reflected(places: Array, size: tuple[float, float]) -> Array:
+    """Return straight paths folded into the image, as if its edges were mirrors."""
+    return np.asarray(np.abs((places + size) % (2 * np.array(size)) - size))
+
+
+def _grid(shape: tuple[int, int]) -> tuple[Array, Array]:
+    """Return coordinates y and x of an oversampled image, in image heights."""
+    rows, columns = (OVERSAMPLING * size for size in shape)
+    y = (np.arange(rows) + 0.5) / rows
+    return y[:, None], (np.arange(columns) + 0.5) / rows
+
+
+def _averaged(image: Array, shape: tuple[int, int]) -> Array:
+    k = OVERSAMPLING
+    return np.asarray(image.reshape(shape[0], k, shape[1], k, -1).mean(axis=(1, 3)))
+
+
+def _drawn(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
+    """Return the share of each patch that a drawing covers: (R, C, 1)."""
+    from PIL import Image, ImageDraw
+
+    rows, columns = (OVERSAMPLING * size for size in shape)
+    mask = Image.new("L", (columns, rows))
+    draw(ImageDraw.Draw(mask))
+    return _averaged(np.asarray(mask, np.float64)[..., None] / 255, shape)
+
+
+def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
+    """Return the share of each patch within a polygon given in image heights: (R, C, 1)."""
+    places = (corners * (OVERSAMPLING * shape[0])).ravel().tolist()
+    return _drawn(shape, lambda canvas: canvas.polygon(places, fill=255))
+
+
+def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -> Array:
+    """Return the share of each patch within letters: (R, C, 1)."""
+    rows, columns = (OVERSAMPLING * size for size in shape)
+    font: Any = _font(max(8, round(height * rows / 0.72)))  # a capital is 0.72 of the font's size
+    left, top, right, bottom = font.getbbox(text)
+    shrink = min(1.0, 0.96 * columns / (right - left), 0.96 * rows / (bottom - top))
+    if shrink < 1:
+        font = _font(max(8, int(font.size * shrink)))
+        left, top, right, bottom = font.getbbox(text)
+    x = place[0] * (columns - (right - left)) - left
+    y = place[1] * (rows - (bottom - top)) - top
+    return _drawn(shape, lambda canvas: canvas.text((x, y), text, fill=255, font=font))
+
+
+@lru_cache(maxsize=256)
+def _font(size: int) -> Any:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size)

@@ -1,0 +1,142 @@
+"""The layout of a data set's archive: its variables and their sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from periscopy_sim.errors import DatasetError
+from periscopy_sim.storage.outputs.store import Block, attributes_of, digest_of
+
+PIXELS = ("row", "column", "channel")
+PATCHES = ("hidden_row", "hidden_column", "channel")
+
+_EXPOSED = "mean of a photograph of exposure 1"
+PICTURES = {  # long name and units
+    "photograph": ("photograph of the wall, linear light", _EXPOSED),
+    "hidden": ("hidden image, linear light", "white of the monitor"),
+    "background": ("ambient light of the photograph, without noise", _EXPOSED),
+}
+BOUNCED_ERROR = "bounced_error"
+_OF_WHITE = "error of a white image's photograph by light that bounces over it; 0 if none bounces"
+_SCALE = "photograph's unit over that of A f: photograph = scale A f + background"
+LABELS: dict[str, tuple[Any, str, str | None]] = {
+    "signal_scale": ("float64", _SCALE, "1"),
+    "sbr": ("float64", "signal-to-background ratio", "1"),
+    "snr": ("float64", "signal-to-noise ratio", "dB"),
+    "exposure": ("float64", "mean of the photograph without noise", "1"),
+    BOUNCED_ERROR: ("float64", _OF_WHITE, "1"),
+    "clip_number": ("int64", "number of the video that the photograph is of", None),
+    "frame": ("int32", "number of the frame within its video", None),
+    "geometry": ("int32", "number of the scene and its parameters", None),
+    "split": (str, "train, validation or test", None),
+    "hidden_kind": (str, "source of the hidden image", None),
+    "ambient": (str, "source of the ambient light", None),
+}
+"""Variables of one value for each sample: type, long name and units.
+
+`BOUNCED_ERROR` is there only if A has light that bounces.
+"""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The sizes of a data set, a `StoreLayout`."""
+
+    what: ClassVar[str] = "data set"
+    kind: ClassVar[str] = "periscopy data set"
+
+    count: int  # samples
+    block_size: int  # samples in a block
+    photograph_shape: tuple[int, int]  # (rows, columns)
+    hidden_shape: tuple[int, int]  # (R, C)
+    photograph_type: str
+    keep_background: bool
+    bounced_error: bool = False  # whether there is that label
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Return the sizes without the count, of JSON's types, as `read_head` reads them."""
+        sizes = {
+            "block": self.block_size,
+            "photograph_shape": list(self.photograph_shape),
+            "hidden_shape": list(self.hidden_shape),
+            "photograph_type": self.photograph_type,
+            "keep_background": self.keep_background,
+        }
+        return sizes | ({BOUNCED_ERROR: True} if self.bounced_error else {})
+
+    @property
+    def blocks(self) -> int:
+        """Return the number of blocks; the last may be cut short."""
+        return -(-self.count // self.block_size)
+
+    def block(self, number: int) -> Block:
+        """Return a block: a file of each variable."""
+        first = number * self.block_size
+        samples = slice(first, min(first + self.block_size, self.count))
+        files = {name: f"{name}/c/{number}" for name in self._labels()}
+        files |= {name: f"{name}/c/{number}/0/0/0" for name in self._stacks()}
+        return Block(number, {"sample": samples}, files)
+
+    def variables(self) -> dict[str, dict[str, Any]]:
+        """Return the layout of each variable that every sample has."""
+        from zarr.codecs import BloscCodec, Crc32cCodec
+
+        laid_out: dict[str, dict[str, Any]] = {}
+        for name, (shape, dimensions, dtype) in self._stacks().items():
+            # Noise leaves signs and exponents alike: shuffled bits compress them.
+            size = np.dtype(dtype).itemsize
+            blosc = BloscCodec(
+                cname="zstd", clevel=1, shuffle="bitshuffle", typesize=size, blocksize=0
+            )
+            laid_out[name] = {
+                "shape": (self.count, *shape), "chunks": (1, *shape),
+                "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
+                "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
+                "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
+            }  # fmt: skip
+        for name, (dtype, long_name, units) in self._labels().items():
+            fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
+            laid_out[name] = {
+                "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
+                "fill_value": fill, "dimension_names": ("sample",), "compressors": [Crc32cCodec()],
+                "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
+            }  # fmt: skip
+        return laid_out
+
+    @staticmethod
+    def recognizes(attributes: Mapping[str, Any]) -> bool:
+        """Return whether attributes are those of a data set."""
+        return attributes.get("kind") == Layout.kind and isinstance(attributes.get("count"), int)
+
+    def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
+        """Return those of `LABELS` that there are."""
+        return {n: each for n, each in LABELS.items() if n != BOUNCED_ERROR or self.bounced_error}
+
+    def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
+        """Return shape, dimensions and type of a sample's pictures."""
+        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
+        return {**stacks, **({"background": pixels} if self.keep_background else {})}
+
+
+def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
+    """Return the attributes of a data set, its layout, and the digest that its records bear.
+
+    A path without a data set, or one whose head is damaged, is a `DatasetError`.
+    """
+    attributes = attributes_of(path)
+    if not Layout.recognizes(attributes):
+        raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
+    sizes = attributes["layout"]
+    layout = Layout(
+        attributes["count"], sizes["block"], tuple(sizes["photograph_shape"]),
+        tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
+        sizes.get(BOUNCED_ERROR, False),
+    )  # fmt: skip
+    return attributes, layout, digest_of(attributes)

@@ -1,0 +1,233 @@
+"""Make a data set: blocks that it lacks, on this machine or on Dask workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from periscopy_sim.dataset.configuration import Bounced, Configuration
+from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
+from periscopy_sim.dataset.geometry import (
+    Backgrounds,
+    backgrounds_of,
+    geometry_of,
+    given_light,
+    scenario_of,
+)
+from periscopy_sim.dataset.layout import Layout
+from periscopy_sim.dataset.samples import Block, make_samples
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.numerics.threads import ahead
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.ambient_library import Progress, silent
+from periscopy_sim.storage.outputs.provenance import provenance
+from periscopy_sim.storage.outputs.resume import alone_in
+from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place, digest_of
+
+SHARES_PER_THREAD = 4
+"""Tasks for each thread of a Dask cluster, so that none waits long for the last."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """Numbers of a run: it made `made` of `count` samples, of so many `geometries`.
+
+    `empty_splits` were asked for, but have no geometry.
+    """
+
+    count: int
+    made: int
+    geometries: int
+    empty_splits: tuple[str, ...] = ()
+
+
+def make_dataset(
+    configuration: Configuration,
+    out: str | Path,
+    *,
+    count: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    rendering: Progress = silent,
+) -> Made:
+    """Make the blocks that a data set lacks.
+
+    Parameters
+    ----------
+    configuration
+        From `load_configuration`.
+    out
+        The archive, a Zarr folder. Blocks of this configuration stay; damaged ones are made again.
+    count
+        Samples, instead of the configuration's; may grow from run to run.
+    scheduler
+        Address of a Dask scheduler; None for this process.
+    progress
+        Called with the samples that are done and those that there will be, before each block is
+        kept; an exception that it raises stops the making.
+    rendering
+        Called with each ambient condition that is rendered, gives the function that takes the
+        fraction done.
+
+    Returns
+    -------
+    Made
+        Numbers of samples and of their geometries, and splits that stay empty.
+
+    Raises
+    ------
+    PeriscopyError
+        If a scene, an image or a condition cannot be used, `out` holds something else or another
+        process is at work there, the disk is full, or no scheduler answers.
+
+    Warns
+    -----
+    RuntimeWarning
+        Light that bounces is not known well enough, see `render_bounced_light`. The archive's
+        `bounced_error` has the error of each geometry.
+    """
+    out, report = Path(out), progress or (lambda *_: None)
+    settings = configuration.located()
+    if count is not None:
+        settings = settings.model_copy(update={"count": count})
+    check_place(out, Layout.what, Layout.recognizes)
+    draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
+    first = scenario_of(settings, draws[0])
+    for draw in {draw.source: draw for draw in reversed(draws)}.values():
+        # An error of any scene comes before anything is written.
+        _check_shape(draw.number, scenario_of(settings, draw), first.photograph_shape)
+    given = given_light(settings, first)
+    layout = Layout(
+        settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
+        settings.photograph_type, settings.keep_background,
+        isinstance(settings.light, Bounced),
+    )  # fmt: skip
+    versions = _versions(settings.seed)
+    attributes = {
+        "kind": Layout.kind,
+        "configuration": settings.identity(),
+        "layout": layout.attributes,
+        "versions": versions,
+    }
+    with alone_in(out / MAKING):
+        store = BlockStore(out, layout, attributes, _labels(settings, draws))
+        blocks_each = settings.samples_per_geometry // layout.block_size
+        by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
+        shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
+        made = sum(layout.block(number).size for blocks in shares.values() for number in blocks)
+        done = layout.count - made
+        report(done, layout.count)
+        if made:
+            # Renderings of another seed or version, left before any sample, are not taken.
+            lit_by = digest_of({"seed": settings.seed, **versions})[:8]
+            folder = out / MAKING / f"ambient-{lit_by}"
+            scenarios = (scenario_of(settings, draws[geometry]) for geometry in shares)
+            backgrounds = backgrounds_of(settings, scenarios, given, folder, rendering)
+            # No sample depends on the count, and a geometry is remembered by this text.
+            text = settings.model_copy(update={"count": 1}).model_dump_json()
+            making = partial(make_block, text, layout.photograph_shape, backgrounds)
+            for block, values in _made(making, text, shares, scheduler):
+                # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
+                report(done, layout.count)
+                store.write(block, values)
+                done += layout.block(block).size
+            report(done, layout.count)
+    filled = {draw.split for draw in draws}
+    empty = (name for name, share in settings.splits if share > 0 and name not in filled)
+    return Made(layout.count, made, len(shares), tuple(empty))
+
+
+def make_block(
+    configuration: str,
+    photograph_shape: tuple[int, int],
+    backgrounds: Backgrounds,
+    geometry: int,
+    block: int,
+) -> Block:
+    """Make the samples of a block of a geometry, whose photographs must have the shape given.
+
+    The configuration is JSON.
+    """
+    settings = Configuration.model_validate_json(configuration)
+    ready = geometry_of(configuration, geometry)
+    _check_shape(geometry, ready.scenario, photograph_shape)
+    start = block * settings.samples_per_shard
+    return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
+
+
+def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
+    if scenario.photograph_shape != expected:
+        raise ConfigurationError(
+            f"geometry {geometry} has photographs of {scenario.photograph_shape} pixels, "
+            f"geometry 0 of {expected}; give all scenes films of one size"
+        )
+
+
+def _made(
+    making: Callable[[int, int], Block],
+    configuration: str,
+    shares: Mapping[int, Sequence[int]],
+    scheduler: str | None,
+) -> Iterator[tuple[int, Block]]:
+    """Make blocks, geometry by geometry or wherever a worker is free."""
+    if scheduler is None:
+        for geometry, blocks in shares.items():
+            make = partial(making, geometry)
+            # Rendered here, not in the threads; path tracing is parallel by itself.
+            traced = geometry_of(configuration, geometry).transport is None
+            yield from zip(blocks, (map if traced else ahead)(make, blocks), strict=True)
+        return
+    from periscopy_sim.evaluation.workers import compute, connect
+
+    with connect(scheduler) as client:
+        # A geometry's blocks stay together unless workers would go idle.
+        wanted = SHARES_PER_THREAD * sum(client.nthreads().values())
+        pieces = max(1, -(-wanted // len(shares)))
+        tasks = [
+            (geometry, part.tolist())
+            for geometry, blocks in shares.items()
+            for part in np.array_split(blocks, min(pieces, len(blocks)))
+        ]
+        for (_, blocks), made in compute(client, _make_share, making, tasks):
+            yield from zip(blocks, made, strict=True)
+
+
+def _make_share(making: Callable[[int, int], Block], task: tuple[int, list[int]]) -> list[Block]:
+    geometry, blocks = task
+    return [making(geometry, block) for block in blocks]
+
+
+def _versions(seed: int) -> dict[str, Any]:
+    """Return the versions that samples depend on."""
+    import mitsuba as mi
+
+    record = provenance(None, mi.variant(), seed, [])
+    names = ("periscopy-sim", "numpy", "mitsuba", "drjit", "variant")
+    return {name: record[name] for name in names}
+
+
+def _labels(
+    settings: Configuration, draws: Sequence[GeometryDraw]
+) -> dict[str, tuple[str, list[Any]]]:
+    """Return dimension and values of the variables that an archive has before any sample.
+
+    These are each geometry's scene, split and parameters, and the channels' names.
+    """
+    variables: dict[str, list[Any]] = {
+        "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],
+        "geometry_split": [draw.split for draw in draws],
+    }
+    for name in sorted({name for scene in settings.scenes for name in scene.parameters}):
+        texts = [draw.parameters.get(name, "") for draw in draws]
+        try:  # numbers, NaN where there is none
+            variables[f"parameter_{name}"] = [float(text or "nan") for text in texts]
+        except ValueError:
+            variables[f"parameter_{name}"] = texts
+    of_geometries = {name: ("geometries", values) for name, values in variables.items()}
+    return {**of_geometries, "channel": ("channel", ["red", "green", "blue"])}

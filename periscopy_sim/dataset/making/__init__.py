@@ -1,1 +1,0 @@
-"""Making a data set: random draws, geometries, ambient light, samples."""

@@ -1,0 +1,165 @@
+"""Photographs of a data set, and the labels that describe them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.analytic.point_light import point_light_response
+from periscopy_sim.dataset.configuration import Configuration
+from periscopy_sim.dataset.draws import (
+    NOISE,
+    RENDERING,
+    AmbientDraw,
+    ClipDraw,
+    draw_clip,
+    random_seed,
+)
+from periscopy_sim.dataset.geometry import Backgrounds, Geometry, view_digest
+from periscopy_sim.dataset.layout import BOUNCED_ERROR, LABELS
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.numerics.products import times_rows
+from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.rendering.transport.bounced_transport import BouncedTransport, channels_mean
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+
+Block = dict[str, NDArray[Any]]
+"""Each variable's values for consecutive samples."""
+
+
+def make_samples(
+    configuration: Configuration,
+    geometry: Geometry,
+    backgrounds: Backgrounds,
+    start: int,
+    stop: int,
+) -> Block:
+    """Make the samples from `start` to `stop`, multiples of the clips' length, of one geometry.
+
+    Return the variables of `Layout.variables`, by name.
+    """
+    scenario, length = geometry.scenario, configuration.clip_length
+    clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
+    hidden = np.concatenate([clip.hidden for clip in clips])
+    signals = _signals(configuration, geometry, hidden, start)
+    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
+    ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
+    scales = np.empty(len(hidden))
+
+    def expose(number: int) -> None:
+        """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
+        clip, first = clips[number], number * length
+        light = _background(clip.ambient, scenario, frame, backgrounds)
+        frames = slice(first, first + length)
+        mean = signals[frames].mean()
+        if not mean > 0:
+            raise ConfigurationError(
+                f"sample {start + first}: no light of the monitor reaches the wall; move what "
+                "stands between them, or raise the samples of light"
+            )
+        exposed, share = signals[frames] / mean, 1.0
+        if light is not None:
+            share = clip.sbr / (1 + clip.sbr)
+            exposed = composite(signals[frames], np.stack([light] * length), clip.sbr)
+            if configuration.keep_background:
+                ambient[frames] = light * (clip.exposure * (1 - share) / light.mean())
+        scales[frames] = clip.exposure * share / mean
+        for k, picture in enumerate(exposed, first):
+            noise = random_seed(configuration, NOISE, start + k)
+            photographs[k] = add_noise(clip.exposure * picture, clip.snr, noise)
+
+    in_parallel(expose, range(len(clips)))
+    if configuration.saturation is not None:
+        np.minimum(photographs, configuration.saturation, out=photographs)
+    with np.errstate(over="ignore"):
+        kept = photographs.astype(configuration.photograph_type, copy=False)
+    if not np.isfinite(kept).all():
+        raise ConfigurationError(
+            f"photographs of samples {start} to {stop - 1} do not fit "
+            f"{configuration.photograph_type}; lower exposure, or use float32"
+        )
+    block = {
+        "photograph": kept,
+        "hidden": hidden.astype(np.float32),
+        "signal_scale": scales,
+        **_labels(geometry, clips, length),
+    }
+    if configuration.keep_background:
+        block["background"] = ambient.astype(configuration.photograph_type, copy=False)
+    return block
+
+
+def _signals(
+    configuration: Configuration, geometry: Geometry, hidden: Array, start: int
+) -> NDArray[np.floating[Any]]:
+    """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
+    scenario, A = geometry.scenario, geometry.transport
+    if A is None:
+        assert geometry.photographer is not None
+        numbers = range(start, start + len(hidden))
+        seeds = [random_seed(configuration, RENDERING, number) for number in numbers]
+        return np.stack(list(map(geometry.photographer, hidden, seeds)))
+    f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
+    rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
+    y = times_rows(rows, channels_mean(A)).reshape(len(hidden), 3, -1)
+    if isinstance(A, BouncedTransport):
+        y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
+    y *= scenario.channel_gain.astype(np.float32)[:, None]
+    return np.moveaxis(y, 1, -1).reshape(len(hidden), *scenario.photograph_shape, 3)
+
+
+def _background(
+    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: Backgrounds
+) -> Array | None:
+    """Return ambient light on the wall, (rows, columns, 3), in any unit; None for darkness."""
+    shape = (*scenario.photograph_shape, 3)
+    if ambient.lamps is not None:
+        places, powers = ambient.lamps
+        lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
+        light = lamp_light(lights, powers, scenario.wall_points, scenario.wall_normals)
+        return (light * scenario.channel_gain).reshape(shape)
+    if not ambient.mixture:
+        return None
+    pictures = backgrounds[view_digest(scenario)][ambient.source]
+    total = np.zeros(shape)
+    for which, weight, down, across in ambient.mixture:
+        picture = pictures[which, :: -1 if down else 1, :: -1 if across else 1].astype(np.float64)
+        total += weight / picture.mean() * picture
+    return total * scenario.channel_gain
+
+
+def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:
+    """Return the wall's responses to point lights, each scaled to its mean over the wall, added.
+
+    Σ_l p_l ψ(α_l) / mean ψ(α_l), (M, 3), with ψ of Eq. 4, see `point_light_response`: lamps α
+    (L, 3) in metres, off the wall; powers p (L, 3) by channel; wall points (M, 3) in metres and
+    their unit normals. A lamp behind the whole wall gives nothing.
+    """
+    response = point_light_response(lamps, points, normals)
+    mean = response.mean(axis=0)
+    return response @ (powers / np.where(mean > 0, mean, 1)[:, None])
+
+
+def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
+    """Return the variables of one value for each sample, of clips of `length` frames."""
+    of_clips: dict[str, list[Any]] = {
+        "sbr": [clip.sbr for clip in clips],
+        "snr": [clip.snr for clip in clips],
+        "exposure": [clip.exposure for clip in clips],
+        "clip_number": [clip.number for clip in clips],
+        "hidden_kind": [clip.kind for clip in clips],
+        "ambient": [clip.ambient.label for clip in clips],
+        "geometry": [geometry.draw.number] * len(clips),
+        "split": [geometry.draw.split] * len(clips),
+    }
+    if isinstance(geometry.transport, BouncedTransport):
+        of_clips[BOUNCED_ERROR] = [geometry.transport.bounced.relative_error] * len(clips)
+    text = np.dtypes.StringDType()
+    types = {name: text if kind is str else kind for name, (kind, *_) in LABELS.items()}
+    labels = {n: np.repeat(np.array(v, types[n]), length) for n, v in of_clips.items()}
+    frames = np.tile(np.arange(length, dtype=types["frame"]), len(clips))
+    return {**labels, "frame": frames}

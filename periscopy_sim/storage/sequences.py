@@ -1,0 +1,207 @@
+"""Sequences of photographs, and what the hidden scene showed meanwhile, decoded frame by frame."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.lib.format as npy
+from numpy.typing import ArrayLike, NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.photograph import Photograph, blackened, check_real
+from periscopy_sim.storage.formats.arrays import mapped_stack, zarr_stack
+from periscopy_sim.storage.formats.decoding import Frames, listed, place_of
+from periscopy_sim.storage.formats.table import format_of, suffixes
+from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
+
+Array = NDArray[np.float64]
+
+_ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
+_FORMS = "a folder of photographs, a Zarr archive, a multi-part EXR or an NPY or NPZ stack"
+
+
+def open_frames(
+    path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
+) -> Frames[Photograph]:
+    """Open a sequence of photographs; each is read and checked when its turn comes.
+
+    A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
+    natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
+    files of no such suffix are left out, with a warning. A Zarr archive, of format 2 or 3, is an
+    array (frames, rows, columns, 3), or a group that has it as `photograph`. NPY and NPZ files (key
+    `photograph`) hold such an array too, a multi-part EXR a frame in each part; NPZ and EXR files
+    are decoded as a whole. One channel in place of three is grey.
+
+    Parameters
+    ----------
+    path : Path
+        The folder or file.
+    shape : (rows, columns)
+        Size that each photograph must have.
+    mask : (rows, columns) bool
+        Where the wall is used, see `read_photograph`; None: everywhere.
+
+    Returns
+    -------
+    Frames
+        At least one.
+
+    Raises
+    ------
+    PhotographError
+        Here if the sequence as a whole is missing, damaged, empty or of another form or size; while
+        iterating as `read_photograph`, naming the frame, the first being 0.
+    """
+    path = Path(path)
+    if path.is_dir() and not any((path / mark).exists() for mark in _ZARR_MARKS):
+        return _folder_frames(path, shape, mask)
+    if path.is_dir():
+        stack = zarr_stack(path, shape)
+    else:
+        row = format_of(path)
+        if row.open_stack is None:
+            raise PhotographError(f"{path}: is a single {row.name} file; give {_FORMS}")
+        stack = row.open_stack(path, shape)
+
+    def decode() -> Iterator[Photograph]:
+        for k, values in enumerate(stack):
+            yield Photograph.of(values, shape, str(place_of(path, k)), mask=mask)
+
+    return Frames(stack.names, stack.warnings, decode)
+
+
+def decoded_photographs(
+    sequence: Frames[Photograph],
+    shape: tuple[int, int],
+    mask: NDArray[np.bool_] | None,
+    file: Path,
+    progress: Callable[[float], None],
+) -> tuple[NDArray[np.floating[Any]], list[str]]:
+    """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
+
+    They are (rows, columns, 3) each, black where the mask leaves them out, as they are drawn, and
+    kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
+    """
+    of_kind: dict[str, list[str]] = {}
+    with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
+        for k, photograph in enumerate(sequence, 1):
+            write(blackened(photograph.values, mask))
+            for warning in photograph.warnings:
+                of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
+            progress(k / len(sequence))
+    counted = (
+        first + (f" (likewise {len(others)} more)" if others else "")
+        for first, *others in of_kind.values()
+    )
+    return mapped_stack(file), [*sequence.warnings, *counted]
+
+
+def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:
+    """Yield what the hidden scene showed at each of `count` photographs: light, 1 for white.
+
+    `path` is a folder of pictures of one format, in natural order, each read by
+    `read_hidden_image`; an NPY stack (frames, any rows, any columns, 3) of linear light, its 8- or
+    16-bit integers being fractions of their largest value; or one picture, which stands for every
+    frame. Each is averaged over the area of each patch: (rows, columns, 3). Neither one frame nor
+    `count` is a `PhotographError`.
+    """
+    number, read = _hidden_frames(Path(path), shape)
+    if number not in (1, count):
+        raise PhotographError(
+            f"{path}: holds {number} hidden images for {count} photographs; give as many, or one"
+        )
+    if number == count:
+        yield from map(read, range(count))
+    else:
+        yield from repeat(read(0), count)
+
+
+def decoded_truth(path: Path, shape: tuple[int, int], count: int, file: Path) -> NDArray[Any]:
+    """Return what was hidden, (F, R, C, 3), frame by frame; see `read_hidden_frames`."""
+    with npy_writer(file, (count, *shape, 3), np.float64) as write:
+        for image in read_hidden_frames(path, shape, count):
+            write(image)
+    return mapped_stack(file)
+
+
+@contextmanager
+def npy_writer(
+    path: Path, shape: Sequence[int], dtype: type[np.floating[Any]]
+) -> Iterator[Callable[[ArrayLike], object]]:
+    """Write an NPY file of a stack, (frames, ...), as `numpy.save` would.
+
+    The function yielded takes each frame in turn.
+    """
+    described = npy.dtype_to_descr(np.dtype(dtype))
+    header = {"descr": described, "fortran_order": False, "shape": tuple(shape)}
+    with path.open("wb") as stream:
+        npy.write_array_header_1_0(stream, header)
+        yield lambda frame: stream.write(np.ascontiguousarray(frame, dtype=dtype).tobytes())
+
+
+def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
+    """Return the pictures in a folder in natural order, and the names of its other files.
+
+    A picture is known by its suffix; hidden files and subfolders do not count. A folder with no
+    picture, or with those of several formats, is a `PhotographError`.
+    """
+    known = suffixes()
+    files = [each for each in folder.iterdir() if each.name[0] != "." and not each.is_dir()]
+    of_kind: dict[str, list[Path]] = {}
+    for file in sorted(files, key=lambda file: _natural(file.name)):
+        of_kind.setdefault(known.get(file.suffix.lower(), ""), []).append(file)
+    others = [file.name for file in of_kind.pop("", [])]
+    if len(of_kind) != 1:
+        examples = listed([f"{kind} ({files[0].name})" for kind, files in of_kind.items()])
+        raise PhotographError(
+            f"{folder}: holds {examples or 'no file named as a picture'}; keep frames of one "
+            "format alone there"
+        )
+    return next(iter(of_kind.values())), others
+
+
+def _natural(name: str) -> tuple[list[str | int], str]:
+    """Return a sort key by which frame2 comes before frame10: text and numbers in turn."""
+    pieces = re.split("([0-9]+)", name.lower())
+    return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name
+
+
+def _folder_frames(
+    path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None
+) -> Frames[Photograph]:
+    """Open a folder, one photograph a file; see `open_frames`."""
+    files, others = files_of_one_kind(path)
+    return Frames(
+        tuple(file.name for file in files),
+        (f"{path}: left out {listed(others)}",) if others else (),
+        lambda: (read_photograph(file, shape, mask) for file in files),
+    )
+
+
+def _hidden_frames(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
+    """Return the number of frames, and what reads one."""
+    if path.is_dir():
+        files, _ = files_of_one_kind(path)
+        return len(files), lambda k: read_hidden_image(files[k], shape)
+    if format_of(path).name == "NPY":
+        stack = mapped_stack(path)
+        check_real(stack.dtype, str(path))
+        if stack.ndim == 4:
+            if stack.shape[-1] not in (1, 3) or 0 in stack.shape[1:]:
+                raise PhotographError(
+                    f"{path}: has frames of shape {stack.shape[1:]}; give (rows, columns, 3)"
+                )
+
+            def read(k: int) -> Array:
+                return area_average(linear_light(stack[k], place_of(path, k)), shape)
+
+            return len(stack), read
+    image = read_hidden_image(path, shape)
+    return 1, lambda _: image

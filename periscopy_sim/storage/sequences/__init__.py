@@ -1,1 +1,0 @@
-"""Sequences of frames, each decoded when its turn comes."""

@@ -1,0 +1,247 @@
+"""Data sets made, stopped, damaged, shared among workers: always the same bytes."""
+
+import shutil
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.dataset import make as making
+from periscopy_sim.dataset.make import make_dataset
+from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
+from periscopy_sim.rendering.ambient import background as ambient
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.outputs.resume import alone_in
+
+
+def contents(path):
+    return {
+        str(file.relative_to(path)): file.read_bytes()
+        for file in sorted(path.rglob("*"))
+        if file.is_file() and file.name != ".lock"
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(configured, tmp_path_factory):
+    path = tmp_path_factory.mktemp("undisturbed") / "data.zarr"
+    made = make_dataset(configured(), path)
+    assert (made.count, made.made, made.geometries) == (46, 46, 3)
+    return path
+
+
+def test_complete_data_set_is_left_alone(configured, undisturbed, tmp_path):
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(undisturbed, copy)
+    reports = []
+    made = make_dataset(configured(), copy, progress=lambda *done: reports.append(done))
+    assert (made.made, made.geometries, reports) == (0, 0, [(46, 46)])
+    assert contents(copy) == contents(undisturbed)
+
+
+def test_growing_ends_in_the_same_bytes(configured, undisturbed, tmp_path):
+    path = tmp_path / "data.zarr"
+    assert make_dataset(configured(), path, count=13).made == 13
+    assert make_dataset(configured(), path, count=20).made == 10  # a block of 3 is made anew
+    assert make_dataset(configured(), path).made == 26
+    assert contents(path) == contents(undisturbed)
+
+
+class Stopped(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_stopped_run_goes_on_where_it_was(configured, undisturbed, tmp_path, monkeypatch, after):
+    path, written = tmp_path / "data.zarr", []
+    write = making.BlockStore.write
+
+    def stop(archive, block, values):
+        if len(written) == after:
+            raise Stopped
+        written.append(block)
+        write(archive, block, values)
+
+    monkeypatch.setattr(making.BlockStore, "write", stop)
+    with pytest.raises(Stopped):
+        make_dataset(configured(), path)
+    monkeypatch.undo()
+    assert make_dataset(configured(), path).made == 46 - 10 * after
+    assert contents(path) == contents(undisturbed)
+
+
+def test_damage_is_mended(configured, undisturbed, tmp_path):
+    path = tmp_path / "data.zarr"
+    shutil.copytree(undisturbed, path)
+    rng = np.random.default_rng(0)
+    files = [file for file in sorted(path.rglob("*")) if file.is_file() and file.name != ".lock"]
+    for k in rng.choice(len(files), 12, replace=False):
+        content = files[k].read_bytes()
+        files[k].write_bytes(content[: len(content) // 2] + b"x")
+    make_dataset(configured(), path)
+    assert contents(path) == contents(undisturbed)
+
+
+@pytest.mark.thorough
+def test_killed_run_goes_on_where_it_was(configuration_file, configured, undisturbed, tmp_path):
+    configuration_file()
+    command = [sys.executable, "-m", "periscopy_sim", "dataset", "config.yaml", "--out", "d.zarr"]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE)
+    marks = tmp_path / "d.zarr/making/finished"
+    while not list(marks.glob("*.json")) and run.poll() is None:
+        time.sleep(0.002)
+    run.kill()
+    run.communicate()
+    make_dataset(configured(), tmp_path / "d.zarr")
+    assert contents(tmp_path / "d.zarr") == contents(undisturbed)
+
+
+def test_second_writer_is_refused_while_the_first_is_at_work(configured, tmp_path):
+    path = tmp_path / "data.zarr"
+    with alone_in(path / "making"), pytest.raises(OutputError, match="another process is at work"):
+        make_dataset(configured(), path)
+    assert not (path / "zarr.json").exists()
+
+
+def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with distributed.LocalCluster(processes=False, silence_logs=50, **local) as cluster:
+        make_dataset(configured(), tmp_path / "d.zarr", scheduler=cluster.scheduler_address)
+    assert contents(tmp_path / "d.zarr") == contents(undisturbed)
+
+
+def test_scenes_of_other_film_sizes_are_refused(configured, tmp_path):
+    scenes = [{"scene": "chair", "parameters": {"resolution": {"choice": [12, 16]}}}]
+    settings = configured(scenes=scenes, count=400)
+    with pytest.raises(ConfigurationError, match=r"geometry \d+ has photographs"):
+        make_dataset(settings, tmp_path / "d.zarr")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scenes": [{"scene": "nowhere"}]}, "nowhere"),
+        ({"scenes": [{"scene": "chair", "parameters": {"dx": 1}}]}, "declares no parameter 'dx'"),
+        ({"hidden_images": [{"kind": "folder", "folder": "none"}]}, "holds no pictures"),
+        ({"ambient": [{"kind": "conditions", "names": ["disco"]}]}, "no ambient condition 'disco'"),
+        ({"ambient": [{"kind": "pictures", "files": ["none.exr"]}]}, "none.exr"),
+        ({"hidden": "200x200"}, "more than the 16x16 pixels"),
+    ],
+)
+def test_what_does_not_exist_is_refused_before_anything_is_written(
+    configured, tmp_path, changes, message
+):
+    settings = configured(**changes).model_copy(update={"folder": tmp_path})
+    with pytest.raises(PeriscopyError, match=message):
+        make_dataset(settings, tmp_path / "d.zarr")
+    assert not (tmp_path / "d.zarr").exists()
+
+
+def test_other_pictures_under_the_same_name_are_another_data_set(configured, tmp_path):
+    settings = configured(
+        hidden_images=[{"kind": "folder", "folder": "pictures"}], count=2
+    ).model_copy(update={"folder": tmp_path})
+    (tmp_path / "pictures").mkdir()
+    for value in (255, 0):
+        image = np.array([[[255, value, value]]], np.uint8)
+        Image.fromarray(image).save(tmp_path / "pictures/a.png")
+        make_dataset(settings, tmp_path / f"{value}.zarr")
+        hidden = ps.open_dataset(tmp_path / f"{value}.zarr").hidden.values
+        assert (hidden[..., 0] == 1).all() and (hidden[..., 1] == value / 255).all()
+    assert make_dataset(settings, tmp_path / "0.zarr").made == 0
+    with pytest.raises(OutputError, match="holds another data set"):
+        make_dataset(settings, tmp_path / "255.zarr")
+
+
+def test_every_scene_is_tried_before_anything_is_made(configured, tmp_path):
+    scenes = [
+        {"scene": "chair", "parameters": {"resolution": 16}, "weight": 100},
+        {"scene": "plate", "parameters": {"resolution": 24}},
+    ]
+    settings = configured(scenes=scenes, count=10_000)
+    with pytest.raises(ConfigurationError, match=r"\(24, 24\) pixels, geometry 0"):
+        make_dataset(settings, tmp_path / "d.zarr")
+    assert not (tmp_path / "d.zarr").exists()
+
+
+def test_given_ambient_light_is_read_checked_and_coloured(configured, tmp_path):
+    light = np.random.default_rng(0).random((16, 16, 3)).astype(np.float32) + 1
+    np.save(tmp_path / "light.npy", light)
+    entry = {"kind": "pictures", "files": ["light.npy"], "flip": False}
+    settings = configured(ambient=[entry], count=4).model_copy(update={"folder": tmp_path})
+    make_dataset(settings, tmp_path / "d.zarr")
+    found = ps.open_dataset(tmp_path / "d.zarr").background.values[0]
+    np.testing.assert_allclose(found / found.mean(), light / light.mean(), rtol=1e-5)
+    np.save(tmp_path / "light.npy", light[:8])
+    with pytest.raises(PeriscopyError, match=r"light.npy.*8"):
+        make_dataset(settings, tmp_path / "e.zarr")
+
+
+@pytest.fixture
+def rendered(monkeypatch):
+    """Replace the rendering of ambient light by random numbers; return the names asked for."""
+    calls = []
+
+    def render(path, scenario, *, seed, **_):
+        calls.append(path.stem)
+        picture = np.random.default_rng(seed).random((*scenario.photograph_shape, 3)) + 1
+        return ambient.Background(picture * scenario.wall_reflectance, 0.0, 0.0)
+
+    monkeypatch.setattr(ambient, "render_background", render)
+    return calls
+
+
+def test_rendered_conditions_are_kept_and_not_rendered_again(configured, tmp_path, rendered):
+    entry = {"kind": "conditions", "names": ["overcast", "corridor"]}
+    settings = configured(ambient=[entry])
+    make_dataset(settings, tmp_path / "d.zarr", count=6)
+    assert rendered == ["overcast", "corridor"]  # one wall, though three geometries
+    make_dataset(settings, tmp_path / "d.zarr")
+    assert rendered == ["overcast", "corridor"]
+
+
+@pytest.mark.usefixtures("rendered")
+def test_walls_of_many_colours_are_lit_alike_in_a_run_that_goes_on(configured, tmp_path):
+    plate = find_scene("plate").read_text()
+    plate = plate.replace('value="0.8"', 'value="$red, 0.5, 0.5"').replace(
+        "<default", '<default name="red" value="0.5"/><default', 1
+    )
+    (tmp_path / "colours.xml").write_text(plate)
+    np.save(tmp_path / "light.npy", np.ones((16, 16, 3)))
+    parameters = {"red": {"uniform": [0.2, 0.9]}, "resolution": 16}
+    settings = configured(
+        scenes=[{"scene": "colours.xml", "parameters": parameters}],
+        ambient=[
+            {"kind": "conditions", "names": ["overcast"], "flip": False},
+            {"kind": "pictures", "files": ["light.npy"]},
+        ],
+    ).model_copy(update={"folder": tmp_path})
+    make_dataset(settings, tmp_path / "whole.zarr")
+    for count in (20, 46):  # of geometry 0, of them all
+        make_dataset(settings, tmp_path / "parts.zarr", count=count)
+    assert contents(tmp_path / "parts.zarr") == contents(tmp_path / "whole.zarr")
+    data = ps.open_dataset(tmp_path / "whole.zarr")
+    red = data.parameter_red.values[data.geometry.values]
+    lit = data.background.values.mean(axis=(1, 2))
+    ratio = (lit[:, 0] / lit[:, 2]) / (red / 0.5)
+    for source in ("overcast", "light"):
+        assert np.ptp(ratio[data.ambient.values == source]) < 1e-4
+
+
+def test_threads_that_make_at_once_make_the_same(configured, undisturbed, tmp_path):
+    threads = [
+        threading.Thread(target=make_dataset, args=(configured(), tmp_path / f"{k}.zarr"))
+        for k in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for k in range(2):
+        assert contents(tmp_path / f"{k}.zarr") == contents(undisturbed)

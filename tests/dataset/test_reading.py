@@ -1,0 +1,125 @@
+import shutil
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.dataset.make import make_dataset
+from periscopy_sim.dataset.reading import describe, verify_dataset
+from periscopy_sim.errors import DatasetError
+from periscopy_sim.storage.outputs.store import record_file
+
+
+@pytest.fixture(scope="module")
+def whole(configured, tmp_path_factory):
+    path = tmp_path_factory.mktemp("whole") / "data.zarr"
+    make_dataset(configured(), path)
+    return path
+
+
+@pytest.fixture
+def data(whole, tmp_path):
+    path = tmp_path / "data.zarr"
+    shutil.copytree(whole, path)
+    return path
+
+
+def test_variables_have_labelled_dimensions_units_and_provenance(whole):
+    data = ps.open_dataset(whole)
+    assert data.sizes["sample"] == 46
+    assert data.photograph.dims == ("sample", "row", "column", "channel")
+    assert data.hidden.dims == ("sample", "hidden_row", "hidden_column", "channel")
+    assert data.photograph.dtype == np.float32 and data.photograph.attrs["units"]
+    assert data.channel.values.tolist() == ["red", "green", "blue"]
+    assert data.attrs["configuration"]["seed"] == 3
+    assert data.attrs["configuration"]["scenes"][0]["version"]
+    assert {"mitsuba", "variant", "numpy"} <= set(data.attrs["versions"])
+    assert np.isfinite(data.photograph.values).all()
+
+
+def test_light_that_bounces_adds_its_error_to_the_samples(doubtful, whole, tmp_path):
+    path = tmp_path / "bounced.zarr"
+    with pytest.warns(RuntimeWarning, match="'bright_room': light that bounces"):
+        make_dataset(doubtful, path)
+    error = ps.open_dataset(path).bounced_error
+    assert error.dims == ("sample",) and error.dtype == np.float64 and error.attrs["units"] == "1"
+    assert (error > 2e-4).all() and describe(path)["bounced_error"][0] == error.min()
+    assert "bounced_error" not in ps.open_dataset(whole).variables
+
+
+@pytest.mark.parametrize("lost", ["parameter_occluder_dx/c/0", "channel/c/0", "sbr"])
+def test_verification_names_a_lost_file(data, lost):
+    (data / lost).unlink() if "/" in lost else shutil.rmtree(data / lost)
+    with pytest.raises(DatasetError, match=lost.partition("/")[0]):
+        verify_dataset(data)
+
+
+def test_unfinished_data_set_is_refused_unless_asked_for(data, configured):
+    record_file(data, 2).unlink()
+    with pytest.raises(DatasetError, match="not finished, 20 of 46"):
+        ps.open_dataset(data)
+    assert ps.open_dataset(data, incomplete=True).sizes["sample"] == 20
+    make_dataset(configured(), data)
+    assert ps.open_dataset(data).sizes["sample"] == 46
+
+
+def test_data_set_that_grows_never_passes_for_whole_before_it_is(data, configured, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("periscopy_sim.dataset.make.BlockStore.write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(configured(), data, count=50)
+    with pytest.raises(DatasetError, match="not finished, 40 of 50"):
+        ps.open_dataset(data)
+    assert describe(data)["finished"] == 40
+    monkeypatch.undo()
+    make_dataset(configured(), data, count=50)
+    assert np.isfinite(ps.open_dataset(data).photograph.values).all()
+
+
+def test_damaged_chunk_is_an_error_not_a_sample(data):
+    file = data / "photograph/c/1/0/0/0"
+    content = bytearray(file.read_bytes())
+    content[100] ^= 4
+    file.write_bytes(content)
+    opened = ps.open_dataset(data)
+    opened.photograph[:10].values  # noqa: B018 (other blocks are whole)
+    with pytest.raises(Exception, match=r"(?i)checksum|crc"):
+        opened.photograph[10].values  # noqa: B018
+
+
+def test_whole_data_set_is_verified(whole):
+    steps = []
+    assert verify_dataset(whole, lambda *step: steps.append(step)) == []
+    assert steps[-1] == (5, 5)
+
+
+@pytest.mark.parametrize("name", ["photograph", "hidden", "sbr", "ambient"])
+def test_verification_lists_damaged_and_missing_samples(data, name):
+    file = data / name / ("c/3/0/0/0" if name in ("photograph", "hidden") else "c/3")
+    content = bytearray(file.read_bytes())
+    content[-1] ^= 1
+    file.write_bytes(content)
+    record_file(data, 1).unlink()
+    assert verify_dataset(data) == [(10, 20), (30, 40)]
+    record_file(data, 2).unlink()
+    assert verify_dataset(data) == [(10, 40)]
+
+
+def test_description_counts_what_there_is(data):
+    found = describe(data)
+    assert (found["samples"], found["finished"], found["geometries"]) == (46, 46, 3)
+    assert sum(found["split"].values()) == sum(found["ambient"].values()) == 46
+    assert found["photograph"] == [16, 16] and found["hidden"] == [3, 4]
+    assert found["snr"][0] >= 20 and found["snr"][1] <= 60
+    record_file(data, 4).unlink()
+    assert describe(data)["finished"] == 40
+    assert sum(describe(data)["split"].values()) == 40
+
+
+def test_what_is_no_data_set_is_refused(tmp_path):
+    for opens in (ps.open_dataset, verify_dataset, describe):
+        for path in (tmp_path / "none.zarr", tmp_path):
+            with pytest.raises(DatasetError, match=f"{path}: is no data set"):
+                opens(path)

@@ -1,0 +1,177 @@
+"""What photographs are made of, put together again from the parts that are kept."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from periscopy_sim.dataset.distributions import Distribution
+from periscopy_sim.dataset.draws import draw_clip
+from periscopy_sim.dataset.geometry import geometry_of, view_digest
+from periscopy_sim.dataset.samples import lamp_light, make_samples
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.rendering.transport import bounced_transport
+
+INTERVAL = 4.9
+"""Standard deviations that one of 10⁶ normal draws exceeds."""
+
+
+@pytest.fixture(scope="module")
+def geometry(configured):
+    return geometry_of(configured().model_dump_json(), 0)
+
+
+@pytest.fixture(scope="module")
+def block(configured, geometry):
+    return make_samples(configured(), geometry, {}, 0, 20)
+
+
+def noise_free(block, geometry):
+    A = geometry.transport.astype(np.float64)
+    f = block["hidden"].reshape(20, -1, 3)
+    signal = np.einsum("mn,knc->kmc", A, f) * geometry.scenario.channel_gain
+    signal = signal.reshape(block["photograph"].shape) * block["signal_scale"][:, None, None, None]
+    return signal, signal + block["background"]
+
+
+def test_photograph_is_scaled_transport_plus_background_plus_noise(block, geometry):
+    _, clean = noise_free(block, geometry)
+    for photograph, exact, snr in zip(block["photograph"], clean, block["snr"], strict=True):
+        noise = photograph - exact
+        σ = 10 ** (-snr / 20) * np.sqrt(np.mean(exact**2))
+        # Mean and mean square of n normal numbers; 20 samples, both sides: 1 in 25,000 seeds.
+        n = noise.size
+        assert abs(noise.mean()) < INTERVAL * σ / np.sqrt(n)
+        assert abs(noise.var() / σ**2 - 1) < INTERVAL * np.sqrt(2 / n)
+
+
+def test_signal_stands_to_the_background_as_asked(block, geometry):
+    signal, clean = noise_free(block, geometry)
+    lit = np.isfinite(block["sbr"])
+    assert 0 < lit.sum() < 20
+
+    def of_clips(values):
+        return values.reshape(10, 2, -1).mean(axis=(1, 2))
+
+    with np.errstate(divide="ignore"):
+        found = of_clips(signal) / of_clips(block["background"])
+    np.testing.assert_allclose(found, block["sbr"][::2], rtol=1e-5)
+    np.testing.assert_allclose(of_clips(clean), block["exposure"][::2], rtol=1e-5)
+    assert (block["background"][~lit] == 0).all()
+    assert (block["ambient"][~lit] == "none").all()
+
+
+def test_lamps_and_monitor_stay_as_they_are_throughout_a_clip(block):
+    for first in range(0, 20, 2):
+        assert block["signal_scale"][first] == block["signal_scale"][first + 1]
+        np.testing.assert_array_equal(block["background"][first], block["background"][first + 1])
+
+
+def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry):
+    bright = configured(photograph_type="float16", exposure=90, ambient=[{"kind": "none"}])
+    make_samples(bright, geometry, {}, 0, 2)
+    too_bright = bright.model_copy(update={"exposure": Distribution(value=1e6)})
+    with pytest.raises(ConfigurationError, match="do not fit float16"):
+        make_samples(too_bright, geometry, {}, 0, 2)
+
+
+@pytest.mark.parametrize("ambient", ["none", "lamps"])
+def test_monitor_that_lights_nothing_is_told(configured, geometry, ambient):
+    dark = replace(geometry, transport=np.zeros_like(geometry.transport))
+    with pytest.raises(ConfigurationError, match="sample 2: no light of the monitor reaches"):
+        make_samples(configured(ambient=[{"kind": ambient}]), dark, {}, 2, 4)
+
+
+def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):
+    for first, second in zip(range(0, 20, 2), range(1, 20, 2), strict=True):
+        for name in ("sbr", "snr", "exposure", "clip_number", "ambient", "hidden_kind", "geometry"):
+            assert block[name][first] == block[name][second]
+        assert block["frame"][[first, second]].tolist() == [0, 1]
+        noises = block["photograph"][[first, second]] - block["photograph"][[second, first]]
+        assert noises.any()
+        moves = block["hidden_kind"][first] == "moving"
+        still = np.array_equal(block["hidden"][first], block["hidden"][second])
+        assert still != moves
+    np.testing.assert_array_equal(
+        block["hidden"][4:6], draw_clip(configured(), 2).hidden.astype(np.float32)
+    )
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 2), (8, 12), (18, 20)])
+def test_sample_does_not_depend_on_its_neighbours(block, configured, geometry, start, stop):
+    alone = make_samples(configured(), geometry, {}, start, stop)
+    for name, values in alone.items():
+        np.testing.assert_array_equal(values, block[name][start:stop], err_msg=name)
+
+
+def test_photographs_are_clipped_where_they_saturate(configured, geometry):
+    free = make_samples(configured(), geometry, {}, 0, 4)["photograph"]
+    level = float(np.median(free))
+    found = make_samples(configured(saturation=level), geometry, {}, 0, 4)["photograph"]
+    np.testing.assert_array_equal(found, np.minimum(free, np.float32(level)))
+
+
+def test_pictures_of_ambient_light_are_mixed_turned_and_coloured(configured, geometry):
+    scenario = geometry.scenario
+    shape = (*scenario.photograph_shape, 3)
+    pictures = np.random.default_rng(0).random((3, *shape)).astype(np.float32) + 0.1
+    entry = {"kind": "conditions", "names": ["overcast", "low_sun", "corridor"], "mixed": 2}
+    configuration = configured(ambient=[entry])
+    backgrounds = {view_digest(scenario): {0: pictures}}
+    block = make_samples(configuration, geometry, backgrounds, 0, 20)
+    turned = set()
+    for k in range(20):
+        expected = np.zeros(shape)
+        for which, weight, down, across in draw_clip(configuration, k // 2).ambient.mixture:
+            picture = pictures[which].astype(np.float64)
+            turned.add((down, across))
+            picture = np.flipud(picture) if down else picture
+            picture = np.fliplr(picture) if across else picture
+            expected += weight * picture / picture.mean()
+        found = block["background"][k].astype(np.float64)
+        np.testing.assert_allclose(found / found.mean(), expected / expected.mean(), rtol=1e-5)
+    assert len(turned) == 4
+
+
+def test_lamps_add_up_by_their_powers_and_are_dark_behind_the_wall():
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(-1, 1, 57), np.zeros(57), rng.uniform(-1, 1, 57)], 1)
+    normals = np.tile([0.0, 1, 0], (57, 1))
+    lamps, powers = np.array([[0.0, 2, 0], [1, 1, 1], [0, -50, 0]]), rng.random((3, 3))
+    ways = lamps[:2, None] - points
+    response = ways[..., 1] / np.linalg.norm(ways, axis=2) ** 3  # Eq. 4
+    expected = np.einsum("lm,lc->mc", response / response.mean(axis=1)[:, None], powers[:2])
+    np.testing.assert_allclose(lamp_light(lamps, powers, points, normals), expected, rtol=1e-10)
+
+
+def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monkeypatch):
+    trace = partial(bounced_transport.render_bounced_light, target=0.1)
+    monkeypatch.setattr(bounced_transport, "render_bounced_light", trace)
+    scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
+    light = {"kind": "bounced", "samples": 4}
+    configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
+    geometry = geometry_of(configuration.model_dump_json(), 0)
+    block = make_samples(configuration, geometry, {}, 0, 4)
+    assert (block["bounced_error"] == geometry.transport.bounced.relative_error).all()
+    for photograph, hidden in zip(block["photograph"], block["hidden"], strict=True):
+        f = hidden.reshape(-1, 3)
+        expected = np.stack([geometry.transport.channel(c) @ f[:, c] for c in range(3)], axis=1)
+        scale = photograph.mean() / expected.mean()
+        np.testing.assert_allclose(photograph.reshape(-1, 3), scale * expected, rtol=1e-4)
+        mean = np.asarray(geometry.transport) @ f
+        assert np.abs(scale * mean / photograph.reshape(-1, 3) - 1).max() > 1e-3  # colours
+
+
+def test_path_traced_photographs_agree_with_the_transport_matrix(configured):
+    settings = {"ambient": [{"kind": "none"}], "snr": 300, "exposure": 1}
+    traced = {"kind": "path-traced", "samples": 1024, "bounces": 1}
+    direct = {"kind": "direct", "samples": 256}
+    photographs = []
+    for light in (traced, direct):
+        configuration = configured(light=light, **settings)
+        geometry = geometry_of(configuration.model_dump_json(), 0)
+        photographs.append(make_samples(configuration, geometry, {}, 0, 4)["photograph"])
+    for one, other in zip(*photographs, strict=True):
+        assert np.linalg.norm(one - other) < 0.03 * np.linalg.norm(other)
+        assert not np.array_equal(one, other)

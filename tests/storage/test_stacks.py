@@ -1,0 +1,140 @@
+"""Frames stacked in NPY and NPZ files and in Zarr archives."""
+
+import json
+import os
+import pickle
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.storage.formats.arrays import mapped_stack
+from periscopy_sim.storage.sequences import npy_writer, open_frames
+
+SHAPE = (6, 5)
+CLIP = np.random.default_rng(17).uniform(1, 2, (12, *SHAPE, 3)).astype(np.float32)
+
+
+def read(path):
+    return [frame.values for frame in open_frames(path, SHAPE)]
+
+
+# -- what is read --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", [">f8", "<u2", "float16", "int32"])
+def test_stack_of_any_real_type_is_read(dtype, save, tmp_path):
+    clip = (CLIP * 100).astype(dtype)
+    np.save(tmp_path / "y.npy", np.asfortranarray(clip))
+    save.npz(tmp_path / "y.npz", clip)
+    save.bare_zarr(tmp_path / "y.zarr", clip.astype(clip.dtype.newbyteorder("=")))
+    for name in ("y.npy", "y.npz", "y.zarr"):
+        assert np.array_equal(read(tmp_path / name), clip), name
+
+
+@pytest.mark.parametrize("chunks", [(1, 6, 5, 3), (5, 2, 5, 1), (12, 6, 5, 3)])
+@pytest.mark.parametrize("zarr_format", [2, 3])
+def test_zarr_chunks_may_lie_anyhow(chunks, zarr_format, save, tmp_path):
+    save.bare_zarr(tmp_path / "y.zarr", CLIP, chunks=chunks, zarr_format=zarr_format)
+    assert np.array_equal(read(tmp_path / "y.zarr"), CLIP)
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["y.npy", "y.npz", "y.zarr", "bare.zarr"])
+@pytest.mark.parametrize(
+    ("clip", "said"),
+    [
+        (CLIP[0], "has shape (6, 5, 3); give a stack (frames, rows, columns, 3)"),
+        (CLIP[..., :2], "has shape (12, 6, 5, 2)"),
+        (CLIP[..., 0], "has shape (12, 6, 5)"),
+        (CLIP[:0], "has shape (0, 6, 5, 3)"),
+        (CLIP * 1j, "complex"),
+        (CLIP > 1.5, "bool"),
+    ],
+)
+def test_stack_of_another_form_is_refused(form, clip, said, save, line_of, tmp_path):
+    if form == "y.zarr":
+        group = zarr.create_group(tmp_path / form)
+        group.create_array("photograph", data=clip)
+    else:
+        save.by_name(tmp_path / form, clip)
+    with pytest.raises(PhotographError) as caught:
+        open_frames(tmp_path / form, SHAPE)
+    assert line_of(caught).startswith(f"{tmp_path / form}: ") and said in line_of(caught)
+
+
+def test_missing_array_is_told_with_those_that_are_there(tmp_path):
+    np.savez(tmp_path / "y.npz", frames=CLIP)
+    zarr.create_group(tmp_path / "y.zarr").create_array("frames", data=CLIP)
+    zarr.create_group(tmp_path / "deep.zarr").create_group("photograph")
+    for name, said in {
+        "y.npz": "has no array 'photograph', only frames",
+        "y.zarr": "has no array 'photograph', only frames",
+        "deep.zarr": "has no array 'photograph', only none",
+    }.items():
+        with pytest.raises(PhotographError, match=f"{name}: {said}"):
+            open_frames(tmp_path / name, SHAPE)
+
+
+def test_packed_zarr_is_refused(tmp_path):
+    dataset = xr.Dataset({"photograph": (("frame", "row", "column", "channel"), CLIP)})
+    packing = {"dtype": "int16", "scale_factor": 1e-4, "add_offset": 0.5, "_FillValue": -1}
+    dataset.to_zarr(tmp_path / "y.zarr", consolidated=False, encoding={"photograph": packing})
+    with pytest.raises(PhotographError, match="packed by add_offset"):
+        open_frames(tmp_path / "y.zarr", SHAPE)
+
+
+def test_damaged_zarr_chunk_is_named_by_its_frames(save, tmp_path):
+    save.bare_zarr(tmp_path / "y.zarr", CLIP, chunks=(5, 6, 5, 3))
+    (tmp_path / "y.zarr" / "c" / "1" / "0" / "0" / "0").write_bytes(b"torn")
+    with pytest.raises(PhotographError, match=r"y\.zarr, frame 5 ff\.: cannot be read as Zarr"):
+        read(tmp_path / "y.zarr")
+
+
+def test_zarr_chunk_that_is_not_there_is_told(save, tmp_path):
+    save.bare_zarr(tmp_path / "y.zarr", CLIP, chunks=(12, 3, 5, 3))
+    (tmp_path / "y.zarr" / "c" / "0" / "1" / "0" / "0").unlink()
+    frames = open_frames(tmp_path / "y.zarr", SHAPE)
+    assert frames.warnings[0].startswith(f"{tmp_path / 'y.zarr'}: 1 of 2 chunks are not there")
+    assert (next(iter(frames)).values[3:] == 0).all()
+
+
+class Trap:
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.folder),)
+
+
+def test_pickles_are_never_loaded(save, tmp_path):
+    crate = np.full(CLIP.shape, Trap(tmp_path / "sprung"), dtype=object)
+    np.save(tmp_path / "y.npy", crate)
+    np.savez(tmp_path / "y.npz", photograph=crate)
+    # A Zarr array of numbers, as its header says, whose chunks a pickle filter decodes.
+    save.bare_zarr(tmp_path / "y.zarr", CLIP, zarr_format=2, chunks=CLIP.shape)
+    header = json.loads((tmp_path / "y.zarr" / ".zarray").read_text())
+    header |= {"filters": [{"id": "pickle", "protocol": 5}], "compressor": None}
+    (tmp_path / "y.zarr" / ".zarray").write_text(json.dumps(header))
+    (chunk,) = (tmp_path / "y.zarr").glob("0.*")
+    chunk.write_bytes(pickle.dumps(Trap(tmp_path / "sprung")))
+    for name in ("y.npy", "y.npz", "y.zarr"):
+        with pytest.raises(PhotographError, match=r"pickle|Python objects"):
+            read(tmp_path / name)
+    assert not (tmp_path / "sprung").exists()
+
+
+# -- writing -------------------------------------------------------------------------------------
+
+
+def test_stack_written_frame_by_frame_is_the_file_that_numpy_writes(tmp_path):
+    with npy_writer(tmp_path / "a.npy", CLIP.shape, np.float32) as write:
+        for frame in CLIP.astype(np.float64):
+            write(frame[::-1][::-1])
+    np.save(tmp_path / "b.npy", CLIP)
+    assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
+    assert np.array_equal(mapped_stack(tmp_path / "a.npy"), CLIP)
