@@ -39,7 +39,7 @@ LEAST_LEFT = 0.1
 """Fraction of white noise that image and light must leave in a band for the band to count."""
 
 
-class Explained(Protocol):
+class LeftOver(Protocol):
     """What an explanation leaves of a photograph; see `Explanation`."""
 
     @property
@@ -110,7 +110,7 @@ class WhiteNoise:
     @classmethod
     def of(
         cls,
-        explanation: Explained,
+        explanation: LeftOver,
         used: NDArray[np.bool_],
         seed: int,
         absorb: Callable[[Array], Array] = lambda errors: errors,
@@ -122,7 +122,7 @@ class WhiteNoise:
         strengths, means = np.mean(pairs, axis=0)
         return cls(used, absorb, strengths, means / used.mean())
 
-    def whitening(self, explanation: Explained) -> Whitening:
+    def whitening(self, explanation: LeftOver) -> Whitening:
         """Return the filter by the spectrum of an explanation's residual.
 
         Powers are means over octaves of spatial frequency in some directions, in each of the

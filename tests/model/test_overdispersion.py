@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import ndimage
-
 from periscopy_sim.model.overdispersion import overdispersion_of
+from scipy import ndimage
 
 SHAPE = (32, 40)
 USED = np.ones(SHAPE, bool)
