@@ -62,8 +62,7 @@ def calibrate_levels(
 ) -> Calibration:
     """Find the values of some levels' parameters, from a start, (P,); else see `calibrate`.
 
-    The two levels, coarse and fine, are of the same photograph, parameters and prior. Those
-    `flipped`, by name, are the coarse one of it mirrored or rotated.
+    The two levels, coarse and fine, are of the same photograph, parameters and prior.
     """
     coarse, fine = levels
     prior = fine.prior
