@@ -163,7 +163,8 @@ class Fit:
 
     def operator(self) -> TransportOperator:
         """Return A⊥ as a linear operator, (M', N)."""
-        return TransportOperator(np.ascontiguousarray(self.transport.T), self.background.T)
+        A = np.ascontiguousarray(self.transport.T)
+        return TransportOperator(A, self.background.T, self.gram)
 
     def project_out(self, rows: Image) -> Image:
         """Return rows, (J, M'), with all ambient light projected out."""

@@ -110,6 +110,8 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         (M, N) array or memory map of floats, or `RowBlocks`.
     Q
         (M, r) orthonormal basis of what is projected out; None for nothing.
+    gram
+        (N, N) A⊥ᵀA⊥, where it is known already.
 
     Attributes
     ----------
@@ -122,7 +124,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         If the rows of Q do not match A's, A is not finite, or nothing is left of it.
     """
 
-    def __init__(self, A: Matrix, Q: Array | None = None) -> None:
+    def __init__(self, A: Matrix, Q: Array | None = None, gram: Array | None = None) -> None:
         if not hasattr(A, "row_blocks"):
             A = np.asanyarray(A)  # what other libraries keep in memory; a memory map stays one
             if A.ndim != 2 or A.dtype not in (np.float32, np.float64):
@@ -131,6 +133,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                 )
         super().__init__(np.dtype(np.float64), A.shape)
         self.A = A
+        self._gram = gram
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
         if len(self.Q) != A.shape[0]:
             raise ValueError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
@@ -168,7 +171,9 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         return np.ascontiguousarray(product.T)
 
     def gram(self) -> Array:
-        """Return A⊥ᵀA⊥, (N, N), in one pass."""
+        """Return A⊥ᵀA⊥, (N, N), in one pass unless it is known."""
+        if self._gram is not None:
+            return self._gram.copy()
         gram = -self.QtA.T @ self.QtA
         for _, block in self._converted_blocks():
             gram += block.T @ block

@@ -228,14 +228,14 @@ class StillMethod(ABC, Generic[Precision]):
         ValueError
             As `reconstruct`.
         """
-        warnings = []
         transport = self.projected_transport()
-        if transport is not None:
-            signal = self._light(transport, solution)
-            if _is_noise(transport.reject_background(signal), transport, solution.noise):
-                warnings.append(Note("no_hidden_image"))
-        residual = self.residual(photograph, solution)
+        if transport is None:
+            return Report(numbers=solution.numbers())
+        signal = self._light(transport, solution)
+        is_noise = _is_noise(transport.reject_background(signal), transport, solution.noise)
+        residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
+        warnings = [Note("no_hidden_image")] * is_noise
         return Report(numbers=numbers, warnings=warnings, residual=residual)
 
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
@@ -245,10 +245,16 @@ class StillMethod(ABC, Generic[Precision]):
         photograph's rows and columns. Arguments and errors are those of `report`.
         """
         transport = self.projected_transport()
-        if transport is None or self.observation.rows_and_columns is None:
+        if transport is None:
             return None
-        y, signal = self.corrected(photograph, solution), self._light(transport, solution)
-        given = self.observation.vectorized(photograph)
+        return self._residual(photograph, solution, transport, self._light(transport, solution))
+
+    def _residual(
+        self, photograph: Image, solution: Any, transport: TransportOperator, signal: Array
+    ) -> Residual | None:
+        if self.observation.rows_and_columns is None:
+            return None
+        y, given = self.corrected(photograph, solution), self.observation.vectorized(photograph)
         return residual_of(y, signal, transport, self.observation.placed, given)
 
     def _light(self, transport: TransportOperator, solution: Any) -> Array:

@@ -282,6 +282,6 @@ def test_certainty_shows_the_errors_in_percent_and_what_they_assume(monkeypatch,
     assert bar.get_ylabel() == "% of white"
     caption = " ".join(figure.get_supxlabel().split())
     assert "how far each patch may be off" in caption
-    assert "assumed that the scene is right." in caption
+    assert "assumes that the scene is right." in caption
     _, pixels = read(tmp_path / "certainty.png")
     assert pixels[:, :2].min() == pixels[:, -2:].min() == 255  # nothing is cut off

@@ -179,7 +179,7 @@ class NoiseAware(StillMethod[np.float64]):
 
         def first_image(fitted: FittedPhotograph) -> Array:
             nonlocal split, iterations
-            most = min(FIRST, self.max_iterations // 2)
+            most = min(FIRST, (self.max_iterations - iterations) // 2)
             first, split = self.recover(fitted.evidence, self._schedule(most), split)
             iterations += first.iterations
             return first.image
@@ -187,7 +187,7 @@ class NoiseAware(StillMethod[np.float64]):
         for correction in self.corrections:
             corrected, numbers = correction(corrected, first_image)
             found.update(numbers)
-        schedule = self._schedule(max(self.max_iterations - iterations, 1))
+        schedule = self._schedule(self.max_iterations - iterations)
         solution, _ = self.recover(corrected.evidence, schedule, split)
         iterations += solution.iterations
         solution = replace(solution, iterations=iterations, photograph=corrected, corrections=found)
