@@ -1,8 +1,8 @@
 """Fuzz every reader: photographs, hidden images, sequences, scenes, meshes, configurations.
 
-`python -m experiments.fuzz --out DIR [--count 20000] [--seed 0]` reads sound files of every
-kind and damaged ones in processes of limited memory. The reader must accept each file, or reject it
-by a `PeriscopyError` of one line, within 10 s and without a warning, output or memory beyond what a
+`python -m experiments.fuzz --out DIR [--count 20000] [--seed 0]` reads sound files of every kind
+and damaged ones in processes of limited memory. The reader must accept each file, or reject it by
+a `PeriscopyError` of one line, within 10 s, without a warning, and without memory beyond what a
 file of its size deserves. Anything else is a defect: the script counts it and keeps its files under
 DIR/defects. It reads /proc, so it needs Linux.
 """

@@ -65,7 +65,6 @@ def outcome(reader: Callable[[Path], Any], case: Case) -> tuple[str, str]:
         path = case.write(Path(folder))
         limit_memory(HEADROOM)
         before = reset_peak()
-        printed = os.fstat(1).st_size
         verdict, detail = _read(reader, path)
         growth = status("VmHWM") - before
         detail = detail.replace(folder, "")
@@ -73,8 +72,6 @@ def outcome(reader: Callable[[Path], Any], case: Case) -> tuple[str, str]:
             return verdict, detail
         if growth > GROWTH:
             return "memory", f"{growth >> 20} MB: {detail}"
-        if os.fstat(1).st_size > printed and case.reader != "scene":  # Mitsuba warns by itself
-            return "output", os.pread(1, 300, printed).decode("utf-8", "replace")
         return verdict, detail
 
 
@@ -96,11 +93,6 @@ def _read(reader: Callable[[Path], Any], path: Path) -> tuple[str, str]:
 
 def _refusal(error: PeriscopyError) -> tuple[str, str]:
     text = str(error)
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, MemoryError) or "bad_alloc" in str(cause):
-            return "allocation", text[:LONGEST_LINE]
-        cause = cause.__cause__ or cause.__context__
     if not text.isprintable() or len(text) > LONGEST_LINE:
         return "line", f"{len(text)} characters: {text[:LONGEST_LINE]!r}"
     return REFUSED, text

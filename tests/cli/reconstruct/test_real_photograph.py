@@ -39,12 +39,12 @@ def test_real_photograph_shows_the_mushroom_by_the_defaults(periscopy, tmp_path)
     assert (
         outcome.code == 0 and len(warnings) == 1
     )  # no border is masked, but the scene is a ruler's
-    assert "of the photograph unexplained" in warnings[0]
+    assert "does not fit" in warnings[0]
     image = np.load(tmp_path / "out" / "reconstruction.npy").astype(np.float64)
     sent = np.load(SHARED)["hidden"] / 255
     truth = np.where(sent <= 0.04045, sent / 12.92, ((sent + 0.055) / 1.055) ** 2.4)
     psnr = best_psnr(image, truth)
-    assert psnr >= 15.0
+    assert psnr >= 15.5
     assert psnr > best_psnr(image[:, ::-1], truth) + 0.5
     assert psnr > best_psnr(image[::-1], truth) + 0.5
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
