@@ -61,11 +61,16 @@ def fail(message: str, code: int) -> NoReturn:
 
 
 @contextmanager
-def output_folder(out: Path) -> Iterator[Path]:
-    """Yield a staged folder; print the path of each of its files when all are complete."""
+def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
+    """Yield a staged folder; print the path of each of its files when all are complete.
+
+    The `optional` files that this run did not write are removed: they belong to a former run.
+    """
     with staged_folder(out) as folder:
         yield folder
         names = sorted(entry.name for entry in folder.iterdir())
+    for name in set(optional).difference(names):
+        (out / name).unlink(missing_ok=True)
     say_written(*(out / name for name in names))
 
 

@@ -23,6 +23,11 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
 
+OPTIONAL = (
+    "certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy",
+)  # fmt: skip
+"""Files that depend on the method and the options."""
+
 NOTHING = "none"
 """Value of --uncertain for a scene without uncertain parameters."""
 
@@ -73,7 +78,7 @@ def reconstruct(
     errors = _uncertain_errors(uncertain, method, scene, session.definitions)
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
-    with output_folder(out) as folder:
+    with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         scenario, timed = session.scenario, session.timed
         wall = session.wall(
@@ -255,7 +260,7 @@ def _compare(
             ("reconstruction", metrics.gain_matched(image, truth)),
         ],
         caption=f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
-        f"{best.psnr:.1f} dB where a shift may, too",
+        f"{best.psnr:.1f} dB after the best shift, too",
         metadata=text,
     )
     return {

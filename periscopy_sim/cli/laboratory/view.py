@@ -14,7 +14,7 @@ import typer
 from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import report_sentences, residual_summary
 from periscopy_sim.cli.options import number, option
-from periscopy_sim.cli.output import progress, say, say_written, write_json
+from periscopy_sim.cli.output import output_folder, progress, say, write_json
 from periscopy_sim.cli.session import Session, provenance_of
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
@@ -152,7 +152,7 @@ def write_view(
         **({} if residual is None else residual.numbers()),
         "provenance": provenance,
     }
-    with staged_folder(out) as folder:
+    with output_folder(out, SOMETIMES) as folder:
         write_copy(scenario.path, values, folder / "scene.xml")
         load_scenario(folder / "scene.xml", scenario.hidden_shape)
         if photo is None:
@@ -168,7 +168,3 @@ def write_view(
             caption = residual_summary(residual)
             draw_residual(folder / "residual.png", pictures.photograph, residual, caption, text)
         write_json(folder / "view.json", record)
-        names = sorted(file.name for file in folder.iterdir())
-    for name in set(SOMETIMES).difference(names):
-        (out / name).unlink(missing_ok=True)  # of former pictures
-    say_written(*(out / name for name in names))
