@@ -18,15 +18,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.prior import start_values
-from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
 from periscopy_sim.scenario import Scenario
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.result import Calibration
 
 Array = NDArray[np.float64]
 

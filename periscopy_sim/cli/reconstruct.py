@@ -178,7 +178,6 @@ def _calibrated_transport(session: Session, samples: int) -> UncertainTransport 
     Warn where that calibration does not hold.
     """
     from periscopy_sim.calibration.scene_covariance import scene_covariance
-    from periscopy_sim.calibration.uncertain_scene import calibrated_transport
 
     scenario, scene = session.scenario, session.name
     covariance = scene_covariance(scenario.path)
@@ -190,6 +189,8 @@ def _calibrated_transport(session: Session, samples: int) -> UncertainTransport 
     changed = ", ".join(covariance.changed(scenario.path, scenario.parameters))
     transport, reason = None, f"{changed} changed since" if changed else "no effect on A"
     if not changed:
+        from periscopy_sim.calibration.uncertain_scene import calibrated_transport
+
         try:
             with session.timed("uncertain scene"), progress(DERIVATIVES) as report:
                 transport = calibrated_transport(
