@@ -90,7 +90,7 @@ def reconstruct(
             moved = _uncertain_transport(session, errors, samples)
         elif uncertain is None and _has_errors(method):
             moved = _calibrated_transport(session, samples)
-        fitted, _ = session.fit(method, settings, request, lights, wall, moved)
+        fitted = session.fit(method, settings, request, lights, wall, moved)
         text = session.metadata
         with (
             timed("reconstruct"),

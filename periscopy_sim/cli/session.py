@@ -253,8 +253,8 @@ class Session:
         light: LightModel,
         wall: Photograph,
         uncertain: UncertainTransport | None = None,
-    ) -> tuple[Any, NDArray[np.float32]]:
-        """Fit a method to the scene's A and B; return it and A, the channels' mean."""
+    ) -> Any:
+        """Return a method fitted to the scene's A and B."""
         from periscopy_sim.evaluation.methods import fit_method
         from periscopy_sim.rendering.transport.bounced import channels_mean
         from periscopy_sim.storage.transport_matrix import record_of
@@ -275,7 +275,7 @@ class Session:
             )
         if transport.file is not None and not record_of(transport.file).is_file():
             warn(f"{transport.file} has no JSON file beside it: it may be of another scene")
-        return fitted, A
+        return fitted
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""

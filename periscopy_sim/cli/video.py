@@ -94,7 +94,7 @@ def video(
     with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
-        still, _ = session.fit(method, for_stills, request, lights, clip.wall)
+        still = session.fit(method, for_stills, request, lights, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
         images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch

@@ -1,7 +1,8 @@
 """What else shapes a photograph than A f + B b + e: corrections, each an object in a list.
 
-A method for stills is given a list of corrections; a method without them is the plain method. Each
-correction has earned its place on photographs that this package did not render.
+A method for stills is given a list of corrections; a method without them is the plain method. The
+gain over the wall has gained on a real photograph. Paint is measured on rendered photographs alone,
+and acts where photographs with the monitor off are given.
 """
 
 from __future__ import annotations

@@ -194,11 +194,6 @@ class Fit:
         """Return the coordinates of an evidence's y⊥ along the A⊥ W_k/√λ_k, (3, N')."""
         return np.asarray(evidence.coefficients[:, self.visible] / np.sqrt(self.curvatures))
 
-    def light(self, image: Image) -> Array:
-        """Return A⊥ f, (3, M'), of a hidden image, (R, C, 3)."""
-        f = np.ascontiguousarray(image.reshape(-1, 3).T, np.float32)
-        return np.asarray(self.project_out(combine_rows(f, self.transport)), np.float64)
-
     def shown(self, images: Image) -> Array:
         """Return the coefficients of the light of images, (3, N), in the visible patterns."""
         products = times_rows(np.ascontiguousarray(images, np.float64), self.gram)
