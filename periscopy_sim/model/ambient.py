@@ -21,9 +21,9 @@ SKETCH = 96
 """Random mixtures of B's columns that the sketch takes: twice B's usual rank of 44."""
 
 PROFILE_DEGREE = 20
-"""Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.02 to 0.08 dB, degree 12
-0.36 and one free number for each row and column 0.14; beside a window (rendered, SBR 0.2) all of
-them gain 4.6 to 6 dB, the most at degree 20."""
+"""Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.02 to 0.08 dB, degree
+12 costs 0.36, and one free number for each row and column 0.14; beside a window (rendered, SBR 0.2)
+all of them gain 4.6 to 6 dB, the most at degree 20."""
 
 PIXELS_A_DEGREE = 6
 """Pixels along a side for each degree of `wall_profiles`, at least: 126 pixels carry degree 20."""
