@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -22,8 +23,25 @@ from periscopy_sim.rendering.scene.document import SceneDocument, read_document,
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply, check_mesh
 from periscopy_sim.scenario import EmissionProfile
 
+EXPONENTS = "vertical_exponent", "horizontal_exponent"
+"""Parameters of the LCD's angular profile."""
+
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneLayout:
+    """Where a scene has its shapes and sensors, and everything else that it says.
+
+    `plugins` and `places`, matrices (4, 4) from a node's coordinates to the scene's, are by id; a
+    perspective camera's matrix is scaled by its field of view. `rest` are the nodes' properties
+    without these and without the monitor's angular profile.
+    """
+
+    plugins: dict[str, str]
+    places: dict[str, NDArray[np.float64]]
+    rest: list[Any]
 
 
 class SceneNodes:
@@ -39,8 +57,8 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        self.path = Path(path)
-        self._config, self._state = parse(self.path, parameters or {})
+        self.path, self.parameters = Path(path), parameters or {}
+        self._config, self._state = parse(self.path, self.parameters)
         if required is None:
             required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         found = {self._require(name, kind) for name, kind in required.items()}
@@ -72,8 +90,7 @@ class SceneNodes:
         """Return the monitor's angular profile if it is known in closed form."""
         emitter = self._monitor_emitter()
         if emitter.plugin_name() == LCD:
-            names = ("vertical_exponent", "horizontal_exponent")
-            exponents = [float(emitter.get(name, 0.0)) for name in names]
+            exponents = [float(emitter.get(name, 0.0)) for name in EXPONENTS]
             if not all(0 <= exponent < np.inf for exponent in exponents):
                 raise SceneError(
                     f"scene '{self.path}': the monitor's exponents {exponents} are not both 0 or "
@@ -82,13 +99,35 @@ class SceneNodes:
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
-    def plugin_and_place(self, name: str) -> tuple[str, NDArray[np.float64]]:
-        """Return a node's plugin by its id, and the matrix, (4, 4), from its coordinates."""
+    def layout(self) -> SceneLayout:
+        """Return where the shapes and sensors are, and everything else that the scene says."""
         import mitsuba as mi
 
-        node = self._by_id(name)
-        transform = node.get("to_world", mi.ScalarTransform4f())
-        return str(node.plugin_name()), np.array(transform.matrix, dtype=np.float64)
+        layout = SceneLayout({}, {}, [])
+        for node in self._state.nodes:
+            rest, name = mi.Properties(node.props), node.props.id()
+            plugin = str(rest.plugin_name())
+            if str(node.type).endswith(("Shape", "Sensor")):
+                transform = rest.get("to_world", mi.ScalarTransform4f())
+                place = np.array(transform.matrix, dtype=np.float64)
+                layout.plugins[name], layout.places[name] = plugin, place
+                if plugin != "perspective" or np.allclose(
+                    place[:3, :3] @ place[:3, :3].T, np.eye(3)
+                ):
+                    del rest["to_world"]  # but of a stretched perspective camera, which is an error
+                if plugin == "perspective" and 0 < rest.get("fov", 0) < 180:
+                    place[:, :2] *= np.tan(np.radians(rest["fov"] / 2))
+                    del rest["fov"]
+            elif plugin == LCD:
+                for exponent in EXPONENTS:
+                    del rest[exponent]
+            layout.rest.append(rest)
+        return layout
+
+    def plugin_and_place(self, name: str) -> tuple[str, NDArray[np.float64]]:
+        """Return a node's plugin by its id, and the matrix, (4, 4), from its coordinates."""
+        layout = self.layout()
+        return layout.plugins[name], layout.places[name]
 
     def wall_material(self) -> str:
         """Return the name of the wall's BSDF plugin, for messages."""
@@ -129,9 +168,8 @@ class SceneNodes:
         emitter = self._monitor_emitter()
         if emitter.plugin_name() == LCD:
             emitter.set_plugin_name("area")
-            for name in ("vertical_exponent", "horizontal_exponent"):
-                if name in emitter:
-                    del emitter[name]
+            for name in EXPONENTS:
+                del emitter[name]
 
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""
@@ -303,7 +341,9 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
         raise SceneError(f"scene '{path}': {reason}{named}") from None
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
-    for node in state.nodes:
+    for index, node in enumerate(state.nodes):
+        if not node.props.id() and str(node.type).endswith("Shape"):
+            node.props.set_id(f"{node.props.plugin_name()}_{index}")
         transform = node.props.get("to_world", None)
         # Mitsuba's renderers compute in single precision.
         if transform is not None and not (np.abs(transform.matrix) < np.finfo("f4").max).all():

@@ -42,8 +42,10 @@ DARK_CHANNEL = 0.1
 
 @dataclass(frozen=True, eq=False)
 class SeenWall:
-    """What a `Scenario` tells of its wall."""
+    """What a `Scenario` has of its wall, and the rays by which its pixels see it."""
 
+    origins: Array  # (M, 3)
+    directions: Array  # (M, 3)
     points: Array  # (M, 3)
     normals: Array  # (M, 3)
     reflectance: Array | None  # (3,) or (M, 3)
@@ -71,7 +73,7 @@ def seen_wall(
     film = np.stack([(column + 0.5) / columns, (row + 0.5) / rows], axis=1)
     meet = _meet(scene, camera, wall)
     try:
-        points, normals, shading, views, hit, blur, *colors = map_points(meet, film)
+        origins, directions, points, normals, shading, hit, blur, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
@@ -90,9 +92,9 @@ def seen_wall(
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
     normals = np.where(own, shading, normals)
-    normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
+    normals *= -np.sign(np.sum(normals * directions, axis=1, keepdims=True))
     aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
-    hit_aside, color_aside = map_points(lambda at: itemgetter(4, 7)(meet(at)), film + aside)
+    hit_aside, color_aside = map_points(lambda at: itemgetter(5, 8)(meet(at)), film + aside)
     # At the pixels' centres alone a wallpaper could look plain.
     colors_met = np.concatenate([colors[1], color_aside[hit_aside[:, 0] != 0]])
     if np.ptp(colors_met, axis=0).max() <= UNIFORM * colors_met.max():
@@ -102,7 +104,9 @@ def seen_wall(
         albedo = _averaged(meet, film, (rows, columns), where)
         texture, gain = _textured(albedo, where, material)
     reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
-    return SeenWall(points, normals, reflectance, gain, texture, float(blur.max()))
+    return SeenWall(
+        origins, directions, points, normals, reflectance, gain, texture, float(blur.max())
+    )
 
 
 def _averaged(
@@ -116,7 +120,7 @@ def _averaged(
 
     def total_of(points: int) -> Array:
         offsets = (sequence.random(points) - 0.5) / size[::-1]
-        met = [map_points(lambda at: (meet(at)[7],), film + offset)[0] for offset in offsets]
+        met = [map_points(lambda at: (meet(at)[8],), film + offset)[0] for offset in offsets]
         return np.asarray(np.sum(met, axis=0))
 
     points, most = TEXTURE_POINTS
@@ -156,8 +160,9 @@ def _textured(albedo: Array, where: str, material: str) -> tuple[Array, Array]:
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return what the camera's ray through a point of the film meets, as a function of that point.
 
-    The wall's point and both its normals, the direction back, whether the whole aperture sees the
-    wall, the blur, the reflection to the camera, and that along the normal and along `SLOPES`.
+    The ray's origin and direction, the wall's point and both its normals, whether the whole
+    aperture sees the wall, the blur, the reflection to the camera, and that along the normal and
+    along `SLOPES`.
     """
     import drjit as dr
     import mitsuba as mi
@@ -169,10 +174,10 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
         ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(*aperture))
         si = scene.ray_intersect(ray)
         hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
-        return si, ray.d, hit
+        return si, ray, hit
 
     def meet(position: Any) -> tuple[Any, ...]:
-        si, direction, hit = through(position, (0.5, 0.5))
+        si, ray, hit = through(position, (0.5, 0.5))
         blur = mi.Float(0)
         for aperture in rim:
             off_axis, _, also_hit = through(position, aperture)
@@ -182,7 +187,7 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
         facing = bsdf.eval(context, si, toward_camera)
         si.wi = mi.Vector3f(0, 0, 1)
         colors = [bsdf.eval(context, si, mi.Vector3f(*to)) for to in ((0, 0, 1), *SLOPES)]
-        return si.p, si.n, si.sh_frame.n, -direction, hit, blur, facing, *colors
+        return ray.o, ray.d, si.p, si.n, si.sh_frame.n, hit, blur, facing, *colors
 
     return meet
 

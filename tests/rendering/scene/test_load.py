@@ -1,11 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import EmissionProfile
 
 MIRROR = '<bsdf type="conductor"/>'
@@ -203,25 +200,11 @@ def test_meshes_of_one_material_stay_apart(room):
     assert sofa.vertices[:, 1].min() - stool.vertices[:, 1].max() == pytest.approx(0.18, abs=1e-6)
 
 
-# -- built scenes ----------------------------------------------------------------------------------
-
-
-# -- other values ----------------------------------------------------------------------------------
-
-
-def test_scene_at_other_values_is_the_scene_loaded_with_them():
-    scene = load_scenario("chair", (2, 3), {"resolution": 8, "monitor_dx": "0.01"})
-    moved = scene.at(occluder_dx=0.004).at(camera_dz=-0.002)
-    expected = load_scenario("chair", (2, 3), {
-        "resolution": 8, "monitor_dx": "0.01", "occluder_dx": 0.004, "camera_dz": -0.002,
-    })  # fmt: skip
-    assert moved.parameters == expected.parameters
-    for name in ("wall_points", "patch_centers"):
-        np.testing.assert_array_equal(getattr(moved, name), getattr(expected, name))
-    for one, other in zip(moved.occluders, expected.occluders, strict=True):
-        np.testing.assert_array_equal(one.vertices, other.vertices)
-    assert scene.parameters == {"resolution": "8", "monitor_dx": "0.01"}
-    with pytest.raises(SceneError, match="occluder_dw"):
-        scene.at(occluder_dw=1)
-    with pytest.raises(ValueError):
-        replace(scene, loader=None).at(occluder_dx=1)
+def test_shapes_without_ids_are_occluders_of_their_own(room):
+    cube = (
+        '<shape type="cube"><transform name="to_world"><scale value="0.01"/>{}</transform>'
+        f"{room.black}</shape>"
+    )
+    low, high = room.load(cube.format(""), cube.format('<translate y="0.5"/>')).occluders
+    assert low.name != high.name
+    assert high.vertices[:, 1].min() - low.vertices[:, 1].max() == pytest.approx(0.48, abs=1e-6)
