@@ -94,8 +94,9 @@ class LoadedScene:
         ahead = directions @ normal
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (place[:3, 3] - origins) @ normal / ahead
-            points: Array = origins + distance[:, None] * directions
-            inside = np.abs(_moved(points, np.linalg.inv(place))[:, :2]) <= 1
+            points = origins + distance[:, None] * directions
+            to_square: Array = np.linalg.inv(place)
+            inside = np.abs(_moved(points, to_square)[:, :2]) <= 1
         if not (
             inside.all() and (distance > 0).all() and (ahead * (self.directions @ before) > 0).all()
         ):
