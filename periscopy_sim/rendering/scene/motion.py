@@ -95,7 +95,7 @@ class LoadedScene:
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (place[:3, 3] - origins) @ normal / ahead
             points = origins + distance[:, None] * directions
-            to_square: Array = np.linalg.inv(place)
+            to_square = np.asarray(np.linalg.inv(place), np.float64)
             inside = np.abs(_moved(points, to_square)[:, :2]) <= 1
         if not (
             inside.all() and (distance > 0).all() and (ahead * (self.directions @ before) > 0).all()
