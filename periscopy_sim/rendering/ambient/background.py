@@ -8,11 +8,10 @@ the error is largest, until the whole is as exact as was asked for.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,15 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.irradiance import (
-    BouncedIrradiance,
-    direct_irradiance,
-)
+from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits
+from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import (
     LIFT,
     Array,
@@ -41,18 +37,12 @@ from periscopy_sim.scenario import (
 )
 from periscopy_sim.shipped import find_scene
 
-REPLICAS = 8
-"""Independent estimates, from whose scatter the error is told."""
-
-SITES = 256
-"""Pixels at which bounced light is estimated."""
-
 RAYS = 256
 """Rays from each of them in a round."""
 
 RAY = 100
-"""Time of such a ray, with the paths that go on from what it meets and its shadow rays, in samples
-of direct light: measured in a room with windows."""
+"""Time of such a ray, with the paths that go on from what it meets and its shadow rays, over that
+of a sample of direct light: measured in a room with windows."""
 
 DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""
@@ -173,39 +163,6 @@ def render_background(
     return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
 
 
-@dataclass(frozen=True, eq=False)
-class Field:
-    """Independent estimates of a field."""
-
-    replicas: Array  # (K, M, 3) at the pixels
-    squared_bias: Array  # (3,) of all replicas alike, averaged over pixels
-    largest: tuple[int, int] | None  # powers of row and column; None of the samples themselves
-
-    @property
-    def squared_error(self) -> float:
-        """Expected squared error of the replicas' mean, averaged over pixels and channels."""
-        variance = self.replicas.var(axis=0, ddof=1).mean() / len(self.replicas)
-        return float(variance + self.squared_bias.mean())
-
-
-def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, int]) -> Field:
-    """Fit polynomials of row and column by least squares, and take those of least error.
-
-    Where every pixel was sampled, the samples themselves compete. `replicas` are (K, S, 3)
-    estimates, K of at least 2, at the (S,) row-major indices `sites`.
-    """
-    best = min(
-        polynomial_fits(replicas, sites, shape), key=lambda fit: float(fit.squared_error.mean())
-    )
-    fitted = best.fields.transpose(1, 0, 2)
-    smooth = Field(fitted, best.squared_bias, best.largest)
-    if np.array_equal(sites, np.arange(shape[0] * shape[1])):
-        return min(
-            Field(replicas, np.zeros(3), None), smooth, key=lambda field: field.squared_error
-        )
-    return smooth
-
-
 @dataclass(eq=False)
 class Part:
     """One part of the light, estimated in replicas at some of the pixels."""
@@ -215,24 +172,24 @@ class Part:
     shape: tuple[int, int]  # of the photograph
     work: float = 1.0  # time of a round, in any unit
     rounds: int = 0  # how often samples were added
-    field: Field = dataclasses.field(init=False)  # at every pixel, after the first round
-    _sum: Array = dataclasses.field(default_factory=lambda: np.zeros(()))
+    fit: FieldFit = field(init=False)  # after the first round
+    _sum: Any = 0.0
 
     def add_round(self, seeds: Iterator[int]) -> None:
         """Add samples to every replica, and estimate the field anew."""
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1):  # the last bits follow the number of threads
-            self._sum = self._sum + [self.estimate(next(seeds)) for _ in range(REPLICAS)]
+            self._sum += np.array([self.estimate(next(seeds)) for _ in range(REPLICAS)])
             self.rounds += 1
-            self.field = best_estimate(self._sum / self.rounds, self.sites, self.shape)
+            self.fit = best_fit(self._sum / self.rounds, self.sites, self.shape)
 
 
 def _parts(
     scene: Any, points: Array, normals: Array, shape: tuple[int, int], rays: int
 ) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
-    edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape, SITES)
+    edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape)
     direct = [
         partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
         for emitter in scene.emitters()
@@ -257,8 +214,8 @@ def _refined(
     for part in parts:
         part.add_round(seeds)
     while True:
-        whole = sum((part.field.replicas for part in parts), np.zeros(()))
-        bias = sum((part.field.squared_bias for part in parts), np.zeros(3))
+        whole = sum((part.fit.replicas for part in parts), np.zeros(()))
+        bias = sum((part.fit.squared_bias for part in parts), np.zeros(3))
         mean = whole.mean(axis=0)
         errors = relative_errors(whole, bias)
         open_parts = [part for part in parts if part.rounds < max_rounds]
@@ -273,9 +230,9 @@ def _refined(
             With the noise falls what is told of the bias: more is known of it, and fits of higher
             powers do better.
             """
-            replicas = part.field.replicas
+            replicas = part.fit.replicas
             alone = mean + replicas - replicas.mean(axis=0)
-            error = np.hypot(*relative_errors(alone, part.field.squared_bias))
+            error = np.hypot(*relative_errors(alone, part.fit.squared_bias))
             return float(error**2 / (part.rounds + 1) / part.work)
 
         max(open_parts, key=gain).add_round(seeds)

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.background import REPLICAS, Part, placed_in, relative_errors
+from periscopy_sim.rendering.ambient.background import Part, placed_in, relative_errors
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_opaque
 from periscopy_sim.rendering.variant import require_vectorized
+from periscopy_sim.rendering.wall_polynomials import REPLICAS
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
 from periscopy_sim.shipped import find_scene
 
@@ -122,9 +123,9 @@ def emitter_backgrounds(
         error = np.inf
         while error > target and part.rounds < max_rounds:
             part.add_round(map(int, seeds))
-            error = relative_errors(part.field.replicas, part.field.squared_bias)[0]
+            error = relative_errors(part.fit.replicas, part.fit.squared_bias)[0]
             report((number + part.rounds / max_rounds) / len(parts))
-        column = part.field.replicas.mean(axis=(0, 2))
+        column = part.fit.replicas.mean(axis=(0, 2))
         if column.any():
             columns.append(column)
             worst = max(worst, error)

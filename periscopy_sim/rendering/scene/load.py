@@ -19,7 +19,7 @@ from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import seen_wall
 from periscopy_sim.rendering.variant import use_variant
-from periscopy_sim.scenario import Array, Occluder, Scenario
+from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
 
 MOST_PIXELS = 1 << 22
@@ -110,7 +110,11 @@ def _load(
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
     _check_facing(scenario)
-    boxes = {name: _corners(body) for name, body in bodies.items() if name != "wall"}
+    boxes = {
+        name: corners(body.bounds)
+        for name, body in bodies.items()
+        if name != "wall" and body.bounds is not None
+    }
     loaded = LoadedScene(scenario, layout, wall.origins, wall.directions, boxes)
     return replace(scenario, loader=partial(_at, loaded, photograph))
 
@@ -253,14 +257,9 @@ def _check_facing(scenario: Scenario) -> None:
 
 def _relief(wall: Occluder, points: Array, normals: Array) -> float:
     """Return how far a wall's shape reaches before the plane through the points seen of it."""
-    corners = _corners(wall) if wall.vertices is None else wall.vertices
-    return float(max(0.0, ((corners - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
-
-
-def _corners(body: Occluder) -> Array:
-    """Return the corners, (8, 3), of the box about a shape."""
-    assert body.bounds is not None
-    return np.stack(np.meshgrid(*body.bounds.T), axis=-1).reshape(-1, 3)
+    assert wall.bounds is not None
+    places = corners(wall.bounds) if wall.vertices is None else wall.vertices
+    return float(max(0.0, ((places - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
 
 
 def _occluder(shape: Any) -> Occluder:

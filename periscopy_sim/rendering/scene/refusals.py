@@ -32,13 +32,11 @@ SIZELESS = {"point", "spot", "projector", "directional", "directionalarea"}
 """Emitter plugins whose light comes from a point or in one direction: chance never finds them."""
 
 GRID = 64
-"""Points of the monitor's UV square that are looked at, along each side."""
-
-SHARE = 5e-3
-"""Part of the monitor's surface that its UV square may lack; the grid resolves about as much."""
+"""Points along each side of the monitor's UV square at which its surface is looked for."""
 
 UV_ERROR = 1e-3
-"""UV coordinates that a point may be off."""
+"""Error of UV coordinates in single precision, generously. `check_monitor` accepts five times it
+of the monitor's surface, which the grid resolves about as well."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
@@ -63,12 +61,14 @@ def check_media(nodes: SceneNodes) -> None:
 def check_opaque(nodes: SceneNodes, else_wrong: str) -> None:
     """Refuse shapes that let light through, wherever they stand, and say what would be wrong."""
     for props in nodes.of_type("Shape"):
-        for name in _see_through(nodes, props):
-            raise SceneError(
-                f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                f"'{name}'), and {else_wrong}; remove the shape, or give it an opaque bsdf (a "
-                "mask's opacity is a number, 1; a bsdf of your own goes into a twosided one)"
-            )
+        for bsdf in _bsdfs(nodes, props, sealed="twosided"):
+            if not _is_opaque(bsdf):
+                raise SceneError(
+                    f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
+                    f"'{bsdf.plugin_name()}'), and {else_wrong}; remove the shape, or give it an "
+                    "opaque bsdf (a mask's opacity is a number, 1; a bsdf of your own goes into a "
+                    "twosided one)"
+                )
 
 
 def check_lamps(nodes: SceneNodes) -> None:
@@ -79,14 +79,14 @@ def check_lamps(nodes: SceneNodes) -> None:
     """
     lamps = [props for props in nodes.of_type("Emitter") if props.plugin_name() in SIZELESS]
     for props in nodes.of_type("Shape") if lamps else ():
-        for name in _not_scattering(nodes, props):
-            raise SceneError(
-                f"scene '{nodes.path}': emitter '{lamps[0].id()}' ({lamps[0].plugin_name()}) has "
-                f"no size, and its light through or by way of shape '{props.id()}' (bsdf '{name}') "
-                "would be missing; give the lamp a size (a small sphere with an area emitter, for "
-                "the sun a sunsky or its disc in an envmap), or the shape a rough, opaque bsdf, or "
-                "remove it"
-            )
+        for bsdf in _bsdfs(nodes, props):
+            if not (bsdf.plugin_name() in SCATTERING or _is_opaque_mask(bsdf)):
+                raise SceneError(
+                    f"scene '{nodes.path}': emitter '{lamps[0].id()}' ({lamps[0].plugin_name()}) "
+                    f"has no size, and its light by way of shape '{props.id()}' (bsdf "
+                    f"'{bsdf.plugin_name()}') would be missing; give the lamp a size, such as a "
+                    "small sphere with an area emitter, or the shape a rough, opaque bsdf"
+                )
 
 
 def check_monitor(monitor: Any, path: Path) -> None:
@@ -115,7 +115,7 @@ def check_monitor(monitor: Any, path: Path) -> None:
             "UV coordinates"
         )
     share = area.mean() / float(np.ravel(monitor.surface_area())[0])
-    if not abs(share - 1) <= SHARE:
+    if not abs(share - 1) <= 5 * UV_ERROR:
         raise SceneError(
             f"scene '{path}': the monitor's patches would hold {share:.1%} of its surface; give "
             "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
@@ -144,33 +144,23 @@ def _check_outside(nodes: SceneNodes) -> None:
             )
 
 
-def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
-    """Name the BSDFs within a node that may let light through."""
+def _bsdfs(nodes: SceneNodes, props: Any, sealed: str = "") -> Iterator[Any]:
+    """Return the BSDFs within a node, but for those within a BSDF of the sealed type."""
     for _, inner in nodes.children(props, "BSDF"):
-        name = inner.plugin_name()
-        if name == "principled":
-            opaque = "spec_trans" not in inner or _numbers(inner["spec_trans"]).max() <= 0
-        else:
-            opaque = name in OPAQUE or _is_full_mask(inner)
-        if not opaque:
-            yield str(name)
-        elif name != "twosided":
-            yield from _see_through(nodes, inner)
+        yield inner
+        if inner.plugin_name() != sealed:
+            yield from _bsdfs(nodes, inner, sealed)
 
 
-def _not_scattering(nodes: SceneNodes, props: Any) -> Iterator[str]:
-    """Name the BSDFs within a node that may reflect as a mirror does or let light pass straight."""
-    for _, inner in nodes.children(props, "BSDF"):
-        if inner.plugin_name() in SCATTERING or _is_full_mask(inner):
-            yield from _not_scattering(nodes, inner)
-        else:
-            yield str(inner.plugin_name())
+def _is_opaque(bsdf: Any) -> bool:
+    if bsdf.plugin_name() == "principled":
+        return "spec_trans" not in bsdf or _numbers(bsdf["spec_trans"]).max() <= 0
+    return bsdf.plugin_name() in OPAQUE or _is_opaque_mask(bsdf)
 
 
-def _is_full_mask(props: Any) -> bool:
-    """Return whether a BSDF is a mask that lets nothing through."""
-    is_mask = props.plugin_name() == "mask" and "opacity" in props
-    return bool(is_mask and _numbers(props["opacity"]).min() >= 1)
+def _is_opaque_mask(bsdf: Any) -> bool:
+    is_mask = bsdf.plugin_name() == "mask" and "opacity" in bsdf
+    return bool(is_mask and _numbers(bsdf["opacity"]).min() >= 1)
 
 
 def _numbers(value: Any) -> Any:

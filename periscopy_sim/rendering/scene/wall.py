@@ -20,24 +20,19 @@ from periscopy_sim.scenario import Array
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
 """Directions about the wall's normal in which its colour is looked at, too."""
 
-
 UNIFORM = 1e-4
-"""Of the largest reflectance: what changes less from place to place is no texture."""
+"""Change of reflectance, relative to the largest, that counts as none: far above the rounding of
+single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 TEXTURE_ERROR = 1e-3
-"""Of the root mean square albedo: how well the texture's mean over a pixel is sought."""
+"""Error of a texture's mean over a pixel, relative to the root mean square albedo: the noise of a
+60 dB photograph."""
 
 TEXTURE_POINTS = 16, 1024
-"""Fewest and most points of a pixel over which it is averaged."""
-
-SCALAR_POINTS = 1 << 20
-"""Most points of all pixels in scalar variants, where they take a minute; 64 of each at least."""
-
-BLACK = 1e-3
-"""Of the mean reflectance: a pixel of less has no colour."""
+"""Fewest and most points of a pixel over which its texture is averaged."""
 
 DARK_CHANNEL = 0.1
-"""Of a pixel's mean reflectance: a channel of less would drown in noise, divided by it."""
+"""Channel over the mean of a pixel's channels, below which noise, divided by it, would drown it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +98,7 @@ def seen_wall(
     else:
         albedo = _averaged(meet, film, (rows, columns), where)
         texture, gain = _textured(albedo, where, material)
-    reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
+    reflectance = np.pi * albedo if _is_diffuse(colors) else None
     return SeenWall(
         origins, directions, points, normals, reflectance, gain, texture, float(blur.max())
     )
@@ -124,8 +119,6 @@ def _averaged(
         return np.asarray(np.sum(met, axis=0))
 
     points, most = TEXTURE_POINTS
-    if not is_vectorized():
-        most = min(most, max(64, SCALAR_POINTS // len(film)))
     total, change = total_of(points), np.inf
     while change > TEXTURE_ERROR and points < most:
         more = total_of(points)
@@ -143,18 +136,19 @@ def _averaged(
 
 def _textured(albedo: Array, where: str, material: str) -> tuple[Array, Array]:
     """Return a wall's texture, (M,), and its channel gain, (3,) or (M, 3), of (M, 3) albedo."""
-    grey = albedo.mean(axis=1)
-    lit = grey > BLACK * grey.mean()
-    gain = np.divide(albedo, grey[:, None], out=np.ones_like(albedo), where=lit[:, None])
-    if np.ptp(gain[lit], axis=0).max() <= UNIFORM * gain.max():
-        return grey / grey.mean(), np.asarray(gain[lit].mean(axis=0))
-    gain[(gain < DARK_CHANNEL).any(axis=1)] = 0
-    if not (gain > 0).any():
+    grey, tint = albedo.mean(axis=1, keepdims=True), albedo.mean(axis=0) / albedo.mean()
+    texture = grey[:, 0] / grey.mean()
+    if np.abs(albedo - grey * tint).max() <= UNIFORM * albedo.max():
+        return texture, tint
+    has_colour = (albedo > DARK_CHANNEL * grey).all(axis=1) & (texture > UNIFORM)
+    if not has_colour.any():
         raise SceneError(
             f"{where}: the wall ({material}) hardly reflects one of the three colours; give it a "
             "texture that does"
         )
-    return grey / grey.mean(), gain
+    return texture, np.where(
+        has_colour[:, None], albedo / np.maximum(grey, UNIFORM * grey.mean()), 0
+    )
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
@@ -213,14 +207,7 @@ def _check_reflection(colors: list[Array], where: str, material: str) -> None:
         )
 
 
-def _is_diffuse(wall: Any, colors: list[Array]) -> bool:
-    """Return whether a wall that passed `_check_reflection` is diffuse."""
-    import mitsuba as mi
-
+def _is_diffuse(colors: list[Array]) -> bool:
+    """Return whether a wall that passed `_check_reflection` reflects by the cosine law."""
     _, color, *tilted = colors
-    flags = int(wall.bsdf().flags())
-    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-    plain = flags & int(mi.BSDFFlags.DiffuseReflection) and not flags & other
-    # Not so of a diffuse wall beneath a normal map.
-    falls_as_cosine = np.abs(np.array(tilted) / 0.6 - color).max() <= UNIFORM * color.max()
-    return bool(plain and falls_as_cosine)
+    return bool(np.abs(np.array(tilted) / 0.6 - color).max() <= UNIFORM * color.max())
