@@ -261,12 +261,11 @@ class SceneNodes:
         films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
             raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
-        for name in ("width", "height", "crop_width", "crop_height"):
+        for name in ("width", "height"):
             size = films[0].get(name, 1)
             if not isinstance(size, int) or size < 1:
                 raise SceneError(
-                    f"scene '{self.path}': the film of sensor '{sensor}' has {name} {size}; give "
-                    "it a whole number from 1 on"
+                    f"scene '{self.path}': the film's {name} is {size}; give a whole number from 1"
                 )
         return films[0]
 
@@ -326,19 +325,13 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     # Merging meshes would lose their ids.
     config.merge_meshes = False
     config.merge_equivalent = False
-    if document.errors.keys() & set(parameters):  # no plugin reads what a ruler's errors are
-        config.unused_parameters = mi.LogLevel.Debug
-    values = {name: str(value) for name, value in parameters.items()}
+    config.unused_parameters = mi.LogLevel.Debug  # no plugin reads the priors' standard errors
     try:
         with searching(path.parent):
-            state = mi.parser.parse_file(config, str(path), **values)
+            state = mi.parser.parse_file(config, str(path), **parameters)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError) as error:
-        reason = one_line(error)
-        _, quotes, text = reason.rpartition(' value "')
-        given = [f"{name}={value}" for name, value in values.items() if quotes and value in text]
-        named = f", given as {' and '.join(given)}" if given else ""
-        raise SceneError(f"scene '{path}': {reason}{named}") from None
+        raise SceneError(f"scene '{path}': {one_line(error)}") from None
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
     for index, node in enumerate(state.nodes):

@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.photograph import Monitor
@@ -42,9 +41,6 @@ RAYS = 1 << 28
 
 TEXTURE_SAMPLES = 16
 """Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
-
-PROBES = 4
-"""Rays from a pixel's centre to a patch that look for edges: two along each axis."""
 
 
 @overload
@@ -234,7 +230,7 @@ class RenderedTransport:
             pixel_samples = max(pixel_samples, TEXTURE_SAMPLES)
         entries = make_kernel(self.scenario, self.samples, self.strata, pixel_samples)
         pixels, patches = self.shape
-        height = max(1, _at_once(self.samples * pixel_samples) // patches)
+        height = max(1, min(LANES, RAYS // (self.samples * pixel_samples)) // patches)
         for start in range(0, pixels, height):
             rows = slice(start, min(start + height, pixels))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
@@ -290,69 +286,3 @@ def profile_matrix(scenario: Scenario) -> NDArray[Any]:
         offset = np.sum(unit * scenario.patch_centers, axis=1)
         axes.append(scenario.wall_points @ unit.T - offset)
     return scenario.emission(*axes)
-
-
-def render_penumbrae(
-    scenario: Scenario, *, samples: int, pixel_samples: int, seed: int = 0
-) -> NDArray[np.float32]:
-    """Render A, (M, N), as `render_transport` does, with fewer rays where no shadow has an edge.
-
-    Between a pixel and a patch that see all of each other, or nothing, a few rays are as good as
-    many. A few go everywhere, to Gauss and Legendre's points of the patch. Where they disagree, or
-    with those of a neighbouring pixel or patch, an edge passes, and all the rays are traced.
-
-    For JIT variants, and walls without texture. Entries that an edge crosses are the same, byte for
-    byte, as `render_transport` makes them.
-
-    Raises
-    ------
-    SceneError
-        If no light of the monitor reaches the wall.
-    """
-    use_variant()
-    everywhere = np.arange(np.prod(scenario.transport_shape), dtype=np.uint32)
-    probe = make_kernel(scenario, PROBES, "gauss", 1, visibility=True)
-    A, visible = _evaluated(probe, 2, everywhere, scenario, PROBES, seed)
-    lanes = everywhere[edges(visible.reshape(*scenario.photograph_shape, *scenario.hidden_shape))]
-    kernel = make_kernel(scenario, samples, "jittered", pixel_samples)
-    (A[lanes],) = _evaluated(kernel, 1, lanes, scenario, samples * pixel_samples, seed)
-    require_light(A, scenario)
-    return A.reshape(scenario.transport_shape)
-
-
-def edges(visible: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Return where shadows have edges, (M N,), of the part that is visible, (rows, columns, R, C).
-
-    There some rays of an entry, or of its neighbours by pixel or by patch, pass and some do not.
-    """
-    some, not_all = visible > 0, visible < 1 - 0.5 / PROBES  # a division may round
-    found = np.zeros(visible.shape, bool)
-    for beside in ((3, 3, 1, 1), (1, 1, 3, 3)):
-        found |= maximum_filter(some, size=beside) & maximum_filter(not_all, size=beside)
-    return found.ravel()
-
-
-def _evaluated(
-    entries: Callable[[Any, Any, Any], Any],
-    count: int,
-    lanes: NDArray[np.uint32],
-    scenario: Scenario,
-    rays: int,
-    seed: int,
-) -> list[NDArray[np.float32]]:
-    """Return what a kernel makes of some entries, by their row-major numbers: so many of each."""
-    import drjit as dr
-    import mitsuba as mi
-
-    patches, step = scenario.transport_shape[1], _at_once(rays)
-    values = np.empty((count, len(lanes)), np.float32)
-    for start in range(0, len(lanes), step):
-        lane = mi.UInt32(lanes[start : start + step])
-        found = entries(lane // patches, lane % patches, dr.opaque(mi.UInt32, seed))
-        values[:, start : start + step] = np.array(found)
-    return list(values)
-
-
-def _at_once(rays: int) -> int:
-    """Return how many entries of so many rays are computed at once."""
-    return max(1, min(LANES, RAYS // rays))
