@@ -7,7 +7,6 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from periscopy_sim.rendering.scene.refusals import SIZELESS
-from tests.rendering.materials import BUMPS, write_files
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -88,22 +87,6 @@ def test_lamp_is_refused_by_name_among_what_sends_its_light_on(place, scenario, 
     message = refusal(place(LAMP, pane(bsdf)), scenario)
     assert "emitter 'bulb' (point) has no size" in message
     assert f"shape 'pane' (bsdf '{name}') would be missing; give the lamp a size" in message
-
-
-@pytest.mark.parametrize(
-    "bsdf",
-    [
-        f'<bsdf type="twosided">{DIFFUSE}</bsdf>',
-        masked(1, DIFFUSE),
-        BUMPS,
-        '<bsdf type="roughplastic"/>',
-    ],
-    ids=["twosided", "full mask", "bumps", "rough plastic"],
-)
-def test_lamp_is_taken_among_what_scatters_all_it_reflects(room, place, scenario, bsdf):
-    write_files(room.folder)
-    found = render_background(place(LAMP, floor(bsdf)), scenario, target=1.0)
-    assert found.photograph.mean() > 0
 
 
 def test_emitters_without_a_size_are_those_that_mitsuba_flags_so(variant):  # noqa: ARG001
