@@ -1,5 +1,4 @@
 import warnings
-from dataclasses import FrozenInstanceError
 from pathlib import Path
 
 import numpy as np

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.borders import Borders, borders_of
 from periscopy_sim.analytic.closed_form import (
+    FLATNESS,
     emission_and_reflectance,
     monitor_axes,
     refusal,
@@ -28,17 +29,11 @@ from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.threads import ahead, ranges
 from periscopy_sim.scenario import Array, Scenario
 
-SQUARE = 1e-6
-"""Cosine of the angle between a patch's edges, up to which they count as perpendicular."""
-
 RELIEF = 1e-4
 """Of the field of view's width: how far the wall may stand out of its plane anywhere."""
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
-
-NEAR = 1e-6
-"""Part of the way from the monitor to the wall that occluders must leave free at either end."""
 
 
 def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
@@ -157,7 +152,7 @@ def _view(scenario: Scenario, finer: int) -> _View:
     if scenario.wall_relief > RELIEF * np.ptp(scenario.wall_points @ wall.across):
         raise refusal(scenario, "wall", "has parts that stand out of the plane that is seen")
     axes = monitor_axes(scenario)
-    if abs(axes[0] @ axes[1]) > SQUARE:
+    if abs(axes[0] @ axes[1]) > FLATNESS:
         raise refusal(scenario, "monitor", "has patches that are not rectangular")
     width, height = (
         float(np.linalg.norm(edge[0])) for edge in (scenario.patch_across, scenario.patch_up)
@@ -267,11 +262,12 @@ def _check_between(scenario: Scenario, name: str, vertices: Array, nearest: floa
 
     Heights are above the monitor's plane; `nearest` is that of the wall point nearest to it.
     """
-    if vertices[:, 2].min() <= NEAR * nearest:
+    height = vertices[:, 2] / nearest
+    if height.min() <= FLATNESS:
         raise refusal(
             scenario, name, "reaches the monitor's plane or behind; move it towards the wall"
         )
-    if vertices[:, 2].max() >= (1 - NEAR) * nearest:
+    if height.max() >= 1 - FLATNESS:
         raise refusal(
             scenario, name, "reaches as far as the wall's nearest point; move it away from the wall"
         )

@@ -24,7 +24,7 @@ from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points
-from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
+from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import (
@@ -124,8 +124,7 @@ def render_background(
     ------
     SceneError
         If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
-        see its wall, no light reaches that, a lamp without a size shines where a shape is clear or
-        a mirror, or the scenario's wall is not diffuse.
+        see its wall, no light reaches that, or the scenario's wall is not diffuse.
     VariantError
         In scalar variants.
 
@@ -141,7 +140,7 @@ def render_background(
             "type diffuse"
         )
     path = find_scene(path)
-    scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
+    scene, points, normals = placed_in(path, scenario, parameters)
     parts = _parts(scene, points, normals, scenario.photograph_shape, rays or RAYS)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
@@ -261,14 +260,13 @@ def placed_in(
     path: Path,
     scenario: Scenario,
     parameters: Mapping[str, str] | None,
-    check: Callable[[SceneNodes], None],
+    check: Callable[[SceneNodes], None] = check_media,
 ) -> tuple[Any, Array, Array]:
     """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
 
     A SceneError says that it has no light, its camera does not see its wall, or what `check` finds.
     """
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check_media(nodes)
     check(nodes)
     nodes.average_pixels()
     scene = nodes.instantiate()

@@ -20,7 +20,7 @@ from periscopy_sim.rendering.ambient.background import Part, placed_in, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
-from periscopy_sim.rendering.scene.refusals import check_opaque
+from periscopy_sim.rendering.scene.refusals import check_media, check_opaque
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
@@ -142,7 +142,8 @@ def emitter_backgrounds(
 
 
 def _check_shadows(nodes: SceneNodes) -> None:
-    """Refuse shapes that let light through: prototypes have full shadows of all shapes."""
+    """Refuse media, and shapes that let light through: prototypes have full shadows of all."""
+    check_media(nodes)
     check_opaque(nodes, "the light of emitters straight on the wall would not pass it")
 
 

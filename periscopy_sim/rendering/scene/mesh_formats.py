@@ -13,8 +13,6 @@ import json
 import logging
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -201,29 +199,17 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
     """Return what a file holds of triangles, each part placed as the file says."""
     import trimesh
 
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL + 1)  # which logs what it tries in vain
     try:
-        with _in_silence():
-            scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
-            return [
-                _placed(scene.geometry[name], np.asarray(to_scene, np.float64))
-                for to_scene, name in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
-                if isinstance(scene.geometry[name], trimesh.Trimesh)
-            ]
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
+        return [
+            _placed(scene.geometry[name], np.asarray(to_scene, np.float64))
+            for to_scene, name in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
+            if isinstance(scene.geometry[name], trimesh.Trimesh)
+        ]
     except Exception as error:  # trimesh raises whatever its readers meet
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"cannot be read ({type(error).__name__}: {reason})") from None
-
-
-@contextmanager
-def _in_silence() -> Iterator[None]:
-    """Keep trimesh from logging what it tries in vain."""
-    logger = logging.getLogger("trimesh")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
 
 
 def _placed(part: Any, to_scene: NDArray[np.float64]) -> TriangleMesh:

@@ -47,8 +47,8 @@ class SceneLayout:
 class SceneNodes:
     """The parsed nodes of one scene file.
 
-    `required` are ids, each with its kind of node, that the scene must have: one that is missing,
-    or is no plain shape or sensor, is a `SceneError`.
+    `required` are ids, each with its kind of node, that the scene itself must have, outside of
+    groups; one that is missing is a `SceneError`.
     """
 
     def __init__(
@@ -271,21 +271,18 @@ class SceneNodes:
 
     def _require(self, name: str, kind: str) -> int:
         """Return the index of a node that the scene must have; its id becomes an alias's name."""
-        where, what = f"scene '{self.path}'", kind.lower()
         index: int = self._state.id_to_index.get(name, -1)
-        if index < 0 or not str(self._state.nodes[index].type).endswith(kind):
-            others = ", ".join(f"'{props.id()}'" for props in self.of_type(kind)) or "none"
-            raise SceneError(f"{where} has no {what} with id '{name}' (its {what}s: {others})")
-        props = self._state.nodes[index].props
-        if props.plugin_name() in ("instance", "shapegroup", "merge"):
+        props = self._state.nodes[index].props if index >= 0 else None
+        plain = [
+            each
+            for _, each in self.children(self._state.root.props, kind)
+            if each.plugin_name() not in ("instance", "shapegroup", "merge")
+        ]
+        if props is None or not any(each is props for each in plain):
+            others = ", ".join(f"'{each.id()}'" for each in plain) or "none"
             raise SceneError(
-                f"{where}: {what} '{name}' is of type '{props.plugin_name()}', which has no "
-                "surface of its own; give the id to a plain shape"
-            )
-        in_scene = self.children(self._state.root.props, kind)
-        if not any(child is props for _, child in in_scene):
-            raise SceneError(
-                f"{where}: {what} '{name}' lies within another shape; put it into the scene itself"
+                f"scene '{self.path}' has no {kind.lower()} with id '{name}' in the scene itself, "
+                f"outside of groups (it has {others})"
             )
         props.set_id(name)
         return index
