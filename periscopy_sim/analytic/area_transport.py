@@ -181,9 +181,9 @@ def _view(scenario: Scenario, finer: int) -> _View:
 
 def _moved(there: _View, here: _View, apart: float) -> _View:
     """Return the derivative of a view, from two of them."""
-    pairs = zip(there.meshes, here.meshes, strict=False)
     if len(there.meshes) != len(here.meshes) or any(
-        len(a) != len(b) or not np.array_equal(f, g) for (a, f), (b, g) in pairs
+        len(a) != len(b) or not np.array_equal(f, g)
+        for (a, f), (b, g) in zip(there.meshes, here.meshes, strict=True)
     ):
         raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
     return _View(
@@ -212,19 +212,12 @@ def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_Vi
     from periscopy_sim.analytic.border_motion import light_derivatives
     from periscopy_sim.analytic.patch_light import Lighting
 
-    points, normals = (
-        np.array([getattr(by, name) for by in moved]) for name in ("points", "normals")
-    )
-    cells, exponents = (
-        np.array([getattr(by, name) for by in moved]) for name in ("cells", "exponents")
-    )
+    points, normals, cells, exponents = stacked = [
+        np.array([getattr(by, name) for by in moved])
+        for name in ("points", "normals", "cells", "exponents")
+    ]
     vertices = np.array([by.vertices[view.borders.sources] for by in moved])
-    shines = np.array(
-        [
-            any(moves.any() for moves in (by.points, by.normals, by.cells, by.exponents))
-            for by in moved
-        ]
-    )
+    shines = np.any([each.reshape(len(moved), -1).any(axis=1) for each in stacked], axis=0)
 
     def part(at: slice) -> None:
         lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
