@@ -114,7 +114,8 @@ def _load(
         for name, body in bodies.items()
         if name != "wall" and body.bounds is not None
     }
-    loaded = LoadedScene(scenario, layout, wall.origins, wall.directions, boxes)
+    origins, directions = (each.astype(np.float32) for each in (wall.origins, wall.directions))
+    loaded = LoadedScene(scenario, layout, origins, directions, boxes)
     return replace(scenario, loader=partial(_at, loaded, photograph))
 
 
