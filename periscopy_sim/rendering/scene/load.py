@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -69,7 +70,8 @@ def load_scenario(
     """
     use_variant()
     values = {name: str(value) for name, value in (parameters or {}).items()}
-    return _load(SceneNodes(find_scene(path), values), hidden, photograph)
+    rows, columns = map(operator.index, hidden)
+    return _load(SceneNodes(find_scene(path), values), (rows, columns), photograph)
 
 
 def _load(
