@@ -29,18 +29,18 @@ Pixels = NDArray[np.uint8]
 PANEL = (240, 480)
 """Rows that a panel has about, and columns that it has at most, unless patches are smaller."""
 
+MARGINS = {"title": 34, "gap": 12}
+"""Pixels above the panels, and between and below them."""
+
 ENCODINGS = {
     "mp4": ("libx264", {"crf": "14", "preset": "medium"}),
     "webm": ("libvpx-vp9", {"crf": "20", "b": "0", "deadline": "good", "cpu-used": "4"}),
 }
 """Encoder and its settings, which keep the patches' borders, by the ending of the file's name."""
 
-BT709, SRGB = 1, 13
-"""Primaries and matrix, and transfer, by their numbers in ITU-T H.273."""
+COLOURS = {"color_primaries": 1, "colorspace": 1, "color_trc": 13}
+"""BT.709's primaries and matrix, and sRGB's transfer, by their numbers in ITU-T H.273."""
 
-
-_TITLE_ROWS, _GAP = 34, 12
-_FONT = "fonts/ttf/DejaVuSans.ttf"  # Matplotlib's own: the same on every machine
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -147,7 +147,7 @@ def draw_movie(
             if stream is None:
                 stream = _stream(container, ending, picture.shape[:2], rate)
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
-                format="yuv420p", dst_colorspace=BT709, dst_color_range=BT709
+                format="yuv420p", dst_colorspace=COLOURS["colorspace"], dst_color_range=1
             )
             container.mux(stream.encode(frame))
         if stream is None:
@@ -162,10 +162,9 @@ def _stream(container: Any, ending: str, size: tuple[int, ...], rate: float) -> 
     stream = container.add_stream(encoder, exact, options=dict(settings))
     stream.height, stream.width = size
     stream.pix_fmt = "yuv420p"  # what every player takes
-    context = stream.codec_context
-    context.color_primaries = context.colorspace = BT709
-    context.color_trc = SRGB
-    context.thread_count = 1  # the same bytes on every machine
+    for name, number in COLOURS.items():
+        setattr(stream.codec_context, name, number)
+    stream.codec_context.thread_count = 1  # the same bytes on every machine
     return stream
 
 
@@ -184,24 +183,23 @@ def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
 
     Columns hold both. The images are (rows, columns, 3) in [0, 1].
     """
-    import matplotlib
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
-    font = ImageFont.truetype(Path(matplotlib.get_data_path(), _FONT), 20)
+    font = ImageFont.load_default(20)
     panels = [_panel(image) for image in images]
     widths = [
         max(panel.shape[1], int(np.ceil(font.getlength(title))))
         for title, panel in zip(titles, panels, strict=True)
     ]
+    top, gap = MARGINS["title"], MARGINS["gap"]
     rows = max(panel.shape[0] for panel in panels)
-    size = (sum(widths) + _GAP * (len(widths) + 1), _TITLE_ROWS + rows + _GAP)
-    picture = Pillow.new("RGB", size, "white")
+    picture = Pillow.new("RGB", (sum(widths) + gap * (len(widths) + 1), top + rows + gap), "white")
     draw = ImageDraw.Draw(picture)
-    left = _GAP
+    left = gap
     for title, panel, width in zip(titles, panels, widths, strict=True):
-        draw.text((left + width / 2, _TITLE_ROWS / 2), title, "black", font, anchor="mm")
-        corner = (left + (width - panel.shape[1]) // 2, _TITLE_ROWS + (rows - panel.shape[0]) // 2)
+        draw.text((left + width / 2, top / 2), title, "black", font, anchor="mm")
+        corner = (left + (width - panel.shape[1]) // 2, top + (rows - panel.shape[0]) // 2)
         picture.paste(Pillow.fromarray(panel), corner)
-        left += width + _GAP
+        left += width + gap
     return np.asarray(picture)

@@ -24,8 +24,8 @@ COVERING = 0.15
 PANELS = (0, 1), (1, 2)
 """Axes of the plan and the side view, by their places in `WorldAxes`."""
 
-MOST_LISTED, CHARACTERS = 5, 138
-"""Occluders whose distances are listed, and characters of a line."""
+CHARACTERS = 138
+"""Characters of a line of text."""
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
@@ -135,22 +135,12 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
             stretch = distance / (before - distance)
             penumbra = f"{in_words(across * stretch, 2)} x {in_words(up * stretch, 2)}"
             distances.append(f"{name} {in_words(distance)} ({penumbra})")
-    solids += [solid for solid in survey.solids if solid not in solids]
-    sizes = [
-        f"{name} {' x '.join(map(in_words, np.ptp(points, axis=0)[list(frame.axes)]))}"
-        for name, points in groups_of(solids).items()
-    ]
-    axes = ", ".join("xyz"[axis] for axis in frame.axes)
-    for title, items in (
-        (
-            "Middles before the wall (and how wide an edge's penumbra is from there, across x up)",
-            distances,
-        ),
-        (f"Extents along {axes}", sizes),
-    ):
-        if items:
-            listed = ", ".join(item.replace(" ", NO_BREAK) for item in items[:MOST_LISTED])
-            lines.append(f"{title}: {listed}{', ...' if items[MOST_LISTED:] else ''}.")
+    if distances:
+        listed = ", ".join(each.replace(" ", NO_BREAK) for each in distances)
+        lines.append(
+            "Middles before the wall (and how wide an edge's penumbra is from there, across x up): "
+            f"{listed}."
+        )
     return [line for long in lines for line in wrap(long, CHARACTERS)]
 
 

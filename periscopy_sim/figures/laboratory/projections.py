@@ -82,7 +82,7 @@ def draw_projection(
     middle, eye = survey.view_points[4], survey.view_origins[4]
     cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
     ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
-    _draw_wall_line(ax, labels, scenario, survey, frame, shown)
+    _draw_wall_line(ax, labels, scenario, survey, (h, v))
     seen = extremes(survey.view_points[:4][:, [h, v]])
     ax.plot(*seen.T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4)
     upright = standing(survey, frame, [shown])
@@ -113,46 +113,26 @@ def draw_projection(
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid_line(seen)
-    if shown == (0, 1):
-        _draw_scale_bar(ax)
-    else:
+    if shown != (0, 1):
         _draw_distances(ax, scenario, survey, frame)
     ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
 def _draw_wall_line(
-    ax: Any,
-    labels: Labels,
-    scenario: Scenario,
-    survey: Survey,
-    frame: WorldAxes,
-    shown: tuple[int, int],
+    ax: Any, labels: Labels, scenario: Scenario, survey: Survey, axes: tuple[int, int]
 ) -> None:
-    """Draw the wall as a strip, shaded as at the height (or place) of the view's middle."""
-    from matplotlib.collections import PolyCollection
-
-    k = 0 if shown == (0, 1) else 2  # the axis along the wall
-    axis, depth = frame.axes[k], frame.axes[1]
-    order = [0, 1] if k == 0 else [1, 0]
-    middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
-    ends, others = (ax.get_xlim(), ax.get_ylim())[:: 1 if k == 0 else -1]
-    along = np.linspace(min(ends), max(ends), 3 * GRID[is_vectorized()])
-    fixed = np.array([middle[frame.axes[2 - k]]])
-    share = _share(scenario, survey, frame, *((along, fixed)[:: 1 if k == 0 else -1])).ravel()
-    plane = middle[depth] - (along - middle[axis]) * normal[axis] / normal[depth]
-    near = np.stack([along, plane], axis=1)
-    far = near + np.array([0, 0.05 * float(np.ptp(others)) * frame.signs[1]])
-    pieces = np.stack([near[:-1], near[1:], far[1:], far[:-1]], axis=1)[..., order]
-    grey = ((share[:-1] - DARKEST) / (1 - DARKEST)).astype(str)
-    look: dict[str, Any] = {"facecolors": grey, "edgecolors": grey, "linewidths": 0.5}
-    ax.add_collection(PolyCollection(list(pieces), zorder=2, **look))
-    line = near[:, order]
+    """Draw where the wall's plane meets the panel's: through the view's middle, to the ends."""
+    middle, normal = survey.view_points[4][[*axes]], scenario.wall_normals.mean(axis=0)[[*axes]]
+    along = np.array([-normal[1], normal[0]]) / np.linalg.norm(normal)
+    reach = float(np.ptp(ax.get_xlim()) + np.ptp(ax.get_ylim()))
+    line = middle + np.linspace(-reach, reach, 200)[:, None] * along
     ax.plot(*line.T, color="black", linewidth=0.8, zorder=3)
-    # The label stands by the end where the camera does not look.
-    tenths = np.array_split(line, 10)
-    left = k == 0 and middle[axis] > along.mean()
-    labels.add("wall", tenths[0 if left else -1], "black")
+    (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
+    inside = line[((line > (left, bottom)) & (line < (right, top))).all(axis=1)]
+    # The label stands by the end that is farther from the view.
+    far = inside[[0, -1]][np.argmax(np.linalg.norm(inside[[0, -1]] - middle, axis=1))]
+    labels.add("wall", far[None], "black")
     labels.avoid_line(line[[0, -1]])
 
 
@@ -203,23 +183,9 @@ def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxe
         look = {"arrowstyle": "<->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", (start, level), (end, level), arrowprops=look, zorder=6)
         text = ax.text(
-            (start + end) / 2, level, in_words(abs(end - start)), fontsize=7, ha="center",
+            (start + end) / 2, level, in_words(abs(end - start)), ha="center",
             va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8}, zorder=7,
         )  # fmt: skip
         room = abs(np.diff(ax.transData.transform([(start, level), (end, level)])[:, 0])[0])
         if text.get_window_extent().width > 0.6 * room:  # too long to stand within its arrows
             text.set(y=level + 0.02 * (top - bottom), va="bottom")
-
-
-def _draw_scale_bar(ax: Any) -> None:
-    """Draw a bar of a round length in the lower right corner."""
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    wide = right - left
-    length = max(n for n in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if n < 0.3 * abs(wide))
-    end, level = right - 0.04 * wide, bottom + 0.04 * (top - bottom)
-    ends = [end - np.sign(wide) * length, end]
-    ax.plot(ends, [level, level], color="black", linewidth=3, solid_capstyle="butt", zorder=6)
-    ax.text(
-        float(np.mean(ends)), level + 0.015 * (top - bottom), in_words(length), fontsize=7,
-        ha="center", va="bottom", zorder=7,
-    )  # fmt: skip

@@ -5,12 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
-from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.figures.laboratory import drawing, overview
-from periscopy_sim.figures.laboratory.drawing import draw_laboratory, laboratory_figure
+from periscopy_sim.figures.laboratory import overview
+from periscopy_sim.figures.laboratory.drawing import laboratory_figure
 from periscopy_sim.figures.laboratory.geometry import (
     NO_BREAK,
     drawn_box,
@@ -146,7 +145,6 @@ def test_distances_are_those_of_the_scene(figure, scenario, panels):
     # atan -0.15 / 1.2516.
     assert "off its normal (turned 45.3°, tilted -6.8°); sees" in text
     assert "1.03 m before the wall, turned -12°, tilted 0° from facing it squarely" in text
-    assert "Extents along x, y, z: plant" in text and "pedestal 9 cm x 9 cm x 15 cm" in text
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     told = {text.get_text() for text in panels["from the side"].texts}
     assert {"58 cm", "45 cm"} <= told
@@ -182,23 +180,6 @@ def test_no_line_strikes_a_label(panels, figure):
             if text.get_text() in ("camera", "monitor", "seen by the camera"):
                 box = text.get_window_extent()
                 assert not any(box.contains(*point) for point in along), text.get_text()
-
-
-def test_scale_bar_is_as_long_as_it_says(panels):
-    (bar,) = [
-        line
-        for line in panels["plan"].lines
-        if line.get_linewidth() == 3 and line.get_color() == "black"
-    ]
-    length = np.ptp(bar.get_xdata())
-    assert f"{100 * length:g} cm" in {text.get_text() for text in panels["plan"].texts}
-
-
-def test_file_holds_its_metadata_and_is_1600_pixels_wide(scenario, figure, tmp_path, monkeypatch):
-    monkeypatch.setattr(drawing, "laboratory_figure", lambda _: figure)
-    draw_laboratory(tmp_path / "lab.png", scenario, metadata={"Source": "plant"})
-    with Image.open(tmp_path / "lab.png") as picture:
-        assert picture.size[0] == 1600 and picture.text["Source"] == "plant"
 
 
 def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_path):
