@@ -31,15 +31,13 @@ COLORS = {
     "bound": style.OKABE_ITO[6],
 }
 
-STYLE: Any = style.STYLE | {"savefig.dpi": 300}
-
 
 @contextmanager
 def styled() -> Iterator[None]:
     """Draw in the style of all; matplotlib takes sizes when a thing is drawn, not when saved."""
     from matplotlib import rc_context
 
-    with rc_context(STYLE):
+    with rc_context(style.STYLE):
         yield
 
 

@@ -191,5 +191,4 @@ def draw_sweep(
         if names:  # above the axes: inside, it would hide a curve
             figure.legend(loc="outside upper center", ncols=columns, handlelength=2.8)
         figure.supxlabel("lines: means; bands: 10th to 90th percentile", fontsize=6)
-        # The width of a journal's column.
         figure.set_size_inches(3.5, 2.75 + 0.13 * -(-len(names) // columns))

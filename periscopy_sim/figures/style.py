@@ -36,7 +36,7 @@ STYLE: Any = {
     "lines.linewidth": 1.3,
     "image.interpolation": "nearest",
     "pdf.fonttype": 42,
-    "savefig.dpi": 200,
+    "savefig.dpi": 300,
 }
 """Matplotlib's settings, which it takes when a thing is drawn, not when it is saved."""
 
