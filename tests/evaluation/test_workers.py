@@ -1,4 +1,3 @@
-import logging
 import socket
 import time
 
@@ -81,13 +80,6 @@ def test_what_a_task_raises_is_raised_in_silence(caplog, capfd):
     with pytest.raises(ValueError, match="no 3"), connect(None) as client:
         list(compute(client, fail, "no", [3]))
     assert capfd.readouterr() == ("", "") and caplog.records == []
-
-
-def test_logging_is_as_it_was_afterwards(caplog):
-    with connect(None):
-        logging.getLogger("distributed.worker").error("in between")
-    logging.getLogger("distributed.worker").error("afterwards")
-    assert caplog.messages == ["afterwards"]
 
 
 def test_workers_of_this_process_start_beside_another_dask():

@@ -111,14 +111,3 @@ def test_a_users_mistake_is_one_line_before_any_work(tmp_path, monkeypatch, opti
     assert result.exit_code == 2
     assert offender in result.stderr and result.stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
-
-
-def test_another_photograph_is_another_digest(tmp_path):
-    real = tmp_path / "real.npz"
-    setting = Setting(tmp_path)
-    first = pages._digest(setting)
-    assert pages._digest(Setting(tmp_path / "elsewhere")) == first
-    setting.real = real
-    setting.__dict__["measured"] = None  # it need not be a photograph
-    real.write_bytes(b"1")
-    assert pages._digest(setting) != first

@@ -58,8 +58,3 @@ def test_bounds():
     for text in ("0 m", "-1 mm"):
         with pytest.raises(ValueError, match="is not positive"):
             length(text, above=0)
-
-
-def test_bare_number_with_a_unit_is_refused():
-    with pytest.raises(ValueError, match="18 deg has a unit"):
-        parse_quantity("18 deg", {}, "18 +- 2")

@@ -40,13 +40,6 @@ def test_photograph_is_what_its_model_says(level, choice):
     assert error == pytest.approx(0.01, rel=0.1)
 
 
-def test_light_that_has_not_come_is_missed(level, choice):
-    pictures = level().pictures(replace(choice, place="overcast"), never)
-    assert pictures.is_dark
-    plain = level().pictures(choice, never)
-    np.testing.assert_array_equal(pictures.photograph, plain.photograph)
-
-
 def test_what_was_computed_is_kept(level, choice, monkeypatch):
     from periscopy_sim.live import level as module
 
@@ -105,18 +98,6 @@ def test_what_cannot_be_shown_is_told(level, choice):
         level().pictures(replace(choice, image=""), never)
     with pytest.raises(PeriscopyError, match="no method"):
         level().pictures(replace(choice, method="magic"), never)
-
-
-def test_a_users_own_method_gives_its_image(level, choice, tmp_path):
-    own = tmp_path / "own.py"
-    own.write_text(
-        "import numpy as np\n"
-        "class Grey:\n"
-        "    def __init__(self, scene, A, B): self.shape = scene.hidden_shape\n"
-        "    def reconstruct(self, photograph): return np.full((*self.shape, 3), 0.5)\n"
-    )
-    pictures = level().pictures(replace(choice, method=f"{own}:Grey"), never)
-    assert np.all(pictures.image == 0.5) and pictures.report.standard_errors is None
 
 
 @pytest.mark.parametrize("size", [(126, 126), (100, 400), (20, 20)])

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import CHARACTERS, drawn_box, facts, world_axes
+from periscopy_sim.figures.laboratory.geometry import CHARACTERS, Layout, facts
 from periscopy_sim.figures.laboratory.overview import draw_overview
 from periscopy_sim.figures.laboratory.projections import LINES, draw_projection, draw_wall
 from periscopy_sim.figures.style import STYLE
-from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -44,15 +43,14 @@ def laboratory_figure(scenario: Scenario) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    survey = Survey(scenario)
-    frame = world_axes(scenario, survey)
-    low, high = drawn_box(survey)
-    spans = (high - low)[list(frame.axes)]
+    layout = Layout(scenario)
+    low, high, axes = layout.low, layout.high, [*layout.axes]
+    spans = (high - low)[axes]
     spans = np.maximum(spans, spans.max() / 5)  # labels need room
     scale = min(0.86 * WIDTH / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
-    ends = (low + high)[list(frame.axes)] / 2 + spans * np.array([[-0.5], [0.5]])
-    ends[:, np.array(frame.signs) < 0] = ends[::-1, np.array(frame.signs) < 0]
-    lines = [*wrap(LINES, CHARACTERS), *facts(scenario, survey)]
+    ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
+    ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
+    lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
     height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
     with rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
         figure = Figure(figsize=(WIDTH, height), dpi=160, layout="constrained")
@@ -64,7 +62,7 @@ def laboratory_figure(scenario: Scenario) -> Figure:
             (side, (1, 2), "from the side"),
             (plan, (0, 1), "plan"),
         ):
-            ax.set(title=title, xlabel=frame.label(h), ylabel=frame.label(v))
+            ax.set(title=title, xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
         picture.set_axis_off()
         picture.set_title("overview")
@@ -72,8 +70,8 @@ def laboratory_figure(scenario: Scenario) -> Figure:
         figure.get_layout_engine().set(h_pad=0.1)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places
-        draw_wall(wall, scenario, survey, frame)
-        draw_projection(side, scenario, survey, frame, (1, 2))
-        draw_projection(plan, scenario, survey, frame, (0, 1))
-        draw_overview(picture, scenario, survey)
+        draw_wall(wall, layout)
+        draw_projection(side, layout, (1, 2))
+        draw_projection(plan, layout, (0, 1))
+        draw_overview(picture, layout)
     return figure

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from periscopy_sim.figures.laboratory.geometry import (
-    PANELS,
-    WorldAxes,
-    extremes,
-    groups_of,
-    hull,
-    in_words,
-    standing,
-)
+from periscopy_sim.figures.laboratory.geometry import Layout, extremes, groups_of, hull, in_words
 from periscopy_sim.figures.laboratory.labels import Labels
-from periscopy_sim.figures.panels import OKABE_ITO
-from periscopy_sim.rendering.survey import Solid, Survey
+from periscopy_sim.figures.style import OKABE_ITO
 from periscopy_sim.rendering.variant import is_vectorized
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array
 
 VIEWED, MONITOR, OCCLUDER, GROUND = OKABE_ITO[0], OKABE_ITO[1], "0.25", "0.93"
 
@@ -39,17 +28,17 @@ DARKEST = -0.5
 """Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
 
 
-def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
+def draw_wall(ax: Any, layout: Layout) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
     from matplotlib.patches import Polygon
 
-    h, v = frame.axes[0], frame.axes[2]
+    survey, h, v = layout.survey, layout.axes[0], layout.axes[2]
     limits = ax.get_xlim(), ax.get_ylim()
     (left, right), (bottom, top) = map(sorted, limits)
     columns = GRID[is_vectorized()]
     x = np.linspace(left, right, columns)
     z = np.linspace(bottom, top, max(2, round(columns * (top - bottom) / (right - left))))
-    share = _share(scenario, survey, frame, x, z)
+    share = _share(layout, x, z)
     ax.imshow(
         share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=DARKEST, vmax=1,
         interpolation="bilinear", zorder=0,
@@ -69,24 +58,23 @@ def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> 
     labels.place()
 
 
-def draw_projection(
-    ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes, shown: tuple[int, int]
-) -> None:
+def draw_projection(ax: Any, layout: Layout, shown: tuple[int, int]) -> None:
     """Draw everything onto two axes: camera and view, monitor, occluders, shadows."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Polygon
 
-    h, v = (frame.axes[k] for k in shown)
+    scenario, survey = layout.scenario, layout.survey
+    h, v = (layout.axes[k] for k in shown)
     limits = ax.get_xlim(), ax.get_ylim()
     labels = Labels(ax)
-    middle, eye = survey.view_points[4], survey.view_origins[4]
+    middle, eye, normal = layout.middle, layout.eye, layout.normal
     cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
     ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
-    _draw_wall_line(ax, labels, scenario, survey, (h, v))
+    _draw_wall_line(ax, labels, layout, (h, v))
     seen = extremes(survey.view_points[:4][:, [h, v]])
     ax.plot(*seen.T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4)
-    upright = standing(survey, frame, [shown])
-    _draw_shadow_rays(ax, standing(survey, frame, PANELS), survey, scenario, (h, v))
+    upright = layout.standing(shown)
+    _draw_shadow_rays(ax, layout, (h, v))
     for solid in survey.solids:
         corners = solid.points[:, [h, v]]
         outlines = [hull(corners)] if solid.faces is None else list(corners[solid.faces])
@@ -100,8 +88,7 @@ def draw_projection(
     labels.add("monitor", monitor, MONITOR)
     size = 0.05 * float(np.ptp(limits[0]) + np.ptp(limits[1]))
     screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
-    normal, sight = scenario.wall_normals.mean(axis=0), middle - eye
-    shortened = min(1.0, size / float(np.linalg.norm(sight))) * sight
+    shortened = min(1.0, size / float(np.linalg.norm(middle - eye))) * (middle - eye)
     for start, direction, colour in (
         (screen, size * facing, MONITOR), (middle, size * normal, "0.45"), (eye, shortened, VIEWED)
     ):  # fmt: skip
@@ -114,16 +101,14 @@ def draw_projection(
     labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid_line(seen)
     if shown != (0, 1):
-        _draw_distances(ax, scenario, survey, frame)
+        _draw_distances(ax, layout)
     ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
-def _draw_wall_line(
-    ax: Any, labels: Labels, scenario: Scenario, survey: Survey, axes: tuple[int, int]
-) -> None:
+def _draw_wall_line(ax: Any, labels: Labels, layout: Layout, axes: tuple[int, int]) -> None:
     """Draw where the wall's plane meets the panel's: through the view's middle, to the ends."""
-    middle, normal = survey.view_points[4][[*axes]], scenario.wall_normals.mean(axis=0)[[*axes]]
+    middle, normal = layout.middle[[*axes]], layout.normal[[*axes]]
     along = np.array([-normal[1], normal[0]]) / np.linalg.norm(normal)
     reach = float(np.ptp(ax.get_xlim()) + np.ptp(ax.get_ylim()))
     line = middle + np.linspace(-reach, reach, 200)[:, None] * along
@@ -136,31 +121,28 @@ def _draw_wall_line(
     labels.avoid_line(line[[0, -1]])
 
 
-def _share(
-    scenario: Scenario, survey: Survey, frame: WorldAxes, x: Array, z: Array
-) -> NDArray[np.float64]:
+def _share(layout: Layout, x: Array, z: Array) -> Array:
     """Return the share of the monitor that points of the wall's plane see, (z, x)."""
-    normal, middle = scenario.wall_normals.mean(axis=0), survey.view_points[4]
+    normal, middle = layout.normal, layout.middle
     grid = np.empty((len(z), len(x), 3))
-    h, d, v = frame.axes
+    h, d, v = layout.axes
     grid[..., h], grid[..., v] = x, z[:, None]
     slope = (grid[..., h] - middle[h]) * normal[h] + (grid[..., v] - middle[v]) * normal[v]
     grid[..., d] = middle[d] - slope / normal[d]
     points = grid.reshape(-1, 3) + 1e-4 * normal
-    return survey.lit_share(points, scenario.patch_centers).reshape(len(z), len(x))
+    share = layout.survey.lit_share(points, layout.scenario.patch_centers)
+    return share.reshape(len(z), len(x))
 
 
-def _draw_shadow_rays(
-    ax: Any, solids: Sequence[Solid], survey: Survey, scenario: Scenario, axes: tuple[int, int]
-) -> None:
+def _draw_shadow_rays(ax: Any, layout: Layout, axes: tuple[int, int]) -> None:
     """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
-    middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
-    points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in solids)])
-    before = ((survey.monitor_points - middle) @ normal).min()
+    middle, normal, monitor = layout.middle, layout.normal, layout.survey.monitor_points
+    points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in layout.standing())])
     height = (points - middle) @ normal
+    before = ((monitor - middle) @ normal).min()
     points = points[(height > 1e-3) & (height < before - 1e-3)][:, axes]
     wall, facing = middle[[*axes]], normal[[*axes]]
-    for end in extremes(survey.monitor_points[:, axes]):
+    for end in extremes(monitor[:, axes]):
         to = points - end
         hits = end + ((wall - end) @ facing / (to @ facing))[:, None] * to
         along = hits @ np.array([-facing[1], facing[0]])
@@ -169,12 +151,12 @@ def _draw_shadow_rays(
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
 
 
-def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
+def _draw_distances(ax: Any, layout: Layout) -> None:
     """Draw dimension lines along the depth: from the monitor to each thing and to the wall."""
-    depth = frame.axes[1]
-    monitor, wall = scenario.patch_centers.mean(axis=0)[depth], survey.view_points[4][depth]
+    depth = layout.axes[1]
+    monitor, wall = layout.scenario.patch_centers.mean(axis=0)[depth], layout.middle[depth]
     bottom, top = ax.get_ylim()
-    groups = groups_of(standing(survey, frame, PANELS)).values()
+    groups = groups_of(layout.standing()).values()
     between = sorted({round(float(points.mean(axis=0)[depth]), 2) for points in groups})
     inside = [y for y in between if min(monitor, wall) + 0.02 < y < max(monitor, wall) - 0.02]
     stops = [monitor, *(inside if len(inside) < 3 else [float(np.mean(inside))]), wall]

@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
 import periscopy_sim as ps
 from experiments.studies.wrong_scenes import __main__ as study
 from experiments.studies.wrong_scenes import coverage, report, subjects
-from experiments.studies.wrong_scenes.kept_case import read_case, write_case
 from experiments.studies.wrong_scenes.outcome import Outcome, Trial
 
 HIDDEN = (4, 5)
@@ -93,17 +90,6 @@ def test_errors_that_are_right_cover_what_they_tell(factor):
         assert inside.mean() < 0.2
 
 
-def test_an_outcome_is_read_as_it_was_written(tmp_path):
-    made = outcome(2, doubts=["it moved too far"])
-    write_case(made, tmp_path / "one.npz", "here")
-    assert read_case(Outcome, tmp_path / "one.npz", "elsewhere") is None
-    assert read_case(Outcome, tmp_path / "none.npz", "here") is None
-    read = read_case(Outcome, tmp_path / "one.npz", "here")
-    assert report.numbers_of(read) == report.numbers_of(made)
-    np.testing.assert_array_equal(read.images, made.images)
-    assert read.doubts == made.doubts and not read.trusted
-
-
 @pytest.mark.thorough
 def test_the_report_holds_every_draw(tmp_path):
     outcomes = [
@@ -146,16 +132,3 @@ def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, c
     assert study.run([trial], [10.0], 1, tmp_path) == 0
     assert capsys.readouterr().out == said  # also its times: it was read
     assert study.run([trial], [10.0], 2, tmp_path) == 1  # the second draw fails, the first stays
-
-
-@pytest.mark.parametrize(
-    "options",
-    [["--scenes", "chair,sofa"], ["--scenes", "chair,chair"], ["--sbr", "0.5,-1"]],
-)
-def test_what_is_not_to_be_had_is_refused_in_one_line(options, tmp_path):
-    app = typer.Typer()
-    app.command()(study.main)
-    result = CliRunner().invoke(app, ["--out", str(tmp_path / "out"), *options])
-    assert result.exit_code == 2 and options[0] in result.output
-    assert result.output.count("\n") == 1
-    assert not list(tmp_path.iterdir())

@@ -10,19 +10,9 @@ from scipy.interpolate import RegularGridInterpolator
 from periscopy_sim.errors import SceneError
 from periscopy_sim.figures.laboratory import overview
 from periscopy_sim.figures.laboratory.drawing import laboratory_figure
-from periscopy_sim.figures.laboratory.geometry import (
-    NO_BREAK,
-    drawn_box,
-    facts,
-    groups_of,
-    in_words,
-    standing,
-    turn_and_tilt,
-    world_axes,
-)
+from periscopy_sim.figures.laboratory.geometry import NO_BREAK, Layout, facts, turn_and_tilt
 from periscopy_sim.figures.laboratory.projections import LINES, MONITOR, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.rendering.variant import examine_variants
 from periscopy_sim.shipped import find_scene
 
@@ -148,7 +138,7 @@ def test_distances_are_those_of_the_scene(figure, scenario, panels):
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     told = {text.get_text() for text in panels["from the side"].texts}
     assert {"58 cm", "45 cm"} <= told
-    lines = " ".join([LINES, *facts(scenario, Survey(scenario))])
+    lines = " ".join([LINES, *facts(Layout(scenario))])
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
 
 
@@ -159,13 +149,6 @@ def test_turn_and_tilt_are_those_that_measurements_have():
         direction = np.array([-np.sin(t) * np.cos(e), np.cos(t) * np.cos(e), np.sin(e)])
         assert turn_and_tilt(3 * direction, ahead) == f"turned {turn:g}°, tilted {tilt:g}°"
     assert turn_and_tilt(-ahead + [1e-9, 0, 0], -ahead) == "turned 0°, tilted 0°"
-
-
-@pytest.mark.parametrize(
-    ("length", "told"), [(0.0003, "0.3 mm"), (0.0099, "9.9 mm"), (0.01, "1 cm"), (1.234, "1.23 m")]
-)
-def test_lengths_are_told_as_a_person_writes_them(length, told):
-    assert in_words(length) == told
 
 
 def test_no_line_strikes_a_label(panels, figure):
@@ -194,28 +177,14 @@ def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_p
     text = plant.read_text().replace('value="meshes/', f'value="{plant.parent}/meshes/')
     (tmp_path / "room.xml").write_text(text.replace("</scene>", f"{shapes}</scene>"))
     furnished = load_scenario(tmp_path / "room.xml", (4, 5), photograph=(16, 16))
-    survey = Survey(furnished)
-    axes = world_axes(furnished, survey)
-    names = [[s.name for s in standing(survey, axes, panels)] for panels in ([(0, 1)], [(1, 2)])]
+    layout = Layout(furnished)
+    names = [[s.name for s in layout.standing(panel)] for panel in ((0, 1), (1, 2))]
     assert names == [["plant", "pedestal", "far"], ["plant", "pedestal", "table", "far"]]
     figure = laboratory_figure(furnished)
     labels = [{text.get_text() for text in ax.texts} for ax in figure.axes]
     assert "table" in labels[1] and "table" not in labels[2]
     assert not any("far" in each for each in labels)
-    low, high = drawn_box(survey)
-    assert (low > -1.5).all() and (high < 2.5).all()
-
-
-def test_shapes_whose_names_share_a_stem_are_named_once():
-    names = (
-        *("frame_left", "frame_right", "lamp", "lamp_foot", "stem_1"),
-        *("chair_seat", "chair_leg_near", "chair_leg_far", "lamp_rod_1", "lamp_rod_2"),
-    )
-    solids = [Solid(name, np.zeros((k + 1, 3)), None) for k, name in enumerate(names)]
-    groups = groups_of(solids)
-    assert {name: len(points) for name, points in groups.items()} == {
-        "frame": 3, "lamp": 3, "lamp_foot": 4, "stem_1": 5, "chair": 21, "lamp_rod": 19,
-    }  # fmt: skip
+    assert (layout.low > -1.5).all() and (layout.high < 2.5).all()
 
 
 def test_wall_that_lies_is_refused(tmp_path):
