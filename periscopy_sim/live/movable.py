@@ -151,8 +151,9 @@ def _movable(name: str, value: float, reach: float, *, is_place: bool) -> Movabl
     """Return a parameter whose range, a whole number of decimal steps, keeps a size positive."""
     step = float(10.0 ** np.floor(np.log10(reach / STEPS * 1.001)))
     low = value - reach if is_place or value <= 0 else max(value - reach, value / 10)
-    ends = (value + round((end - value) / step) * step for end in (low, value + reach))
-    return Movable(name, value, *(float(f"{end:.12g}") for end in ends), step)
+    steps = [round((end - value) / step) for end in (low, value + reach)]
+    low, high = (float(f"{value + step * count:.12g}") for count in steps)
+    return Movable(name, value, low, high, step)
 
 
 def _handles(values: Mapping[str, float], moves: Moves, parts: Mapping[str, Array]) -> list[Handle]:

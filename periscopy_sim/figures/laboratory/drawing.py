@@ -53,7 +53,8 @@ def laboratory_figure(scenario: Scenario) -> Figure:
     lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
     height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
     with rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
-        figure = Figure(figsize=(WIDTH, height), dpi=160, layout="constrained")
+        figure = Figure(figsize=(WIDTH, height), dpi=160)
+        figure.set_layout_engine("constrained", h_pad=0.1)
         FigureCanvasAgg(figure)  # labels are placed by their size in pixels
         ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
         (wall, side), (plan, picture) = figure.subplots(2, 2, **ratios)
@@ -67,7 +68,6 @@ def laboratory_figure(scenario: Scenario) -> Figure:
         picture.set_axis_off()
         picture.set_title("overview")
         figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
-        figure.get_layout_engine().set(h_pad=0.1)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places
         draw_wall(wall, layout)
