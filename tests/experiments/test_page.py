@@ -85,18 +85,6 @@ def test_a_run_makes_what_was_not_made_from_the_same_inputs(tmp_path):
     assert measured(tmp_path) == [("fig3", "new"), ("fig8", "new")]
 
 
-@pytest.mark.usefixtures("without_the_scene")
-def test_a_named_experiment_runs_anew_and_alone(tmp_path):
-    functions = {"fig3": fake("fig3", "old"), "fig8": fake("fig8", "old")}
-    command(page_of(functions, on_demand=("fig8",)), "--out", tmp_path)
-    assert measured(tmp_path) == [("fig3", "old")]
-    page = page_of({"fig3": fake("fig3", "new"), "fig8": fake("fig8", "new")})
-    command(page, "--out", tmp_path, "--only", "fig8")
-    assert measured(tmp_path) == [("fig3", "old"), ("fig8", "new")]
-    command(page, "--out", tmp_path, "--only", "fig3")
-    assert measured(tmp_path) == [("fig3", "new"), ("fig8", "new")]
-
-
 @pytest.mark.parametrize(
     ("options", "offender"),
     [

@@ -98,13 +98,6 @@ def test_what_is_chosen_changes_the_pictures(session, page):
     page.wait_for_function("window.pictures > 0")
 
 
-def test_button_writes_the_full_pictures(session, page):
-    page.get_by_text("Write scene and pictures").click()
-    page.get_by_text("saved it").wait_for()
-    assert not session.saved[-1].is_coarse
-    assert session.saved[-1].choice == session.page.choice
-
-
 def test_a_second_viewer_sees_the_same_and_leaves_nothing_behind(session, page, browser):
     second = browser.new_page()
     second.set_default_timeout(1000 * PATIENCE)

@@ -11,7 +11,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.figures.laboratory import overview
 from periscopy_sim.figures.laboratory.drawing import laboratory_figure
 from periscopy_sim.figures.laboratory.geometry import NO_BREAK, Layout, facts, turn_and_tilt
-from periscopy_sim.figures.laboratory.projections import LINES, MONITOR, VIEWED
+from periscopy_sim.figures.laboratory.projections import LINES, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import examine_variants
 from periscopy_sim.shipped import find_scene
@@ -77,18 +77,6 @@ def test_camera_stands_where_the_scene_says(panels):
         dots = [line for line in lines_of(panels[title], VIEWED) if line.get_marker() == "o"]
         assert len(dots) == 1
         np.testing.assert_allclose(dots[0].get_xydata()[0], place, atol=1e-3)
-
-
-def test_monitor_is_turned_as_the_scene_says(panels):
-    """By -12 degrees: clockwise from above."""
-    (monitor,) = [
-        patch
-        for patch in panels["plan"].patches
-        if to_rgba(patch.get_edgecolor()) == to_rgba(MONITOR)
-    ]
-    corners = monitor.get_xy()
-    left, right = corners[corners[:, 0].argmin()], corners[corners[:, 0].argmax()]
-    np.testing.assert_allclose(right - left, 0.4016 * np.array([0.97815, -0.20791]), atol=1e-3)
 
 
 def test_lines_on_the_wall_lie_where_the_words_below_say(panels):
