@@ -27,8 +27,10 @@ FAILED = "0.85"
 MARKS = (
     "circle: as it stands; star: best by what was asked; grey: no scene, or undetermined patches"
 )
-STANDS = {"ls": "", "marker": "o", "mfc": "none", "mec": "black", "ms": 7, "mew": 1.4}
-BEST = {"ls": "", "marker": "*", "mfc": "white", "mec": "black", "ms": 13, "mew": 1.0}
+MARKERS: dict[str, dict[str, Any]] = {
+    "as it stands": {"ls": "", "marker": "o", "mfc": "none", "mec": "black", "ms": 7, "mew": 1.4},
+    "best": {"ls": "", "marker": "*", "mfc": "white", "mec": "black", "ms": 13, "mew": 1.0},
+}
 
 
 def draw_design(
@@ -46,7 +48,9 @@ def draw_design(
     number of values of each parameter, None for draws.
     """
     shown = [name for name in DRAWN if any(row[name] is not None for row in rows)]
-    marked = [(rows[0], STANDS), *([] if best is None else [(best, BEST)])]
+    marked = [(rows[0], MARKERS["as it stands"])]
+    if best is not None:
+        marked.append((best, MARKERS["best"]))
     with drawn(path, metadata) as figure:
         if len(rows[0]["values"]) == 2 and grid is not None and grid > 1:
             _draw_maps(figure, rows, marked, shown, grid)

@@ -15,8 +15,8 @@ from periscopy_sim.scenario import Array
 if TYPE_CHECKING:
     from periscopy_sim.calibration.silhouette.result import Silhouette
 
-OPAQUE, OPEN, UNSEEN = (0.1, 0.1, 0.1), (1.0, 1.0, 1.0), (0.8, 0.8, 0.8)
-"""Colours of cells; the last is of those that the photograph does not show."""
+GREYS = {"opaque": 0.1, "open": 1.0, "unseen": 0.8}
+"""Brightness of cells; the last of those that the photograph does not show."""
 
 
 def draw_silhouette(
@@ -37,11 +37,11 @@ def draw_silhouette(
             figure.subplots(len(answers), 4, squeeze=False), answers, strict=True
         ):
             show_light(row[0], "photograph", photograph)
-            cells = np.where(answer.seen[..., None], OPEN, UNSEEN)
-            cells = np.where(answer.opaque[..., None], OPAQUE, cells)
+            cells = np.where(answer.seen, GREYS["open"], GREYS["unseen"])
+            cells = np.where(answer.opaque, GREYS["opaque"], cells)
             height, width = answer.plane.sides
             title = "silhouette of {}, {} x {}".format(answer.name, *answer.opaque.shape)
-            show(row[1], title, cells, extent=(0, width, 0, height))
+            show(row[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
             row[1].set_axis_on()
             row[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
             show_light(row[2], "image with this silhouette", answer.image)

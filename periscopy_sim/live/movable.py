@@ -16,12 +16,9 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
 from periscopy_sim.scenario import Array, Scenario
 
-ERRORS, METRES = 10.0, 0.1
-"""Reach of a slider to either side: standard errors of the prior, farther than anyone calibrates;
-where the scene declares none, metres by which things move."""
-
-STEPS = 200
-"""Steps of a slider, at least, from its middle to either end."""
+SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
+"""Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
+the scene declares none, in metres by which things move; least steps from the middle to an end."""
 
 Moves = dict[str, tuple[frozenset[str], Array]]
 """The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
@@ -140,16 +137,17 @@ def _shift(speeds: Mapping[str, Array]) -> Array | None:
 def _reach(value: float, error: float, fastest: float, *, is_place: bool) -> float:
     """Return how far a slider reaches, from the prior's error or from how fast things move."""
     if np.isfinite(error) and error > 0:
-        return ERRORS * error
+        return SLIDER["errors"] * error
     half = abs(value) / 2 or 1.0
     if fastest > 0:
-        return METRES / fastest if is_place or not value else min(METRES / fastest, half)
+        far = SLIDER["metres"] / fastest
+        return far if is_place or not value else min(far, half)
     return half
 
 
 def _movable(name: str, value: float, reach: float, *, is_place: bool) -> Movable:
     """Return a parameter whose range, a whole number of decimal steps, keeps a size positive."""
-    step = float(10.0 ** np.floor(np.log10(reach / STEPS * 1.001)))
+    step = float(10.0 ** np.floor(np.log10(reach / SLIDER["steps"] * 1.001)))
     low = value - reach if is_place or value <= 0 else max(value - reach, value / 10)
     steps = [round((end - value) / step) for end in (low, value + reach)]
     low, high = (float(f"{value + step * count:.12g}") for count in steps)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import CHARACTERS, Layout, facts
+from periscopy_sim.figures.laboratory.geometry import CHARACTERS, RoomPlan, facts
 from periscopy_sim.figures.laboratory.overview import draw_overview
 from periscopy_sim.figures.laboratory.projections import LINES, draw_projection, draw_wall
 from periscopy_sim.figures.style import STYLE
@@ -43,7 +43,7 @@ def laboratory_figure(scenario: Scenario) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    layout = Layout(scenario)
+    layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
     spans = (high - low)[axes]
     spans = np.maximum(spans, spans.max() / 5)  # labels need room

@@ -26,7 +26,7 @@ CHARACTERS = 138
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
-class Layout:
+class RoomPlan:
     """A scenario's laboratory along the world's axes: across the wall, towards it, up.
 
     Attributes
@@ -103,7 +103,7 @@ def groups_of(solids: Iterable[Solid]) -> dict[str, Array]:
     return {name: np.concatenate(parts) for name, parts in groups.items()}
 
 
-def facts(layout: Layout) -> list[str]:
+def facts(layout: RoomPlan) -> list[str]:
     """Return lines of distances and sizes."""
     scenario, survey, normal = layout.scenario, layout.survey, layout.normal
     corners = survey.view_points[:4]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import Layout, hull
+from periscopy_sim.figures.laboratory.geometry import RoomPlan, hull
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
 from periscopy_sim.rendering.overview import covered, find_view, render_overview
@@ -17,7 +17,7 @@ COLUMNS = {True: 640, False: 200}
 """Pixels of the picture's width; fewer where one ray is traced after the other."""
 
 
-def draw_overview(ax: Any, layout: Layout) -> None:
+def draw_overview(ax: Any, layout: RoomPlan) -> None:
     """Show a path-traced picture, with the camera and its view drawn in."""
     from matplotlib.patches import Polygon
     from matplotlib.path import Path as Polyline

@@ -7,13 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import Layout, extremes, groups_of, hull, in_words
+from periscopy_sim.figures.laboratory.geometry import (
+    RoomPlan,
+    extremes,
+    groups_of,
+    hull,
+    in_words,
+)
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.style import OKABE_ITO
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array
 
-VIEWED, MONITOR, OCCLUDER, GROUND = OKABE_ITO[0], OKABE_ITO[1], "0.25", "0.93"
+VIEWED, MONITOR, *_ = OKABE_ITO
+OCCLUDER, GROUND = "0.25", "0.93"
 
 GRID = {True: 150, False: 40}
 """Points of the wall along its panel's width; fewer where one ray is traced after the other."""
@@ -28,7 +35,7 @@ DARKEST = -0.5
 """Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
 
 
-def draw_wall(ax: Any, layout: Layout) -> None:
+def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
     from matplotlib.patches import Polygon
 
@@ -58,7 +65,7 @@ def draw_wall(ax: Any, layout: Layout) -> None:
     labels.place()
 
 
-def draw_projection(ax: Any, layout: Layout, shown: tuple[int, int]) -> None:
+def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     """Draw everything onto two axes: camera and view, monitor, occluders, shadows."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Polygon
@@ -106,7 +113,7 @@ def draw_projection(ax: Any, layout: Layout, shown: tuple[int, int]) -> None:
     labels.place()
 
 
-def _draw_wall_line(ax: Any, labels: Labels, layout: Layout, axes: tuple[int, int]) -> None:
+def _draw_wall_line(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
     """Draw where the wall's plane meets the panel's: through the view's middle, to the ends."""
     middle, normal = layout.middle[[*axes]], layout.normal[[*axes]]
     along = np.array([-normal[1], normal[0]]) / np.linalg.norm(normal)
@@ -121,7 +128,7 @@ def _draw_wall_line(ax: Any, labels: Labels, layout: Layout, axes: tuple[int, in
     labels.avoid_line(line[[0, -1]])
 
 
-def _share(layout: Layout, x: Array, z: Array) -> Array:
+def _share(layout: RoomPlan, x: Array, z: Array) -> Array:
     """Return the share of the monitor that points of the wall's plane see, (z, x)."""
     normal, middle = layout.normal, layout.middle
     grid = np.empty((len(z), len(x), 3))
@@ -134,7 +141,7 @@ def _share(layout: Layout, x: Array, z: Array) -> Array:
     return share.reshape(len(z), len(x))
 
 
-def _draw_shadow_rays(ax: Any, layout: Layout, axes: tuple[int, int]) -> None:
+def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
     """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
     middle, normal, monitor = layout.middle, layout.normal, layout.survey.monitor_points
     points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in layout.standing())])
@@ -151,7 +158,7 @@ def _draw_shadow_rays(ax: Any, layout: Layout, axes: tuple[int, int]) -> None:
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
 
 
-def _draw_distances(ax: Any, layout: Layout) -> None:
+def _draw_distances(ax: Any, layout: RoomPlan) -> None:
     """Draw dimension lines along the depth: from the monitor to each thing and to the wall."""
     depth = layout.axes[1]
     monitor, wall = layout.scenario.patch_centers.mean(axis=0)[depth], layout.middle[depth]

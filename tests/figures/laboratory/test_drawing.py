@@ -10,7 +10,12 @@ from scipy.interpolate import RegularGridInterpolator
 from periscopy_sim.errors import SceneError
 from periscopy_sim.figures.laboratory import overview
 from periscopy_sim.figures.laboratory.drawing import laboratory_figure
-from periscopy_sim.figures.laboratory.geometry import NO_BREAK, Layout, facts, turn_and_tilt
+from periscopy_sim.figures.laboratory.geometry import (
+    NO_BREAK,
+    RoomPlan,
+    facts,
+    turn_and_tilt,
+)
 from periscopy_sim.figures.laboratory.projections import LINES, VIEWED
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import examine_variants
@@ -126,7 +131,7 @@ def test_distances_are_those_of_the_scene(figure, scenario, panels):
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     told = {text.get_text() for text in panels["from the side"].texts}
     assert {"58 cm", "45 cm"} <= told
-    lines = " ".join([LINES, *facts(Layout(scenario))])
+    lines = " ".join([LINES, *facts(RoomPlan(scenario))])
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
 
 
@@ -165,7 +170,7 @@ def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_p
     text = plant.read_text().replace('value="meshes/', f'value="{plant.parent}/meshes/')
     (tmp_path / "room.xml").write_text(text.replace("</scene>", f"{shapes}</scene>"))
     furnished = load_scenario(tmp_path / "room.xml", (4, 5), photograph=(16, 16))
-    layout = Layout(furnished)
+    layout = RoomPlan(furnished)
     names = [[s.name for s in layout.standing(panel)] for panel in ((0, 1), (1, 2))]
     assert names == [["plant", "pedestal", "far"], ["plant", "pedestal", "table", "far"]]
     figure = laboratory_figure(furnished)
