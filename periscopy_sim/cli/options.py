@@ -92,7 +92,7 @@ class Model(StrEnum):
 _SAMPLES = "Shadow rays to a patch from each wall point."
 _MODEL = "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles)."
 _IF_RAYS = f"{_SAMPLES} [default: see --model; then 16]"
-_IF_CLOSED = f"{_MODEL} [default: closed form where there is one, but for the paper's method]"
+_IF_CLOSED = f"{_MODEL} [default: closed form where there is one, but for preconditioned, unrolled]"
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
 _MATRIX = "NPY file of A, instead of a rendering."
 _LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's lamps; repeatable."

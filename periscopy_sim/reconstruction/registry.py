@@ -66,7 +66,7 @@ class MethodEntry:
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it takes the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
-    rays: bool = False  # whether random rays' noise in A, a ridge, helps it: 1 to 2 dB for P
+    rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
     needs: str = ""  # a library that an extra brings; empty for none
     hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
@@ -248,6 +248,7 @@ _ENTRIES = (
         "learned.still:Learned",
         bytes_per_entry=BYTES_PER_ENTRY,
         needs="torch",
+        rays=True,  # as in its training
         hidden=(29, 36),
     ),
 )
