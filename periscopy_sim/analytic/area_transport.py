@@ -10,7 +10,7 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Event
 
@@ -34,6 +34,9 @@ RELIEF = 1e-4
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
+
+POINTS = 126
+"""Wall points, at least, along the photograph's longer side; 63 pixels lost 0.4 dB by theirs."""
 
 
 def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
@@ -67,6 +70,28 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
 
 analytic_transport = area_transport
 """The public name."""
+
+
+def pixel_transport(scenario: Scenario) -> NDArray[np.float32]:
+    """Compute A, (M, N), averaged over the pixels' areas; for the rest see `area_transport`."""
+    shape = scenario.photograph_shape
+    finer = max(1, round(POINTS / max(shape)))
+    places = (np.arange(finer) + 0.5) / finer - 0.5
+    points, normals = (
+        values.reshape(*shape, 3) for values in (scenario.wall_points, scenario.wall_normals)
+    )
+    for axis, size in enumerate(shape):
+        steps = np.asarray(np.gradient(points, axis=axis)) if size > 1 else np.zeros_like(points)
+        offsets = np.expand_dims(np.tile(places, size), (1 - axis, 2))
+        points = points.repeat(finer, axis) + offsets * steps.repeat(finer, axis)
+        normals = normals.repeat(finer, axis)
+    divided = replace(
+        scenario,
+        photograph_shape=(finer * shape[0], finer * shape[1]),
+        wall_points=points.reshape(-1, 3),
+        wall_normals=normals.reshape(-1, 3),
+    )
+    return area_transport(divided, finer)
 
 
 def has_areas(scenario: Scenario, finer: int = 1) -> bool:
