@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.options import RENAMED, GroupedCommand
+from periscopy_sim.cli.options import RENAMED, GroupedCommand, with_options_of_groups
 from periscopy_sim.cli.output import INTERRUPTED, fail, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
@@ -50,7 +50,8 @@ class _Commands(Mapping[str, Any]):
         commands = getattr(module, "app", None)
         if commands is None:
             commands = typer.Typer(add_completion=False, rich_markup_mode=None)
-            commands.command(name, cls=GroupedCommand)(getattr(module, name))
+            command = with_options_of_groups(getattr(module, name))
+            commands.command(name, cls=GroupedCommand)(command)
         return typer.main.get_command(commands)
 
 

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 
 from periscopy_sim.cli.output import say
 from periscopy_sim.extras import SWEEP
+from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
 
 EXTRAS_OF = {
     "sweep": SWEEP, "dataset": SWEEP, "raw": ("rawpy",), "tags": ("cv2",),
@@ -22,8 +23,6 @@ EXTRAS_OF = {
 
 def doctor() -> None:
     """Show versions, missing extras and Mitsuba variants."""
-    from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
-
     say(f"python       {platform.python_version()} ({sys.executable})")
     for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):
         say(f"{package:12} {metadata.version(package)}")
