@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from periscopy_sim.cli.options import Define, ResumedFolder, SceneOption, Seed, option
-from periscopy_sim.cli.output import progress, say, to_be_continued
+from periscopy_sim.cli.output import progress, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.ambient_library import ambient_photographs
@@ -35,8 +35,7 @@ def ambient(
     """
     chosen = names or [*REALISTIC, *ADVERSARIAL]
     scenario = Session(scene, "1x1", define).scenario
-    with to_be_continued():
-        ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
+    ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
     for file in (out / f"{Path(name).stem}.exr" for name in chosen):
         held = read_exr(file)[1]
         error = np.hypot(float(held["relative_error"]), float(held["brightness_error"]))

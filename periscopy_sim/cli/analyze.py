@@ -50,7 +50,7 @@ def analyze(
         scenario = session.scenario
         used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
-        A, B = session.transport(light, "gauss"), light.backgrounds(scenario, session.seed)
+        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario, session.seed)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", off), progress("analyzing"):
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
@@ -75,7 +75,7 @@ def analyze(
         session.write_summary(
             folder / "summary.json",
             {
-                **light.origin,
+                **light.origin(),
                 "rank_tolerance": rank_tolerance,
                 **pixel_record(mask, used, off),
                 **numbers,

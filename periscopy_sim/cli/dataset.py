@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, Scheduler, option, parse_indices
-from periscopy_sim.cli.output import progress, say, to_be_continued, warn
+from periscopy_sim.cli.output import progress, say, warn
 from periscopy_sim.dataset.export import export_samples
 from periscopy_sim.dataset.reading import describe, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
@@ -70,7 +70,7 @@ def make(
     require_all()
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()
-    with to_be_continued(), progress("making samples", "samples") as report:
+    with progress("making samples", "samples") as report:
         made = ps.make_dataset(
             settings, out, count=count, scheduler=scheduler, progress=report, rendering=progress
         )

@@ -139,10 +139,7 @@ def design(
         "sbr": str(sbr),
         "equal": equal.value,
         "images": [[name, image_sha256(image)] for name, image in whole.images.items()],
-        **{
-            name: light.origin[name]
-            for name in ("samples", "model", "bounces", "ambient_prototypes")
-        },
+        **{name: value for name, value in light.origin().items() if name != "transport"},
     }
     origin = {name: held for name, held in provenance.items() if name not in ("command", "scene")}
     whole.scenario({})

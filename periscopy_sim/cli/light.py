@@ -12,7 +12,6 @@ import periscopy_sim as ps
 from periscopy_sim.cli.options import (
     BouncesOption,
     LightModelOption,
-    MatrixOption,
     Model,
     ModelOption,
     OptionGroup,
@@ -62,15 +61,14 @@ class Light(OptionGroup):
         """The sources of ambient light."""
         return self.light_model or [GRID]
 
-    @property
-    def origin(self) -> dict[str, Any]:
-        """The entries of a summary."""
+    def origin(self, matrix: Path | None = None) -> dict[str, Any]:
+        """Return the entries of a summary, where a file may hold A."""
         from periscopy_sim.rendering.transport.bounced import bounces_in_words
 
         return {
-            "model": self.model.value,
-            "transport": None,
-            "samples": self.samples,
+            "model": "file" if matrix else self.model.value,
+            "transport": matrix,
+            "samples": None if matrix else self.samples,
             "bounces": bounces_in_words(self.most_bounces),
             "ambient_prototypes": self.sources,
         }
@@ -119,28 +117,6 @@ class Light(OptionGroup):
         label = f"rendering the emitters of {Path(source).stem}"
         with fixable(f"--light-model {source}"), progress(label) as report:
             return ps.emitter_backgrounds(source, scenario, seed=seed, progress=report)
-
-
-@dataclass(frozen=True)
-class MatrixLight(Light):
-    """The options of A and B, where a file may hold A."""
-
-    matrix: MatrixOption = None
-
-    @property
-    def origin(self) -> dict[str, Any]:
-        """The entries of a summary."""
-        if self.matrix is None:
-            return super().origin
-        return {**super().origin, "model": "file", "transport": self.matrix, "samples": None}
-
-    def transport(self, scenario: ps.Scenario, seed: int, strata: Strata = "jittered") -> Transport:
-        """Read A, (M, N), or compute it."""
-        if self.matrix is None:
-            return super().transport(scenario, seed, strata)
-        from periscopy_sim.storage.transport_matrix import read_transport
-
-        return read_transport(self.matrix, scenario, self.most_bounces)
 
 
 def _is_file(source: str) -> bool:

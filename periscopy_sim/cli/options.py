@@ -272,9 +272,9 @@ def parse_ratios(text: str) -> list[float]:
     try:
         if ":" in text:
             first, last, spacing, count = text.split(":")
-            ends, number = (float(first), float(last)), min(int(count), MOST_RATIOS)
+            ends, number = (float(first), float(last)), int(count)
             space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
-            inner = 0 < min(ends) <= max(ends) < math.inf
+            inner = 0 < min(ends) <= max(ends) < math.inf and number <= MOST_RATIOS
             ratios = [float(f"{each:.6g}") for each in space(*ends, number)] if inner else []
         else:
             ratios = [float(ratio) for ratio in text.split(",")]

@@ -68,8 +68,18 @@ def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
 
 def fail(message: str, code: int) -> NoReturn:
     """Print an error on one line, and exit with a code."""
-    print(f"periscopy: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"periscopy: error: {PeriscopyError(message)}", file=sys.stderr, flush=True)
     raise SystemExit(code)
+
+
+_INTERRUPTS: list[int] = []
+"""The signals that `interrupt` received."""
+
+
+def interrupt(number: int, _frame: object) -> NoReturn:
+    """Handle Ctrl-C; `progress` raises again where a library ignored the exception."""
+    _INTERRUPTS.append(number)
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -84,15 +94,6 @@ def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
     for name in set(optional).difference(names):
         (out / name).unlink(missing_ok=True)
     say_written(*(out / name for name in names))
-
-
-@contextmanager
-def to_be_continued() -> Iterator[None]:
-    """Print after Ctrl-C that the same command resumes."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        fail("interrupted; the same command goes on where it stopped", INTERRUPTED)
 
 
 @contextmanager
@@ -119,7 +120,7 @@ def resumed_folder(
         check_settings(held, settings, str(out), what)
 
     check()  # before the folder is made
-    with to_be_continued(), alone_in(out):
+    with alone_in(out):
         check()
         if not (out / files[0]).exists():
             write_settings(out, settings)
@@ -150,6 +151,8 @@ def progress(label: str, unit: str = "", *, lines: bool = True) -> Iterator[Call
 
     def update(done: float, total: float = 1.0) -> None:
         nonlocal last
+        if _INTERRUPTS:
+            raise KeyboardInterrupt
         text = f"{label}: " + (f"{done} of {total} {unit}" if unit else f"{100 * done:.0f} %")
         bar.update(task, description=text, completed=done, total=total or 1)
         if time.monotonic() - last > BETWEEN_LINES:

@@ -9,7 +9,7 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import MatrixLight
+from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import (
     assumptions,
     residual_summary,
@@ -48,7 +48,8 @@ def reconstruct(
     *,
     photo: options.PhotoArgument,
     session: PhotoSession,
-    light: MatrixLight,
+    light: Light,
+    matrix: options.MatrixOption = None,
     out: options.Out,
     method: StillMethod = DEFAULT,
     numbers: StillNumbers,
@@ -84,7 +85,7 @@ def reconstruct(
             ))  # fmt: skip
         elif counts_errors and uncertain is None:
             moved = _calibrated_transport(session, light.samples)
-        fitted = session.fit(method, settings, light, wall, moved)
+        fitted = session.fit(method, settings, light, matrix, wall, moved)
         with (
             session.timed("reconstruct"),
             fixable(f"{photo} by {method}", wall.monitor_off),
@@ -103,7 +104,7 @@ def reconstruct(
                 "method": method,
                 "method_sha256": source_sha256(method),
                 "photograph": str(photo),
-                **light.origin,
+                **light.origin(matrix),
                 **settings,
                 **report.numbers,
                 **pixel_record(mask, wall.mask, wall.monitor_off),

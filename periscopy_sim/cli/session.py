@@ -237,42 +237,46 @@ class Session(OptionGroup):
 
     # -- fitting and writing ---------------------------------------------------------------------
 
-    def transport(self, light: Light, strata: Strata = "jittered") -> NDArray[np.float32]:
-        """Return the mean of A over the channels, (M, N); see `Light.transport`."""
+    def transport(
+        self, light: Light, matrix: Path | None = None, strata: Strata = "jittered"
+    ) -> NDArray[np.float32]:
+        """Return the mean of A over the channels, (M, N), of a file or by `Light.transport`."""
         from periscopy_sim.rendering.transport.bounced import channels_mean
+        from periscopy_sim.storage.transport_matrix import read_transport, record_of
 
-        return channels_mean(light.transport(self.scenario, self.seed, strata))
+        if matrix is None:
+            return channels_mean(light.transport(self.scenario, self.seed, strata))
+        A = read_transport(matrix, self.scenario, light.most_bounces)
+        if not record_of(matrix).is_file():
+            self.warn(sentence("no_record", file=matrix))
+        return channels_mean(A)
 
     def fit(
         self,
         method: str,
         settings: Mapping[str, float],
         light: Light,
+        matrix: Path | None,
         wall: ps.Photograph,
         uncertain: ps.UncertainTransport | None = None,
     ) -> Any:
-        """Return a method fitted to the scene's A and B."""
+        """Return a method fitted to the scene's A, of a file if one is given, and B."""
         from periscopy_sim.evaluation.methods import fit_method
-        from periscopy_sim.storage.transport_matrix import record_of
 
         with self.timed("transport matrix"):
             check_memory(self.scenario, method)
-            A = self.transport(light)
+            A = self.transport(light, matrix)
         with self.timed("prototype backgrounds"):
             B = light.backgrounds(self.scenario, self.seed)
-        file = light.origin["transport"]
-        place = str(file or f"scene '{self.path}'")
+        place = str(matrix or f"scene '{self.path}'")
         with (
             self.timed("fit the method"),
             progress(f"fitting {method}"),
             fixable(place, wall.monitor_off),
         ):
-            fitted = fit_method(
+            return fit_method(
                 method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, **settings
             )
-        if file is not None and not record_of(file).is_file():
-            warn(sentence("no_record", file=file))
-        return fitted
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""

@@ -10,7 +10,7 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli import photograph as photographs
-from periscopy_sim.cli.light import Light, MatrixLight
+from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, resumed_folder, say, say_written
 from periscopy_sim.cli.session import Session
@@ -94,8 +94,7 @@ def sweep(
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
-        **{name: light.origin[name] for name in ("samples", "model", "bounces")},
-        "ambient_prototypes": light.sources,
+        **{name: value for name, value in light.origin().items() if name != "transport"},
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
@@ -118,7 +117,7 @@ def sweep(
         matrix = out / "A.npy"
         if not matrix.is_file():
             write_transport(session, light, matrix)
-        A = session.transport(MatrixLight(bounces=light.bounces, matrix=matrix))
+        A = session.transport(light, matrix)
         B = light.backgrounds(scenario, seed)
         with fixable(f"scene '{scenario.path}'", off):
             fitted = fit_methods(names, scenario, A, B, used, off)

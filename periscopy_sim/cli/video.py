@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import MatrixLight
+from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import residual_summary, warnings_of
 from periscopy_sim.cli.method_options import (
     FOR_VIDEOS,
@@ -51,7 +51,8 @@ def video(
         ),
     ],
     session: PhotoSession,
-    light: MatrixLight,
+    light: Light,
+    matrix: options.MatrixOption = None,
     out: options.Out,
     method: VideoMethod = DEFAULT,
     coupling: Coupling = "l1",
@@ -88,7 +89,7 @@ def video(
         session.check_scene(method)
         clip = _read_clip(session, frames, mask, monitor_off, truth, Path(scratch))
         _check_former(out, len(clip.names))
-        still = session.fit(method, for_stills, light, clip.wall)
+        still = session.fit(method, for_stills, light, matrix, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
         images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
@@ -117,7 +118,7 @@ def video(
         summary = {
             "photographs": str(frames),
             "frames": len(clip.names),
-            **light.origin,
+            **light.origin(matrix),
             "method": method,
             **settings,
             "first_frame": report.numbers,
