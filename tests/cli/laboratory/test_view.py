@@ -30,30 +30,28 @@ def viser():
 
 def test_missing_extra_is_named(monkeypatch, refused):
     monkeypatch.setitem(sys.modules, "viser", None)
-    told = refused("view", "plate", *SIZE)
-    assert "viser, which is not installed" in told and "'.[live]'" in told
+    assert "'.[live]'" in refused("view", "plate", *SIZE)
 
 
 @pytest.mark.usefixtures("viser")
 def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
-    assert "no ambient condition 'mars'" in refused("view", "plate", *SIZE, "--ambient", "mars")
-    assert "no method 'magic'" in refused("view", "plate", *SIZE, "--method", "magic")
-    assert "image 'none' does not exist" in refused("view", "plate", *SIZE, "--image", "none")
-    assert "scene 'none' does not exist" in refused("view", "none", *SIZE)
-    assert "0x4" in refused("view", "plate", "--hidden", "0x4")
+    np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
+    (tmp_path / "taken").write_text("")
+    for options, offender in {
+        ("plate", "--ambient", "mars"): "'mars'",
+        ("plate", "--method", "magic"): "'magic'",
+        ("plate", "--image", "none"): "'none'",
+        ("plate", "--hidden", "0x4"): "0x4",
+        ("plate", "small.npy"): "20 x 30",
+        ("plate", "small.npy", "--ambient", "overcast"): "--ambient",
+        ("plate", "--out", "taken"): "taken",
+    }.items():
+        assert offender in refused("view", *SIZE, *options)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
         assert f"127.0.0.1:{port}" in refused("view", "plate", *SIZE, "--port", port)
-    np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
-    told = refused("view", "plate", "small.npy", *SIZE)
-    assert "20 x 30 pixels" in told and "126 x 126" in told
-    (tmp_path / "taken").write_text("")
-    assert "taken: it is a file" in refused("view", "plate", *SIZE, "--out", "taken")
-    assert "leave it or PHOTO out" in refused(
-        "view", "plate", "small.npy", *SIZE, "--ambient", "overcast"
-    )
     assert not (tmp_path / "view").exists()
 
 
