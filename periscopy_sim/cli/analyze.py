@@ -84,10 +84,3 @@ def analyze(
         )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")
-    say("rank of B at each tolerance, residual background of P, noise gain:")
-    say("     tolerance  rank  largest |P B_i|/(|P||B_i|)   trace(P P')")
-    for row in table:
-        say(
-            f"{row['tolerance']:14.0e}  {row['rank']:4d}  {row['residual_background']:26.1e}  "
-            f"{row['noise_gain']:12.6e}"
-        )

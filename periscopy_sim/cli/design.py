@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
@@ -191,25 +192,18 @@ def _finite(row: Row) -> Row:
 
 def _say(rows: list[Row], order: list[Row], edges: list[str]) -> None:
     """Print the given scene, the best points and warnings."""
-    failed = [row for row in rows if row["failure"]]
-    for row in failed[:LISTED]:
-        warn(f"{_place(row)}: {row['failure']}")
-    if len(failed) > LISTED:
-        warn(f"{len(failed) - LISTED} more points failed, see {TABLE}")
     names = ("bound", *(("told_error", "error") if rows[0]["told_error"] is not None else ()))
     say("bound" + "  stderr error" * (len(names) > 1) + "  time    point (errors in % of white)")
     for row in [rows[0], *(row for row in order[:LISTED] if row["point"])]:
         errors = "  ".join(f"{100 * row[name]:<5.3g}" for name in names)
-        time = row["exposure_time"]
-        say(f"{errors}  {'-' if time is None else f'{time:.3g}':<6}  {_place(row)}")
-        if row["remark"]:
-            warn(f"{_place(row)}: {row['remark']}")
+        say(f"{errors}  {row['exposure_time'] or math.nan:<6.3g}  {_place(row)}")
+    for row in rows:
+        if complaint := row["failure"] or (row in order[:LISTED] and row["remark"]):
+            warn(f"{_place(row)}: {complaint}")
     if not order:
         warn(sentence("no_best"))
-    elif order[0]["point"] == 0:
-        say("no point is better than the given scene")
-    elif edges:
-        say(f"the best point is at the limit of {', '.join(edges)}: widen that range")
+    if edges:
+        say(f"the best point is at the limit of {', '.join(edges)}")
 
 
 def _place(row: Row) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from periscopy_sim.reconstruction.method import Method
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.report import Image, Report
     from periscopy_sim.scenario import Array
 
 
@@ -70,9 +69,13 @@ def reconstruct(
     find_method(method)
     settings = settings_for(method, numbers.values, FOR_STILLS)
     counts_errors = method in METHODS and METHODS[method].uncertain
-    errors = _uncertain_errors(uncertain, session) if counts_errors else {}
-    if uncertain not in (None, NOTHING) and not counts_errors:
+    named = "" if uncertain in (None, NOTHING) else str(uncertain)
+    if named and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
+    errors = {}
+    if named:
+        given = options.parse_errors(named, "--uncertain")
+        errors = options.known_errors(given, session.path, session.definitions)
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
@@ -96,7 +99,8 @@ def reconstruct(
             as_json(report.numbers)
         for line in warnings_of(report):
             session.warn(f"{photo}: {line}")
-        _write_report(folder, report, image, wall.values, session)
+        write_report(folder, report, image, wall.values, session.metadata)
+        session.suggest_mask(folder)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)
         session.write_summary(
             folder / "summary.json",
@@ -125,14 +129,6 @@ def reconstruct(
         )
 
 
-def _uncertain_errors(text: str | None, session: Session) -> Mapping[str, float]:
-    """Read ``--uncertain``, before anything is rendered; empty without errors."""
-    named = {} if text in (None, NOTHING) else options.parse_errors(str(text), "--uncertain")
-    if text is not None and text != NOTHING and not named:
-        raise PeriscopyError(f"--uncertain '{text}' names nothing; write NAME=ERROR, or {NOTHING}")
-    return options.known_errors(named, session.path, session.definitions)
-
-
 def _derivatives(session: Session, render: Any) -> Any:
     """Render the scene's parameter derivatives, with the session's seed."""
     label = "rendering the scene's parameter derivatives"
@@ -146,7 +142,6 @@ def _calibrated_transport(session: Session, samples: int) -> ps.UncertainTranspo
     Warn where that calibration does not hold.
     """
     from periscopy_sim.calibration.scene_covariance import scene_covariance
-    from periscopy_sim.calibration.uncertain_scene import calibrated_transport
 
     scenario, scene = session.scenario, session.name
     covariance = scene_covariance(scenario.path)
@@ -158,6 +153,8 @@ def _calibrated_transport(session: Session, samples: int) -> ps.UncertainTranspo
     changed = ", ".join(covariance.changed(scenario.path, scenario.parameters))
     transport, reason = None, f"{changed} changed since" if changed else "no effect on A"
     if not changed:
+        from periscopy_sim.calibration.uncertain_scene import calibrated_transport
+
         try:
             transport = _derivatives(session, lambda **how: calibrated_transport(
                 scenario, covariance, samples=samples, **how
@@ -185,14 +182,12 @@ def _recovered(
     return image_by(method, photograph, hidden_shape).astype(np.float64), None
 
 
-def _write_report(
-    folder: Path, report: Report, image: Array, photograph: Array, session: Session
+def write_report(
+    folder: Path, report: Report, image: Image, photograph: Array, text: dict[str, str]
 ) -> None:
-    """Write the image, and what the method reports beside it."""
-    text = session.metadata
+    """Write the image, (R, C, 3), and what the method reports beside it."""
     np.save(folder / "reconstruction.npy", image.astype(np.float32))
     panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
-    session.suggest_mask(folder)
     if report.stages:
         stages = [("photograph", photograph), *report.stages]
         shown = [(title, panels.displayable(stage)) for title, stage in stages]

@@ -56,10 +56,10 @@ def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
     """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
     from periscopy_sim.rendering.checks import shadow_doubt
 
-    doubts = [f"{name}: {doubt}" for doubt in (shadow_doubt(scenario),) if doubt]
-    for doubt in doubts:
-        warn(doubt)
-    return doubts
+    if not (doubt := shadow_doubt(scenario)):
+        return []
+    warn(f"{name}: {doubt}")
+    return [f"{name}: {doubt}"]
 
 
 def check_memory(scenario: ps.Scenario, method: str | None = None) -> None:
@@ -87,27 +87,10 @@ def pixel_record(
 
 
 class Session(OptionGroup):
-    """A run of a command on a scene.
+    """A run of a command on a scene, by the options that name it.
 
-    Parameters
-    ----------
-    scene
-        The scene's file, or the name of a shipped one.
-    hidden
-        ROWSxCOLUMNS of the hidden image.
-    define
-        The values of ``-D``.
-    seed
-        Of every random draw.
-
-    Attributes
-    ----------
-    timed : Stopwatch
-        Seconds of each stage.
-    warnings : list of str
-        The lines that a summary repeats.
-    suggestion : (rows, columns) bool or None
-        The pixels without the defects that `without_defects` found; None without any.
+    `timed` holds the seconds of each stage, `warnings` the lines that a summary repeats, and
+    `suggestion` the pixels, (rows, columns) bool, without the defects that `without_defects` found.
     """
 
     suggestion: Mask | None = None
@@ -159,13 +142,11 @@ class Session(OptionGroup):
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Path trace ambient light, (rows, columns, 3), to a relative error of a pixel."""
         with progress("path tracing the ambient light") as report:
-            return ps.render_background(
-                f"ambient/{name}",
-                self.scenario,
-                target=target,
-                seed=self.seed + 1,
-                progress=report,
-            ).photograph
+            seed = self.seed + 1  # other paths than the photograph's
+            light = ps.render_background(
+                f"ambient/{name}", self.scenario, target=target, seed=seed, progress=report
+            )
+            return light.photograph
 
     def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> Array:
         """Path trace a photograph, (rows, columns, 3), of an image, (R, C, 3), on the monitor."""

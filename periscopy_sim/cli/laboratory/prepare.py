@@ -90,7 +90,8 @@ def prepare(
     session = Session(scene, "1x1", define)
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags exclude each other; give one")
-    patches = options.parse_size(hidden)
+    if min(patches := options.parse_size(hidden)) < 1:
+        raise PeriscopyError(f"--hidden {hidden}: give one patch at least")
     with fixable("--exposures"):
         times = None if exposures is None else [float(each) for each in exposures.split(",")]
     written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))

@@ -9,20 +9,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
-from periscopy_sim.cli.messages import report_sentences, residual_summary
+from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import number, option
 from periscopy_sim.cli.output import output_folder, progress, say, write_json
+from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, provenance_of
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
-from periscopy_sim.figures.panels import displayable, draw_certainty, draw_panels
-from periscopy_sim.figures.residual import draw_residual
+from periscopy_sim.figures.panels import displayable, draw_panels
 from periscopy_sim.live.choice import SBR, SNR, Choice
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, scenes_folder
@@ -33,11 +32,6 @@ from periscopy_sim.storage.outputs.staging import staged_folder
 
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
-
-IMAGE = "mushroom"
-
-SOMETIMES = ("photograph.exr", "standard_error.npy", "certainty.png", "residual.png")
-"""Files that not every photograph or method has."""
 
 
 def view(
@@ -77,7 +71,7 @@ def view(
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     session = Session(scene, hidden, define)
-    image = image or (IMAGE if photo is None else "")
+    image = image or ("mushroom" if photo is None else "")
     first = Choice({}, image, ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
         from periscopy_sim.live.level import Shot
@@ -121,7 +115,6 @@ def write_view(
     A PeriscopyError names what cannot be written; then nothing is written.
     """
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
-    residual, errors = report.residual, report.standard_errors
     provenance = provenance_of(scenario)
     text = as_text(provenance)
     values = dict(given) | {name: f"{value:.9g}" for name, value in choice.values.items()}
@@ -135,20 +128,14 @@ def write_view(
         "hidden_shape": scenario.hidden_shape,
         "psnr": pictures.psnr,
         "notes": report_sentences(report),
-        **({} if residual is None else residual.numbers()),
+        **({} if report.residual is None else report.residual.numbers()),
         "provenance": provenance,
     }
-    with output_folder(out, SOMETIMES) as folder:
+    with output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
         write_copy(scenario.path, values, folder / "scene.xml")
         ps.load_scenario(folder / "scene.xml", scenario.hidden_shape)
         if photo is None:
             write_exr(folder / "photograph.exr", pictures.photograph, text)
-        np.save(folder / "reconstruction.npy", pictures.image)
+        write_report(folder, report, pictures.image, pictures.photograph, text)
         draw_panels(folder / "pictures.png", panels, metadata=text)
-        if errors is not None:
-            np.save(folder / "standard_error.npy", errors.astype(np.float32))
-            draw_certainty(folder / "certainty.png", pictures.image, errors, metadata=text)
-        if residual is not None:
-            caption = residual_summary(residual)
-            draw_residual(folder / "residual.png", pictures.photograph, residual, caption, text)
         write_json(folder / "view.json", record)
