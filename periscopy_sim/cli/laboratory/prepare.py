@@ -228,9 +228,8 @@ def _film_definitions(
 def _say_prepared(prepared: ps.Prepared, size: tuple[int, int]) -> None:
     """Print how well marks place the scene's pixels, and what the mask leaves out."""
     if (fit := prepared.view) is not None:
-        fits = (
-            f"fit to {fit.rms:.2f} pixels of the photograph rms" if fit.freedom else "fit exactly"
-        )
+        rms = f"{fit.rms:.2f} pixels of the photograph ({1e3 * fit.rms_on_wall:.2g} mm on the wall)"
+        fits = f"fit to {rms} rms" if fit.freedom else "are as many as the view needs"
         say(f"{len(fit.marks)} marks {fits}, film pixels placed to {prepared.placement:.2f} of one")
     rows, columns = prepared.mask.shape
     say(
