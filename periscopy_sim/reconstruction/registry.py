@@ -62,6 +62,7 @@ class MethodEntry:
     help: str  # what it is, in a few words
     of: str  # ``module:class`` within `periscopy_sim.reconstruction`
     options: tuple[Option, ...] = ()  # what users can set
+    certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it takes the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
@@ -177,6 +178,7 @@ _ENTRIES = (
             ),
             _RANK,
         ),
+        certainty="standard errors",
         uncertain=True,
         video=VideoEntry(
             "noise_aware.video:NoiseAwareVideo",
