@@ -47,9 +47,7 @@ def uncertain_parameters(
     names = tuple(errors)
     for name in names:
         if name in free:
-            raise SceneError(
-                f"'{name}' is both free and uncertain: name it in --free or --uncertain"
-            )
+            raise SceneError(f"'{name}' is both free and uncertain: name it once")
         if not (np.isfinite(errors[name]) and errors[name] > 0):
             raise SceneError(f"standard error {errors[name]:g} of '{name}': give a positive number")
     values = start_values(path, names, given) if names else np.empty(0)
@@ -74,11 +72,11 @@ def require_effect(level: ResolutionLevel, values: Values, uncertain: UncertainP
             ]
         except SceneError as unphysical:
             raise SceneError(
-                f"--uncertain {name}={error:g}: give a smaller error ({unphysical})"
+                f"uncertain {name}={error:g}: give a smaller error ({unphysical})"
             ) from None
         if np.array_equal(sides[0], sides[1]):
             raise SceneError(
-                f"--uncertain {name}={error:g}: the photograph does not show such an error; leave "
+                f"uncertain {name}={error:g}: the photograph does not show such an error; leave "
                 "it out"
             )
 

@@ -58,18 +58,17 @@ def scales_and_spreads(level: ResolutionLevel, start: Values) -> tuple[Values, V
         elif np.isnan(spread):
             raise SceneError(
                 f"scene '{level.path}': '{name}' cannot be moved from {start[k]:g}, where no value "
-                "beside it makes a scene; leave it out of --free, or start it elsewhere by -D"
+                "beside it makes a scene; hold it, or start it elsewhere"
             )
         elif reached == 0:
             raise SceneError(
                 f"scene '{level.path}': the photograph cannot see '{name}', however it is moved "
-                f"from {start[k]:g}; start it elsewhere by -D, or leave it out of --free"
+                f"from {start[k]:g}; start it elsewhere, or hold it"
             )
         elif np.isnan(scale):
             raise SceneError(
                 f"scene '{level.path}': the photograph cannot see '{name}': moved by up to "
-                f"{spread:.3g}, it changes the light transport by {100 * reached:.2g} %; leave it "
-                "out of --free"
+                f"{spread:.3g}, it changes the light transport by {100 * reached:.2g} %; hold it"
             )
         scales[k], spreads[k] = scale, spread
     return scales, spreads

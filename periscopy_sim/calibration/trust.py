@@ -95,13 +95,13 @@ def doubts(
     if misfit > MISFIT:
         found.append(
             f"of what no smooth light explains, {100 * misfit:.0f} % stay unexplained, and are no "
-            "noise: a near lamp whose light no --background shows, a poster (--mask), a number "
+            "noise: a near lamp whose light no monitor-off photograph shows, a poster, a number "
             "that the ruler has far off, or something that the scene lacks"
         )
     if negative > NEGATIVE:
         found.append(
             f"{100 * negative:.0f} % of the light of the hidden image that explains most would be "
-            "negative, and what is left is no noise: a near lamp whose light no --background shows "
+            "negative, and what is left is no noise: a near lamp's light "
             "may pass for the monitor's, or a number that the ruler has far off"
         )
     return tuple(found)

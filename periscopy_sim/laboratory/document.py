@@ -317,4 +317,4 @@ def load_laboratory(path: str | Path) -> Laboratory:
 
     A ConfigurationError names the line where a number is missing, has no unit or is out of range.
     """
-    return read_yaml(Path(path), Laboratory, "periscopy lab --example")
+    return read_yaml(Path(path), Laboratory)

@@ -147,7 +147,7 @@ _L1_WEIGHT = Option(
     0.4,
     0,
     1e9,
-    "Of --coupling l1: weight of the l1 difference to the frame before, over that of total "
+    "Of the coupling l1: weight of the l1 difference to the frame before, over that of total "
     "variation.",
     coupling="l1",
 )
@@ -156,7 +156,7 @@ _TEMPORAL_WEIGHT = Option(
     1.0,
     0,
     1e9,
-    "Of --coupling total-variation: weight of differences in time within it.",
+    "Of the coupling total-variation: weight of differences in time within it.",
     coupling="total-variation",
 )
 
