@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -10,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.store import Block, attributes_of, digest_of
+from periscopy_sim.storage.outputs.store import Block, Records, attributes_of
 
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
@@ -109,11 +108,6 @@ class Layout:
             }  # fmt: skip
         return laid_out
 
-    @staticmethod
-    def recognizes(attributes: Mapping[str, Any]) -> bool:
-        """Return whether attributes are those of a data set."""
-        return attributes.get("kind") == Layout.kind and isinstance(attributes.get("count"), int)
-
     def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
         """Return those of `LABELS` that there are."""
         return {n: each for n, each in LABELS.items() if n != BOUNCED_ERROR or self.bounced_error}
@@ -125,13 +119,13 @@ class Layout:
         return {**stacks, **({"background": pixels} if self.keep_background else {})}
 
 
-def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
-    """Return the attributes of a data set, its layout, and the digest that its records bear.
+def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
+    """Return the attributes of a data set, its layout and the records of its blocks.
 
     A path without a data set, or one whose head is damaged, is a `DatasetError`.
     """
     attributes = attributes_of(path)
-    if not Layout.recognizes(attributes):
+    if attributes.get("kind") != Layout.kind or not isinstance(attributes.get("count"), int):
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
     sizes = attributes["layout"]
     layout = Layout(
@@ -139,4 +133,4 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
         tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
         sizes.get(BOUNCED_ERROR, False),
     )  # fmt: skip
-    return attributes, layout, digest_of(attributes)
+    return attributes, layout, Records(path, layout, attributes)

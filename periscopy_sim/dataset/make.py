@@ -96,7 +96,7 @@ def make_dataset(
     settings = configuration.located()
     if count is not None:
         settings = settings.model_copy(update={"count": count})
-    check_place(out, Layout.what, Layout.recognizes)
+    check_place(out, Layout.what)
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from periscopy_sim.dataset.layout import BOUNCED_ERROR, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.store import is_complete, is_recorded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,9 +45,8 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     import xarray as xr
 
     path = Path(path)
-    _, layout, digest = read_head(path)
-    blocks = map(layout.block, range(layout.blocks))
-    ready = sum(b.size for b in takewhile(lambda b: is_recorded(path, digest, b), blocks))
+    _, layout, records = read_head(path)
+    ready = sum(layout.block(n).size for n in takewhile(records.has, range(layout.blocks)))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -79,7 +77,7 @@ def verify_dataset(
     `progress` is called with the blocks checked and their number.
     """
     path = Path(path)
-    _, layout, digest = read_head(path)
+    _, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
     for name, values in data.variables.items():
         if "sample" not in values.dims and not (path / str(name) / "c" / "0").is_file():
@@ -87,7 +85,7 @@ def verify_dataset(
     damaged: list[tuple[int, int]] = []
     for block in map(layout.block, range(layout.blocks)):
         first, after = block.place["sample"].start, block.place["sample"].stop
-        if not is_complete(path, digest, block):
+        if not records.verify(block.number):
             if damaged and damaged[-1][1] == first:
                 first = damaged.pop()[0]
             damaged.append((first, after))
@@ -99,12 +97,11 @@ def verify_dataset(
 def describe(path: str | Path) -> dict[str, Any]:
     """Return a data set's sizes, its progress, and a summary of its samples, of JSON's types."""
     path = Path(path)
-    attributes, layout, digest = read_head(path)
+    attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    blocks = map(layout.block, range(layout.blocks))
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": sum(block.size for block in blocks if is_recorded(path, digest, block)),
+        "finished": sum(layout.block(n).size for n in range(layout.blocks) if records.has(n)),
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
         "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),

@@ -115,10 +115,6 @@ class SweepStore:
             },
         }  # fmt: skip
 
-    def recognizes(self, attributes: Mapping[str, Any]) -> bool:
-        """Return whether a store's attributes are those of a sweep."""
-        return "base_seed" in attributes
-
     def missing(self) -> list[Trial]:
         """Return the trials that are not complete yet."""
         return [self.trials[number] for number in self._store.missing()]

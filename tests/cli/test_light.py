@@ -109,7 +109,7 @@ def test_matrix_with_bounces_is_written_and_read(succeeds, tmp_path):
     assert record["bounces"] == "2"
     assert record["bounced_relative_error"] == expected.bounced.relative_error
     for bounces in (1, None):
-        with pytest.raises(PeriscopyError, match=r"A\.npy: .*--bounces 2"):
+        with pytest.raises(PeriscopyError, match=r"A\.npy: .*bounces 2"):
             read_transport(tmp_path / "A.npy", scenario, bounces)
     light = (tmp_path / "A.bounced.npz").read_bytes()
     (tmp_path / "A.bounced.npz").write_bytes(light[:-30])

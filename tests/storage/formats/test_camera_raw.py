@@ -16,7 +16,7 @@ CFA = 32803
 RGGB, GBRG = (0, 1, 1, 2), (1, 2, 0, 1)
 
 
-def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, **options):
+def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA):
     """A DNG of version 1.4: the tags that its specification asks for, and no more."""
     identity = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
     tags = [
@@ -30,9 +30,11 @@ def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, **options
         (50721, "2i", 9, identity, True),  # ColorMatrix1
         (50778, "H", 1, 21, True),  # CalibrationIlluminant1
     ]
+    if photometric != CFA:
+        tags = [tag for tag in tags if tag[0] not in (33421, 33422)]
     if len(black) > 1:
         tags.append((50713, "H", 2, (2, 2), True))  # BlackLevelRepeatDim
-    tifffile.imwrite(path, mosaic, photometric=CFA, extratags=tags, metadata=None, **options)
+    tifffile.imwrite(path, mosaic, photometric=photometric, extratags=tags, metadata=None)
     return path
 
 
@@ -56,6 +58,13 @@ def test_each_place_of_the_mosaic_has_its_own_black_level_and_colour(tmp_path):
         cell - black for cell, black in zip(cells(MOSAIC), (500, 510, 520, 530), strict=True)
     )
     assert np.allclose(exposure.values, np.stack([red, (green + other) / 2, blue], axis=-1))
+
+
+def test_a_monochrome_camera_gives_grey_at_full_size(tmp_path):
+    linear_raw = 34892
+    exposure, _ = read_sensor_image(write_dng(tmp_path / "y.dng", photometric=linear_raw))
+    assert exposure.cell == 1
+    assert np.array_equal(exposure.values, np.repeat(MOSAIC[..., None] - 512.0, 3, axis=2))
 
 
 def test_a_full_pixel_saturates_its_cell(tmp_path):
