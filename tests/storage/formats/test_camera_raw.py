@@ -61,8 +61,10 @@ def test_each_place_of_the_mosaic_has_its_own_black_level_and_colour(tmp_path):
 
 
 def test_a_monochrome_camera_gives_grey_at_full_size(tmp_path):
-    linear_raw = 34892
-    exposure, _ = read_sensor_image(write_dng(tmp_path / "y.dng", photometric=linear_raw))
+    path = write_dng(tmp_path / "y.dng", photometric="minisblack")
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        file.pages.first.tags["PhotometricInterpretation"].overwrite(34892)  # LinearRaw
+    exposure, _ = read_sensor_image(path)
     assert exposure.cell == 1
     assert np.array_equal(exposure.values, np.repeat(MOSAIC[..., None] - 512.0, 3, axis=2))
 
