@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.store import Block, Records, attributes_of
+from periscopy_sim.storage.outputs.store import Records, StoreLayout, attributes_of
 
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
@@ -44,9 +44,8 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 
 @dataclass(frozen=True)
 class Layout:
-    """The sizes of a data set, a `StoreLayout`."""
+    """The sizes of a data set."""
 
-    what: ClassVar[str] = "data set"
     kind: ClassVar[str] = "periscopy data set"
 
     count: int  # samples
@@ -69,30 +68,15 @@ class Layout:
         }
         return sizes | ({BOUNCED_ERROR: True} if self.bounced_error else {})
 
-    @property
-    def blocks(self) -> int:
-        """Return the number of blocks; the last may be cut short."""
-        return -(-self.count // self.block_size)
-
-    def block(self, number: int) -> Block:
-        """Return a block: a file of each variable."""
-        first = number * self.block_size
-        samples = slice(first, min(first + self.block_size, self.count))
-        files = {name: f"{name}/c/{number}" for name in self._labels()}
-        files |= {name: f"{name}/c/{number}/0/0/0" for name in self._stacks()}
-        return Block(number, {"sample": samples}, files)
-
-    def variables(self) -> dict[str, dict[str, Any]]:
-        """Return the layout of each variable that every sample has."""
+    def of_store(self) -> StoreLayout:
+        """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
         laid_out: dict[str, dict[str, Any]] = {}
         for name, (shape, dimensions, dtype) in self._stacks().items():
             # Noise leaves signs and exponents alike: shuffled bits compress them.
-            size = np.dtype(dtype).itemsize
-            blosc = BloscCodec(
-                cname="zstd", clevel=1, shuffle="bitshuffle", typesize=size, blocksize=0
-            )
+            settings = {"shuffle": "bitshuffle", "typesize": np.dtype(dtype).itemsize}
+            blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
             laid_out[name] = {
                 "shape": (self.count, *shape), "chunks": (1, *shape),
                 "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
@@ -106,7 +90,8 @@ class Layout:
                 "fill_value": fill, "dimension_names": ("sample",), "compressors": [Crc32cCodec()],
                 "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
             }  # fmt: skip
-        return laid_out
+        cuts = {"sample": (self.count, self.block_size)}
+        return StoreLayout("data set", laid_out, cuts, self.count)
 
     def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
         """Return those of `LABELS` that there are."""
@@ -133,4 +118,4 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
         tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
         sizes.get(BOUNCED_ERROR, False),
     )  # fmt: skip
-    return attributes, layout, Records(path, layout, attributes)
+    return attributes, layout, Records(path, layout.of_store(), attributes)

@@ -36,7 +36,7 @@ SHARES_PER_THREAD = 4
 
 @dataclass(frozen=True)
 class Made:
-    """Numbers of a run: it made `made` of `count` samples, of so many `geometries`.
+    """Numbers of a run: samples there are, those made now, and their geometries.
 
     `empty_splits` were asked for, but have no geometry.
     """
@@ -96,7 +96,7 @@ def make_dataset(
     settings = configuration.located()
     if count is not None:
         settings = settings.model_copy(update={"count": count})
-    check_place(out, Layout.what)
+    check_place(out, "data set")
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
@@ -116,28 +116,26 @@ def make_dataset(
         "versions": versions,
     }
     with alone_in(out / MAKING):
-        store = BlockStore(out, layout, attributes, _labels(settings, draws))
+        store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block_size
         by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
-        made = sum(layout.block(number).size for blocks in shares.values() for number in blocks)
+        made = sum(store.layout.block(n).size for blocks in shares.values() for n in blocks)
         done = layout.count - made
-        report(done, layout.count)
-        if made:
-            # Renderings of another seed or version, left before any sample, are not taken.
-            lit_by = digest_of({"seed": settings.seed, **versions})[:8]
-            folder = out / MAKING / f"ambient-{lit_by}"
-            scenarios = (scenario_of(settings, draws[geometry]) for geometry in shares)
-            backgrounds = backgrounds_of(settings, scenarios, given, folder, rendering)
-            # No sample depends on the count, and a geometry is remembered by this text.
-            text = settings.model_copy(update={"count": 1}).model_dump_json()
-            making = partial(make_block, text, layout.photograph_shape, backgrounds)
-            for block, values in _made(making, text, shares, scheduler):
-                # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
-                report(done, layout.count)
-                store.write(block, values)
-                done += layout.block(block).size
+        # Renderings of another seed or version, left before any sample, are not taken.
+        lit_by = digest_of({"seed": settings.seed, **versions})[:8]
+        folder = out / MAKING / f"ambient-{lit_by}"
+        scenarios = (scenario_of(settings, draws[geometry]) for geometry in shares)
+        backgrounds = backgrounds_of(settings, scenarios, given, folder, rendering)
+        # No sample depends on the count, and a geometry is remembered by this text.
+        text = settings.model_copy(update={"count": 1}).model_dump_json()
+        making = partial(make_block, text, layout.photograph_shape, backgrounds)
+        for block, values in _made(making, text, shares, scheduler):
+            # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
+            store.write(block, values)
+            done += store.layout.block(block).size
+        report(done, layout.count)
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
     return Made(layout.count, made, len(shares), tuple(empty))
@@ -176,7 +174,7 @@ def _made(
     scheduler: str | None,
 ) -> Iterator[tuple[int, Block]]:
     """Make blocks, geometry by geometry or wherever a worker is free."""
-    if scheduler is None:
+    if scheduler is None or not shares:
         for geometry, blocks in shares.items():
             make = partial(making, geometry)
             # Rendered here, not in the threads; path tracing is parallel by itself.

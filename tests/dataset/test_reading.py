@@ -1,3 +1,4 @@
+import json
 import shutil
 
 import numpy as np
@@ -7,7 +8,7 @@ import periscopy_sim as ps
 from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.dataset.reading import describe, verify_dataset
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.store import record_file
+from periscopy_sim.dataset.layout import read_head
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +32,10 @@ def test_variables_have_labelled_dimensions_units_and_provenance(whole):
     assert data.hidden.dims == ("sample", "hidden_row", "hidden_column", "channel")
     assert data.photograph.dtype == np.float32 and data.photograph.attrs["units"]
     assert data.channel.values.tolist() == ["red", "green", "blue"]
-    assert data.attrs["configuration"]["seed"] == 3
-    assert data.attrs["configuration"]["scenes"][0]["version"]
-    assert {"mitsuba", "variant", "numpy"} <= set(data.attrs["versions"])
+    configuration = json.loads(data.attrs["configuration"])
+    assert configuration["seed"] == 3
+    assert configuration["scenes"][0]["version"]
+    assert {"mitsuba", "variant", "numpy"} <= set(json.loads(data.attrs["versions"]))
     assert np.isfinite(data.photograph.values).all()
 
 
@@ -55,7 +57,7 @@ def test_verification_names_a_lost_file(data, lost):
 
 
 def test_unfinished_data_set_is_refused_unless_asked_for(data, configured):
-    record_file(data, 2).unlink()
+    read_head(data)[2].file(2).unlink()
     with pytest.raises(DatasetError, match="not finished, 20 of 46"):
         ps.open_dataset(data)
     assert ps.open_dataset(data, incomplete=True).sizes["sample"] == 20
@@ -101,9 +103,9 @@ def test_verification_lists_damaged_and_missing_samples(data, name):
     content = bytearray(file.read_bytes())
     content[-1] ^= 1
     file.write_bytes(content)
-    record_file(data, 1).unlink()
+    read_head(data)[2].file(1).unlink()
     assert verify_dataset(data) == [(10, 20), (30, 40)]
-    record_file(data, 2).unlink()
+    read_head(data)[2].file(2).unlink()
     assert verify_dataset(data) == [(10, 40)]
 
 
@@ -113,7 +115,7 @@ def test_description_counts_what_there_is(data):
     assert sum(found["split"].values()) == sum(found["ambient"].values()) == 46
     assert found["photograph"] == [16, 16] and found["hidden"] == [3, 4]
     assert found["snr"][0] >= 20 and found["snr"][1] <= 60
-    record_file(data, 4).unlink()
+    read_head(data)[2].file(4).unlink()
     assert describe(data)["finished"] == 40
     assert sum(describe(data)["split"].values()) == 40
 

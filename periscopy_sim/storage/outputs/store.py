@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,6 @@ MAKING = "making"
 class Block:
     """What is written at once, with files of its own."""
 
-    number: int  # counts the blocks of a store from 0
     place: Mapping[str, slice]  # its slice of each dimension that is cut into blocks
     files: Mapping[str, str]  # each variable's file, as seen from the store
 
@@ -42,26 +41,49 @@ class Block:
         return math.prod(each.stop - each.start for each in self.place.values())
 
 
-class StoreLayout(Protocol):
-    """The variables of a store, and how it is cut into blocks."""
+@dataclass(frozen=True)
+class StoreLayout:
+    """The variables of a store, and how it is cut into blocks.
+
+    Attributes
+    ----------
+    what
+        Name of the store in messages: a sweep.
+    variables
+        Arguments of `zarr.Group.create_array` for each variable that is cut into blocks.
+    cuts
+        Length and length of a block for each dimension that is cut; the last may be cut short.
+    count
+        Entries, if they may become more from run to run; else None.
+    """
+
+    what: str
+    variables: Mapping[str, Mapping[str, Any]]
+    cuts: Mapping[str, tuple[int, int]]
+    count: int | None = None
 
     @property
-    def what(self) -> str:
-        """Return the name of the store in messages: a sweep."""
+    def grid(self) -> list[int]:
+        """Numbers of blocks along the dimensions that are cut."""
+        return [-(-length // size) for length, size in self.cuts.values()]
 
     @property
-    def count(self) -> int | None:
-        """Return the entries, if they may become more from run to run; else None."""
-
-    @property
-    def blocks(self) -> int:
-        """Return the number of blocks."""
+    def blocks(self) -> range:
+        """Numbers of the blocks, row-major."""
+        return range(math.prod(self.grid))
 
     def block(self, number: int) -> Block:
-        """Return a block."""
-
-    def variables(self) -> dict[str, dict[str, Any]]:
-        """Return the arguments of `zarr.Group.create_array` for each variable of blocks."""
+        """Return a block: a file of each variable."""
+        index = dict(zip(self.cuts, map(int, np.unravel_index(number, self.grid)), strict=True))
+        place = {
+            name: slice(index[name] * size, min((index[name] + 1) * size, length))
+            for name, (length, size) in self.cuts.items()
+        }
+        chunks = {
+            name: "/".join(str(index.get(dimension, 0)) for dimension in each["dimension_names"])
+            for name, each in self.variables.items()
+        }
+        return Block(place, {name: f"{name}/c/{chunk}" for name, chunk in chunks.items()})
 
 
 class Records:
@@ -140,7 +162,7 @@ class BlockStore:
                 if torn.is_file():
                     torn.unlink()
             for number in self.records.numbers():  # before the head tells of more than there is
-                if not (number < layout.blocks and self.records.has(number)):
+                if not (number in layout.blocks and self.records.has(number)):
                     self.records.file(number).unlink()
             # The head of the whole comes last: `zarr.json` is behind all other names.
             with staged_folder(path) as head:
@@ -149,7 +171,7 @@ class BlockStore:
 
     def missing(self) -> Iterator[int]:
         """Yield the numbers of the blocks that are missing, smaller, or not what was written."""
-        return (n for n in range(self.layout.blocks) if not self.records.verify(n))
+        return (n for n in self.layout.blocks if not self.records.verify(n))
 
     def write(self, number: int, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
@@ -173,7 +195,7 @@ class BlockStore:
         held.pop("count", None)
         check_settings(held, wanted, str(self.path), self.layout.what)
         last, samples = numbers[-1], self.records.read(numbers[-1]).get("samples", 0)
-        if last >= self.layout.blocks or samples > self.layout.block(last).size:
+        if last not in self.layout.blocks or samples > self.layout.block(last).size:
             raise OutputError(
                 f"{self.path} holds more than {self.layout.count} samples; ask for as many or "
                 "more, or name another folder"
@@ -189,7 +211,7 @@ class BlockStore:
         group = zarr.create_group(head, zarr_format=3, attributes={**attributes, **count})
         making = zarr.create_group(head / MAKING, zarr_format=3)
         making.attrs["description"] = "marks of the blocks that are finished, and what made them"
-        for name, settings in self.layout.variables().items():
+        for name, settings in self.layout.variables.items():
             group.create_array(name, **settings)
         for name, (dimension, values) in labels.items():
             is_text = isinstance(values[0], str)

@@ -42,7 +42,7 @@ def block(number, size=3):
 def archive(path, count=7, attributes=ATTRIBUTES):
     (path / MAKING).mkdir(parents=True, exist_ok=True)
     labels = {"geometry_scene": ("geometries", ["chair"]), "channel": ("channel", list("rgb"))}
-    return BlockStore(path, layout(count), attributes, labels)
+    return BlockStore(path, layout(count).of_store(), attributes, labels)
 
 
 def filled(path, count=7):
@@ -95,7 +95,7 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     filled(tmp_path / "d")
     rng = np.random.default_rng(0)
     for name in block(1):
-        file = tmp_path / "d" / layout().block(1).files[name]
+        file = tmp_path / "d" / layout().of_store().block(1).files[name]
         content = file.read_bytes()
         if damage == "remove":
             file.unlink()
