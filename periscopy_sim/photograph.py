@@ -15,6 +15,9 @@ from periscopy_sim.numerics.validation import LIGHT_RANGE
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+AXES = ("row", "column", "channel")
+"""Names of a photograph's dimensions, where they are labelled."""
+
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
@@ -108,7 +111,9 @@ def _checked(
 ) -> Array:
     """Return values as (rows, columns, 3) float64; see `Photograph.of`."""
     try:
-        array = np.asarray(values)
+        array = plain_array(values, name)
+    except PhotographError:
+        raise
     except ValueError as error:  # rows of different lengths
         raise PhotographError(f"{name}: is no array of numbers ({error}); give one") from error
     check_real(array.dtype, name)
@@ -135,6 +140,21 @@ def _checked(
     if not LIGHT_RANGE[0] <= (largest := np.abs(used).max()) <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return np.repeat(light, 3 // light.shape[2], axis=2)
+
+
+def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
+    """Return values as an array in the order of their dimensions, where these have names.
+
+    NumPy drops masks and names. Masked values and other names are a `PhotographError`.
+    """
+    axes = getattr(values, "dims", ())
+    if set(axes) <= set(AXES):
+        values = values.transpose(*(axis for axis in AXES if axis in axes)) if axes else values
+    elif axes:
+        raise PhotographError(f"{name}: has dimensions {axes}; name them {', '.join(AXES)}")
+    if np.ma.is_masked(values):
+        raise PhotographError(f"{name}: has masked values; give the mask apart, True where used")
+    return np.asarray(values)
 
 
 def used_pixels(image: NDArray[Any], mask: Mask | None) -> NDArray[Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Mask, check_real, with_channels
+from periscopy_sim.photograph import Mask, check_real, plain_array, with_channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def sensor_image(
     """
     if isinstance(values, SensorImage):
         return values
-    array = np.asarray(values)
+    array = plain_array(values, name)
     check_real(array.dtype, name)
     array = with_channels(array, name)
     with np.errstate(over="ignore", invalid="ignore"):
