@@ -32,6 +32,8 @@ class TorchTransport:
         (M, N) tensor.
     hidden_shape, photograph_shape
         (rows, columns).
+    gain
+        (3, 1) tensor, the wall's colour.
 
     Raises
     ------
@@ -61,14 +63,14 @@ class TorchTransport:
         self.A = torch.as_tensor(A, device=device, dtype=dtype)
         gain = np.ones(3, A.dtype) if sizes.channel_gain is None else sizes.channel_gain
         self._grey = sizes.channel_gain is None
-        self._gain = torch.as_tensor(gain).to(self.A)[:, None]
+        self.gain = torch.as_tensor(gain).to(self.A)[:, None]
 
     def to(self, device: Any = None, dtype: Any = None) -> TorchTransport:
         """Return the same on another device or of another type."""
         moved = object.__new__(TorchTransport)
         moved.__dict__.update(self.__dict__)
         moved.A = self.A.to(device=device, dtype=dtype)
-        moved._gain = self._gain.to(moved.A)
+        moved.gain = self.gain.to(moved.A)
         return moved
 
     def forward(self, image: Any) -> Any:
@@ -86,7 +88,7 @@ class TorchTransport:
     __call__ = forward
 
     def _coloured(self, y: Any) -> Any:
-        return y if self._grey else (y.reshape(-1, 3, y.shape[-1]) * self._gain).reshape(y.shape)
+        return y if self._grey else (y.reshape(-1, 3, y.shape[-1]) * self.gain).reshape(y.shape)
 
     def _planes(self, images: Any, shape: Shape, what: str) -> Any:
         """Return (..., 3, rows, columns) as (K, rows * columns)."""

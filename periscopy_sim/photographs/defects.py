@@ -154,7 +154,7 @@ def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
         return np.zeros(channel.shape, bool)
     below = counts[-1 - NEXT_LEVELS : -1]
     is_detached = levels[-1] - levels[-2] > DETACHED * (levels[-1] - levels[0])
-    is_plateau = is_detached or counts[-1] > min(3 * below.max(), 1.5 * below.sum())
+    is_plateau = is_detached or counts[-1] > 2 * below.max()
     return np.asarray((channel == levels[-1]) & is_plateau)
 
 

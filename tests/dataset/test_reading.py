@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.dataset.layout import read_head
 from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.dataset.reading import describe, verify_dataset
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.dataset.layout import read_head
 
 
 @pytest.fixture(scope="module")
