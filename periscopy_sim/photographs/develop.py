@@ -104,14 +104,9 @@ def merge(exposures: Iterable[SensorImage], times: Sequence[float]) -> SensorIma
     Each value is the sum of counts over the sum of times, the best estimate under Poisson noise, of
     the exposures that are not saturated there. A longer exposure joins where the mean of the pixels
     around, in the shorter ones, would fill at most `FILLED` of its range. The pixel's own value
-    would exclude an exposure where noise made it bright, and keep it where noise made it dark.
-
-    Parameters
-    ----------
-    exposures
-        Of one view and size; what is saturated in the shortest is saturated in the result.
-    times
-        Of each, positive, in any unit.
+    would exclude an exposure where noise made it bright, and keep it where noise made it dark. The
+    exposures are of one view and size, the times positive, in any unit; what is saturated in the
+    shortest exposure is saturated in the result.
     """
     from scipy.ndimage import uniform_filter
 

@@ -37,21 +37,14 @@ _MOST_POINTS = 200_000
 class FilmAdvice:
     """The film that shows what a photograph holds of the hidden image.
 
-    Attributes
-    ----------
-    step
-        Metres on the wall by which the sharpest shadow moves from one patch to the next; None where
-        no mesh casts a shadow into the field of view.
-    pixel
-        Metres of the scene's own pixels on the wall, along their longer side.
-    shape, patches
-        (rows, columns) of the scene's own film, and the number of patches of the hidden image.
+    `step` is the distance on the wall by which the sharpest shadow moves from one patch to the
+    next; None where no mesh casts a shadow into the field of view.
     """
 
-    step: float | None
-    pixel: float
-    shape: tuple[int, int]
-    patches: int
+    step: float | None  # metres
+    pixel: float  # metres of the scene's own pixels on the wall, along their longer side
+    shape: tuple[int, int]  # (rows, columns) of the scene's own film
+    patches: int  # of the hidden image
 
     def pixels_in_step(self, shape: tuple[int, int]) -> float:
         """Return how many pixels a step has on a film of (rows, columns)."""

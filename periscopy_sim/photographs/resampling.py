@@ -52,24 +52,12 @@ def average_areas(
 ) -> tuple[Array, NDArray[np.uint8]]:
     """Return an image averaged over quadrilaterals, each pixel weighted by its area in them.
 
-    The areas are exact: every pixel clips each quadrilateral that it meets.
-
-    Parameters
-    ----------
-    image
-        (height, width, channels), constant over each of its pixels.
-    flaws
-        (height, width) uint8 of `Flaw`.
-    corners
-        (rows + 1, columns + 1, 2) column and row in the image of the new pixels' corners, finite;
-        the image's first pixel reaches from 0 to 1.
-
-    Returns
-    -------
-    values
-        (rows, columns, channels); NaN where a new pixel covers no sound pixel.
-    flaws
-        (rows, columns) uint8, the flaws within each new pixel and its own.
+    The areas are exact: every pixel clips each quadrilateral that it meets. The image is (height,
+    width, channels), constant over each of its pixels, with `flaws`, (height, width) uint8 of
+    `Flaw`. `corners`, (rows + 1, columns + 1, 2), are columns and rows in the image of the new
+    pixels' corners; the image's first pixel reaches from 0 to 1. Return (rows, columns, channels)
+    values, NaN where a new pixel covers no sound pixel, and (rows, columns) uint8, the flaws within
+    each new pixel and its own.
     """
     rows, columns = corners.shape[0] - 1, corners.shape[1] - 1
     image = np.ascontiguousarray(image, dtype=np.float32)

@@ -32,21 +32,10 @@ def find_tags(
 ) -> tuple[NDArray[np.int64], Array]:
     """Find tags by their numbers in a linear (rows, columns, 3) photograph.
 
-    The tags are of one family: that with most of these numbers in the photograph.
-
-    Returns
-    -------
-    places
-        (k,) indices in `ids` of the tags that the photograph shows.
-    corners
-        (k, 4, 2) column and row of their corners, clockwise; the first pixel's centre is at
-        (0.5, 0.5).
-
-    Raises
-    ------
-    PhotographError
-        If the photograph shows a tag twice, or fewer than `FEWEST`; the message lists which tags of
-        which families it shows.
+    Return (k,) indices in `ids` of the tags that the photograph shows, and (k, 4, 2) columns and
+    rows of their corners, clockwise; the first pixel's centre is at (0.5, 0.5). The tags are of one
+    family: that with most of these numbers in the photograph. A PhotographError lists the tags of
+    every family that it shows, if these are fewer than `FEWEST` or one is there twice.
     """
     grey = photograph.mean(axis=2, dtype=np.float64)
     white = float(np.percentile(grey, 99.5))
