@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import repeat
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph, blackened, check_real, check_size
 from periscopy_sim.storage.formats.arrays import mapped_stack, zarr_stack
-from periscopy_sim.storage.formats.decoding import Frames, decoding, listed
+from periscopy_sim.storage.formats.decoding import decoding, listed
 from periscopy_sim.storage.formats.table import format_of, suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
@@ -27,9 +28,24 @@ Array = NDArray[np.float64]
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
 
 
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Photographs in time's order, each decoded and checked when it is read."""
+
+    names: tuple[str, ...]  # the file or the number of each
+    warnings: tuple[str, ...]  # what was left out of the whole, one line each
+    read: Callable[[int], Photograph]  # returns a frame by its number
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[Photograph]:
+        return map(self.read, range(len(self)))
+
+
 def open_frames(
     path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
-) -> Frames[Photograph]:
+) -> Frames:
     """Open a sequence of photographs; each is read and checked when its turn comes.
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
@@ -98,29 +114,25 @@ def open_frames(
 
 
 def decoded_photographs(
-    sequence: Frames[Photograph],
+    sequence: Frames,
     shape: tuple[int, int],
     mask: NDArray[np.bool_] | None,
     file: Path,
     progress: Callable[[float], None],
 ) -> tuple[NDArray[np.floating[Any]], list[str]]:
-    """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
+    """Return all photographs of a sequence, and the first warning of each kind.
 
-    They are (rows, columns, 3) each, black where the mask leaves them out, as they are drawn, and
-    kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
+    The photographs are (rows, columns, 3) each, black where the mask leaves them out, as they are
+    drawn, and kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
     """
-    of_kind: dict[str, list[str]] = {}
+    of_kind: dict[str, str] = {}
     with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
         for k, photograph in enumerate(sequence, 1):
             write(blackened(photograph.values, mask))
             for warning in photograph.warnings:
-                of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
+                of_kind.setdefault(warning.partition(": ")[2], warning)
             progress(k / len(sequence))
-    counted = (
-        first + (f" (likewise {len(others)} more)" if others else "")
-        for first, *others in of_kind.values()
-    )
-    return mapped_stack(file), [*sequence.warnings, *counted]
+    return mapped_stack(file), [*sequence.warnings, *of_kind.values()]
 
 
 def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:

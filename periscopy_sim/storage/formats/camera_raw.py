@@ -14,6 +14,7 @@ import numpy as np
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, decoding, upright
+from periscopy_sim.storage.formats.matlab import bayer_colours
 from periscopy_sim.storage.formats.rasters import reaches_its_pixels
 
 RAW_SUFFIXES = (
@@ -53,12 +54,7 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
                 f"{path}: its mosaic is no Bayer pattern of red, green and blue; export it as "
                 "16-bit linear TIFF"
             )
-        rows, columns = counts.shape[0] // 2 * 2, counts.shape[1] // 2 * 2
         counts -= np.array(raw.black_level_per_channel, np.float32)[colours]
-        light = np.zeros((rows // 2, columns // 2, 3), np.float32)
-        saturated = np.zeros(light.shape[:2], bool)
-        for k, letter in enumerate(places):
-            place = (slice(k // 2, rows, 2), slice(k % 2, columns, 2))
-            light[..., "RGB".index(letter)] += counts[place] / places.count(letter)
-            saturated |= full[place]
+        light = bayer_colours(counts, places)
+        saturated = bayer_colours(full, places).any(axis=2)
     return Picture(upright(light, flip), saturated=upright(saturated, flip), cell=2)

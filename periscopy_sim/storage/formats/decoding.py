@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-
-Frame = TypeVar("Frame")
 
 LINEAR, SRGB, GAMMA = "linear", "sRGB", "gamma 1/2.2"
 """Encodings that a file may declare; converters write the last for linear light, too."""
@@ -31,31 +29,6 @@ class Picture:
     exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
     cell: int = 1  # pixels of the sensor along each side of one of these
-
-
-@dataclass(frozen=True, eq=False)
-class Frames(Generic[Frame]):
-    """Frames in time's order, each decoded when it is read.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The file or the number of each.
-    warnings : tuple of str
-        What was left out of the whole, one line each.
-    read : callable
-        Returns a frame by its number.
-    """
-
-    names: tuple[str, ...]
-    warnings: tuple[str, ...]
-    read: Callable[[int], Frame]
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def __iter__(self) -> Iterator[Frame]:
-        return map(self.read, range(len(self)))
 
 
 def listed(names: Sequence[str]) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, decoding
@@ -63,7 +63,7 @@ def picture_of(matrices: Mapping[str, NDArray[Any]], path: Path) -> Picture:
             raise PhotographError(f"{path}: '{name}' is not one positive number; store it as such")
         exposure *= value.item()
     with np.errstate(over="ignore", invalid="ignore"):
-        return Picture(bayer_colours(counts), exposure=exposure, cell=2)
+        return Picture(bayer_colours(counts.astype(np.float64)), exposure=exposure, cell=2)
 
 
 def averaged_counts(
@@ -86,13 +86,14 @@ def averaged_counts(
         return np.asarray(blocks.mean(axis=(1, 3)) / exposure, np.float64)
 
 
-def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
-    """Return half-size colours of Bayer counts: red at even and blue at odd rows and columns.
+def bayer_colours(counts: NDArray[Any], places: Sequence[str] = "RGGB") -> NDArray[Any]:
+    """Return half-size colours, (rows, columns, 3), of (2 rows, 2 columns) Bayer counts.
 
-    The counts are (2 rows, 2 columns), the result is (rows, columns, 3); the two greens of each
-    cell are averaged.
+    `places` are the colours of a cell, row-major; its two greens are averaged.
     """
-    counts = np.asarray(counts, dtype=np.float64)
-    red, blue = counts[0::2, 0::2], counts[1::2, 1::2]
-    green = (counts[0::2, 1::2] + counts[1::2, 0::2]) / 2
-    return np.stack([red, green, blue], axis=-1)
+    rows, columns = counts.shape[0] // 2, counts.shape[1] // 2
+    colours = np.zeros((rows, columns, 3), np.result_type(counts, np.float32))
+    for k, letter in enumerate(places):
+        cells = counts[k // 2 : 2 * rows : 2, k % 2 : 2 * columns : 2]
+        colours[..., "RGB".index(letter)] += cells / places.count(letter)
+    return colours

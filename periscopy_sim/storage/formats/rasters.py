@@ -51,18 +51,13 @@ def read_png(path: Path, key: str) -> Picture:
         chunks = dict(png.Reader(bytes=content).chunks())
         encoding = _png_encoding(chunks, path) if key == PHOTOGRAPH else None
         if chunks[b"IHDR"][8] < 16:
-            return _read_with_pillow(path, "PNG", key, encoding)
+            return read_8_bits(path, key, "PNG", encoding)
         columns, rows, lines, info = png.Reader(bytes=content).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
         exif = Image.Exif()
         exif.load(chunks.get(b"eXIf", b""))
         image = upright(values.reshape(rows, columns, info["planes"]), _flip_of(exif))
         return _picture(image, path, encoding)
-
-
-def read_jpeg(path: Path, key: str) -> Picture:
-    """Read a JPEG file, grey or RGB."""
-    return _read_with_pillow(path, "JPEG", key)
 
 
 def read_tiff(path: Path, key: str) -> Picture:
@@ -80,7 +75,7 @@ def read_tiff(path: Path, key: str) -> Picture:
         if not is_deep and flip & 4:  # Pillow 13 scrambles some
             raise PhotographError(f"{path}: is stored turned by 90 degrees; save it upright")
         if not is_deep:
-            return _read_with_pillow(path, "TIFF", key)
+            return read_8_bits(path, key, "TIFF")
         if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
             raise PhotographError(f"{path}: is {page.photometric.name}; save it as grey or RGB")
         if tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples:
@@ -162,8 +157,8 @@ def _flip_of(exif: Mapping[int, Any]) -> int:
     return _FLIPS[orientation] if orientation in range(9) else 0
 
 
-def _read_with_pillow(path: Path, kind: str, key: str, encoding: str | None = None) -> Picture:
-    """Read 8 bits a channel or fewer, palettes looked up."""
+def read_8_bits(path: Path, key: str, kind: str = "JPEG", encoding: str | None = None) -> Picture:
+    """Read a file of 8 bits a channel or fewer, by Pillow, palettes looked up."""
     from PIL import Image, ImageOps
 
     with decoding(path, kind), Image.open(path, formats=[kind]) as picture:

@@ -19,7 +19,7 @@ from periscopy_sim.storage.formats.camera_raw import RAW_SIGNATURES, RAW_SUFFIXE
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.matlab import read_matlab_counts
-from periscopy_sim.storage.formats.rasters import read_jpeg, read_png, read_tiff
+from periscopy_sim.storage.formats.rasters import read_8_bits, read_png, read_tiff
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ FORMATS = (
     FileFormat("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), read_npz, npz_array),
     FileFormat("PNG", (".png",), ((0, b"\x89PNG\r\n\x1a\n"),), read_png),
     FileFormat("TIFF", (".tif", ".tiff"), TIFF, read_tiff),
-    FileFormat("JPEG", (".jpg", ".jpeg"), ((0, b"\xff\xd8\xff"),), read_jpeg),
+    FileFormat("JPEG", (".jpg", ".jpeg"), ((0, b"\xff\xd8\xff"),), read_8_bits),
     FileFormat(
         "camera raw", RAW_SUFFIXES, RAW_SIGNATURES, read_camera_raw, is_raw=True, within="TIFF"
     ),

@@ -43,24 +43,12 @@ class Block:
 
 @dataclass(frozen=True)
 class StoreLayout:
-    """The variables of a store, and how it is cut into blocks.
+    """The variables of a store, and how it is cut into blocks; the last may be cut short."""
 
-    Attributes
-    ----------
-    what
-        Name of the store in messages: a sweep.
-    variables
-        Arguments of `zarr.Group.create_array` for each variable that is cut into blocks.
-    cuts
-        Length and length of a block for each dimension that is cut; the last may be cut short.
-    count
-        Entries, if they may become more from run to run; else None.
-    """
-
-    what: str
-    variables: Mapping[str, Mapping[str, Any]]
-    cuts: Mapping[str, tuple[int, int]]
-    count: int | None = None
+    what: str  # name of the store in messages: a sweep
+    variables: Mapping[str, Mapping[str, Any]]  # arguments of `zarr.Group.create_array`
+    cuts: Mapping[str, tuple[int, int]]  # length and block's length of each dimension that is cut
+    count: int | None = None  # entries, if they may become more from run to run
 
     @property
     def grid(self) -> list[int]:
