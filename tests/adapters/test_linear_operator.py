@@ -67,10 +67,3 @@ def test_single_precision_stays_single(A):
 def test_what_does_not_fit_is_refused(A, given, says):
     with pytest.raises(ValueError, match=says):
         transport_operator(A, **given)
-
-
-def test_wrong_vectors_and_types_are_refused(A):
-    with pytest.raises(ValueError, match="float32 or float64"):
-        transport_operator(A.astype(int))
-    with pytest.raises(ValueError, match="does not hold 7 numbers"):
-        transport_operator(A).image(np.zeros(7))

@@ -91,12 +91,6 @@ def test_damaged_chunk_is_an_error_not_a_sample(data):
         opened.photograph[10].values  # noqa: B018
 
 
-def test_whole_data_set_is_verified(whole):
-    steps = []
-    assert verify_dataset(whole, lambda *step: steps.append(step)) == []
-    assert steps[-1] == (5, 5)
-
-
 @pytest.mark.parametrize("name", ["photograph", "hidden", "sbr", "ambient"])
 def test_verification_lists_damaged_and_missing_samples(data, name):
     file = data / name / ("c/3/0/0/0" if name in ("photograph", "hidden") else "c/3")

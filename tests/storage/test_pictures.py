@@ -112,20 +112,15 @@ def test_transparent_parts_are_dark(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    "values",
     [
-        (np.full((4, 4, 3), -0.1), "negative"),
-        (np.full((4, 4), np.nan), "NaN"),
-        (np.ones((4, 4, 4)), "shape"),
-        (np.ones((0, 4, 3)), "shape"),
-        (np.ones(4), "shape"),
-        (np.ones((4, 4), np.int64), "int64"),
-        (np.ones((4, 4), complex), "complex"),
+        np.full((4, 4, 3), -0.1), np.full((4, 4), np.nan), np.ones((4, 4, 4)), np.ones((0, 4, 3)),
+        np.ones(4), np.ones((4, 4), np.int64), np.ones((4, 4), complex),
     ],
-)
-def test_arrays_that_are_no_picture_are_refused(tmp_path, values, said):
+)  # fmt: skip
+def test_arrays_that_are_no_picture_are_refused(tmp_path, values):
     np.save(tmp_path / "f.npy", values)
-    with pytest.raises(PhotographError, match=said):
+    with pytest.raises(PhotographError, match=r"f\.npy"):
         read_hidden_image(tmp_path / "f.npy", (2, 2))
 
 
@@ -150,14 +145,6 @@ def test_fourth_channel_of_a_tiff_is_what_the_file_says(tmp_path, alpha):
         assert np.allclose(found, 0.3 if alpha == "unassalpha" else 0.6)
 
 
-def test_other_formats_and_missing_files_are_refused(tmp_path):
-    (tmp_path / "f.npz").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(105) + b"\x00\x01IM")
-    with pytest.raises(PhotographError, match="is MATLAB"):
-        read_hidden_image(tmp_path / "f.npz", (2, 2))
-    with pytest.raises(PhotographError, match="no such file"):
-        read_hidden_image(tmp_path / "f.png", (2, 2))
-
-
 def test_written_png_shows_the_image_and_says_where_it_comes_from(tmp_path):
     image = np.concatenate([LIGHT, [[[-1, 0, 0.5], [1, 2, 1e-3]] * 3]])
     text = {"command": "periscopy demo", "scene": "κάθισμα.xml", "seed": "7"}
@@ -177,8 +164,3 @@ def test_what_is_no_image_is_not_written(tmp_path):
     with pytest.raises(OutputError):
         write_png(tmp_path, LIGHT, {})
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_shipped_image_is_named_where_no_file_is_of_that_name():
-    with pytest.raises(PhotographError, match=r"shipped image is ps\.find_image\('mushroom'\)"):
-        read_hidden_image("mushroom", (3, 4))

@@ -21,16 +21,6 @@ def read(path):
     return [frame.values for frame in open_frames(path, SHAPE)]
 
 
-@pytest.mark.parametrize("dtype", [">f8", "<u2", "float16", "int32"])
-def test_stack_of_any_real_type_is_read(dtype, save, tmp_path):
-    clip = (CLIP * 100).astype(dtype)
-    np.save(tmp_path / "y.npy", np.asfortranarray(clip))
-    save.npz(tmp_path / "y.npz", clip)
-    save.bare_zarr(tmp_path / "y.zarr", clip.astype(clip.dtype.newbyteorder("=")))
-    for name in ("y.npy", "y.npz", "y.zarr"):
-        assert np.array_equal(read(tmp_path / name), clip), name
-
-
 @pytest.mark.parametrize("chunks", [(1, 6, 5, 3), (5, 2, 5, 1), (12, 6, 5, 3)])
 @pytest.mark.parametrize("zarr_format", [2, 3])
 def test_zarr_chunks_may_lie_anyhow(chunks, zarr_format, save, tmp_path):

@@ -5,7 +5,7 @@ import pytest
 import tifffile
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.photographs import read_photograph, read_sensor_image
+from periscopy_sim.storage.photographs import read_sensor_image
 
 pytest.importorskip("rawpy")
 
@@ -96,13 +96,6 @@ def test_noise_stays_white(tmp_path):
         assert channel.std() == pytest.approx(deviation, rel=0.03)
 
 
-def test_photographs_of_the_right_size_are_read_directly(tmp_path):
-    path = write_dng(tmp_path / "y.dng")
-    assert read_photograph(path, (32, 48)).values.shape == (32, 48, 3)
-    with pytest.raises(PhotographError, match=r"32 x 48 pixels .*`periscopy prepare`"):
-        read_photograph(path, (16, 24))
-
-
 def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
     whole = write_dng(tmp_path / "y.dng").read_bytes()
     for kept in (len(whole) - 1, len(whole) // 2, 300, 9):
@@ -110,10 +103,3 @@ def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
         with pytest.raises(PhotographError) as caught:
             read_sensor_image(tmp_path / "z.dng")
         assert str(tmp_path / "z.dng") in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_a_raw_file_is_no_mask(tmp_path):
-    from periscopy_sim.storage.photographs import read_mask
-
-    with pytest.raises(PhotographError, match="is camera raw"):
-        read_mask(write_dng(tmp_path / "y.dng"), (32, 48))

@@ -38,19 +38,6 @@ def test_any_memory_layout_is_written_right(tmp_path, view):
     assert np.array_equal(read_exr(tmp_path / "y.exr")[0], view)
 
 
-def test_same_inputs_give_the_same_bytes_in_any_process(tmp_path):
-    write_exr(tmp_path / "here.exr", IMAGE, {"a": "x", "b": 2.0})
-    np.save(tmp_path / "image.npy", IMAGE)
-    script = (
-        "import sys, numpy; from pathlib import Path\n"
-        "from periscopy_sim.storage.formats.exr import write_exr\n"
-        "folder = Path(sys.argv[1])\n"
-        "write_exr(folder / 'there.exr', numpy.load(folder / 'image.npy'), {'b': 2.0, 'a': 'x'})"
-    )
-    subprocess.run([sys.executable, "-c", script, str(tmp_path)], check=True)
-    assert (tmp_path / "here.exr").read_bytes() == (tmp_path / "there.exr").read_bytes()
-
-
 def test_wrong_shapes_are_refused(tmp_path):
     for image in (IMAGE[..., 0], IMAGE[..., :2], IMAGE[:0]):
         with pytest.raises(ValueError, match="shape"):
@@ -100,3 +87,16 @@ def test_several_parts_and_deep_images_are_refused(tmp_path):
     save(tmp_path / "deep.exr", {c: samples.copy() for c in "RGB"}, **deep)
     with pytest.raises(PhotographError, match="deep"):
         read_exr(tmp_path / "deep.exr")
+
+
+def test_same_inputs_give_the_same_bytes_in_any_process(tmp_path):
+    write_exr(tmp_path / "here.exr", IMAGE, {"a": "x", "b": 2.0})
+    np.save(tmp_path / "image.npy", IMAGE)
+    script = (
+        "import sys, numpy; from pathlib import Path\n"
+        "from periscopy_sim.storage.formats.exr import write_exr\n"
+        "folder = Path(sys.argv[1])\n"
+        "write_exr(folder / 'there.exr', numpy.load(folder / 'image.npy'), {'b': 2.0, 'a': 'x'})"
+    )
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], check=True)
+    assert (tmp_path / "here.exr").read_bytes() == (tmp_path / "there.exr").read_bytes()
