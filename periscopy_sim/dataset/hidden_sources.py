@@ -40,9 +40,8 @@ class Shapes(Source):
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, or an image of shapes at rest."""
         aspect = shape[1] / shape[0]
-        speed = self.speed or Distribution(
-            **({"uniform": (0.01, 0.06)} if self.kind == "moving" else {"value": 0.0})
-        )
+        usual = {"uniform": (0.01, 0.06)} if self.kind == "moving" else {"value": 0.0}
+        speed = self.speed or Distribution.model_validate(usual)
         count = round(self.number.draw(rng))
         ground = _colour(rng) * rng.uniform(0, 0.5)
         corners = [_outline(rng) * self.size.draw(rng) for _ in range(count)]

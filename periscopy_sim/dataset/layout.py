@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.storage.outputs.store import Records, StoreLayout, attributes_of
+
+KIND = "periscopy data set"
 
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
@@ -46,10 +48,8 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 class Layout:
     """The sizes of a data set."""
 
-    kind: ClassVar[str] = "periscopy data set"
-
     count: int  # samples
-    block_size: int  # samples in a block
+    block: int  # samples in a block
     photograph_shape: tuple[int, int]  # (rows, columns)
     hidden_shape: tuple[int, int]  # (R, C)
     photograph_type: str
@@ -58,15 +58,10 @@ class Layout:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """Return the sizes without the count, of JSON's types, as `read_head` reads them."""
-        sizes = {
-            "block": self.block_size,
-            "photograph_shape": list(self.photograph_shape),
-            "hidden_shape": list(self.hidden_shape),
-            "photograph_type": self.photograph_type,
-            "keep_background": self.keep_background,
-        }
-        return sizes | ({BOUNCED_ERROR: True} if self.bounced_error else {})
+        """The sizes without the count, of JSON's types, as `read_head` reads them."""
+        sizes = {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}
+        left_out = {"count"} if self.bounced_error else {"count", BOUNCED_ERROR}
+        return {name: size for name, size in sizes.items() if name not in left_out}
 
     def of_store(self) -> StoreLayout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
@@ -79,18 +74,18 @@ class Layout:
             blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
             laid_out[name] = {
                 "shape": (self.count, *shape), "chunks": (1, *shape),
-                "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
+                "shards": (self.block, *shape), "dtype": dtype, "fill_value": np.nan,
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
                 "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
             }  # fmt: skip
         for name, (dtype, long_name, units) in self._labels().items():
             fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
             laid_out[name] = {
-                "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
+                "shape": (self.count,), "chunks": (self.block,), "dtype": dtype,
                 "fill_value": fill, "dimension_names": ("sample",), "compressors": [Crc32cCodec()],
                 "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
             }  # fmt: skip
-        cuts = {"sample": (self.count, self.block_size)}
+        cuts = {"sample": (self.count, self.block)}
         return StoreLayout("data set", laid_out, cuts, self.count)
 
     def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
@@ -110,12 +105,8 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     A path without a data set, or one whose head is damaged, is a `DatasetError`.
     """
     attributes = attributes_of(path)
-    if attributes.get("kind") != Layout.kind or not isinstance(attributes.get("count"), int):
+    if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
-    sizes = attributes["layout"]
-    layout = Layout(
-        attributes["count"], sizes["block"], tuple(sizes["photograph_shape"]),
-        tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
-        sizes.get(BOUNCED_ERROR, False),
-    )  # fmt: skip
+    sizes = {n: tuple(v) if isinstance(v, list) else v for n, v in attributes["layout"].items()}
+    layout = Layout(attributes["count"], **sizes)
     return attributes, layout, Records(path, layout.of_store(), attributes)

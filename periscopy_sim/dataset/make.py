@@ -20,7 +20,7 @@ from periscopy_sim.dataset.geometry import (
     given_light,
     scenario_of,
 )
-from periscopy_sim.dataset.layout import Layout
+from periscopy_sim.dataset.layout import KIND, Layout
 from periscopy_sim.dataset.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
@@ -110,14 +110,14 @@ def make_dataset(
     )  # fmt: skip
     versions = _versions(settings.seed)
     attributes = {
-        "kind": Layout.kind,
+        "kind": KIND,
         "configuration": settings.identity(),
         "layout": layout.attributes,
         "versions": versions,
     }
     with alone_in(out / MAKING):
         store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
-        blocks_each = settings.samples_per_geometry // layout.block_size
+        blocks_each = settings.samples_per_geometry // layout.block
         by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
         made = sum(store.layout.block(n).size for blocks in shares.values() for n in blocks)
@@ -148,10 +148,7 @@ def make_block(
     geometry: int,
     block: int,
 ) -> Block:
-    """Make the samples of a block of a geometry, whose photographs must have the shape given.
-
-    The configuration is JSON.
-    """
+    """Make a block of samples of a geometry, given the configuration as JSON."""
     settings = Configuration.model_validate_json(configuration)
     ready = geometry_of(configuration, geometry)
     _check_shape(geometry, ready.scenario, photograph_shape)
@@ -213,9 +210,9 @@ def _versions(seed: int) -> dict[str, Any]:
 def _labels(
     settings: Configuration, draws: Sequence[GeometryDraw]
 ) -> dict[str, tuple[str, list[Any]]]:
-    """Return dimension and values of the variables that an archive has before any sample.
+    """Return each geometry's scene, split and parameters, and the channels' names.
 
-    These are each geometry's scene, split and parameters, and the channels' names.
+    An archive has these before any sample: a dimension and values for each name.
     """
     variables: dict[str, list[Any]] = {
         "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],
