@@ -107,6 +107,7 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     attributes = attributes_of(path)
     if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
-    sizes = {n: tuple(v) if isinstance(v, list) else v for n, v in attributes["layout"].items()}
-    layout = Layout(attributes["count"], **sizes)
+    sizes: dict[str, Any] = dict(attributes["layout"])
+    shapes = {name: tuple(sizes.pop(name)) for name in ("photograph_shape", "hidden_shape")}
+    layout = Layout(attributes["count"], **shapes, **sizes)
     return attributes, layout, Records(path, layout.of_store(), attributes)

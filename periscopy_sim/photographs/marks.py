@@ -107,8 +107,10 @@ class Marks:
 
     def without(self, mark: int) -> Marks:
         """Return all marks but one."""
-        arrays = (np.delete(each, mark, axis=0) for each in (self.pixels, self.centers, self.arms))
-        return Marks(*arrays, [name for k, name in enumerate(self.names) if k != mark])
+        pixels, centers, arms = (
+            np.delete(each, mark, axis=0) for each in (self.pixels, self.centers, self.arms)
+        )
+        return Marks(pixels, centers, arms, [n for k, n in enumerate(self.names) if k != mark])
 
     def as_points(self) -> Marks:
         """Return the marks as points: the middle of each tag, where its diagonals meet."""

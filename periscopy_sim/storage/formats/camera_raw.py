@@ -42,7 +42,7 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
         if not is_whole:  # LibRaw would fill what is cut off
             raise ValueError("it is cut short")
         counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
-        full = counts >= raw.white_level
+        full = np.asarray(counts >= raw.white_level)
         if raw.num_colors == 1:
             light = (counts - np.float32(raw.black_level_per_channel[0]))[..., np.newaxis]
             return Picture(upright(light, flip), saturated=upright(full, flip))
