@@ -25,10 +25,10 @@ class Sizes:
 
 def sizes_of(
     transport: Any,
-    scene: Scenario | None,
-    hidden_shape: Shape | None,
-    photograph_shape: Shape | None,
-    channel_gain: ArrayLike | None,
+    scene: Scenario | None = None,
+    hidden_shape: Shape | None = None,
+    photograph_shape: Shape | None = None,
+    channel_gain: ArrayLike | None = None,
 ) -> Sizes:
     """Take a scene, whose A is rendered, or a matrix with its scene or its sizes.
 
