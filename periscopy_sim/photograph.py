@@ -10,13 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.numerics.validation import LIGHT_RANGE
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-AXES = ("row", "column", "channel")
-"""Names of a photograph's dimensions, where they are labelled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,21 +137,6 @@ def _checked(
     if not LIGHT_RANGE[0] <= (largest := np.abs(used).max()) <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return np.repeat(light, 3 // light.shape[2], axis=2)
-
-
-def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
-    """Return values as an array in the order of their dimensions, where these have names.
-
-    NumPy drops masks and names. Masked values and other names are a `PhotographError`.
-    """
-    axes = getattr(values, "dims", ())
-    if set(axes) <= set(AXES):
-        values = values.transpose(*(axis for axis in AXES if axis in axes)) if axes else values
-    elif axes:
-        raise PhotographError(f"{name}: has dimensions {axes}; name them {', '.join(AXES)}")
-    if np.ma.is_masked(values):
-        raise PhotographError(f"{name}: has masked values; give the mask apart, True where used")
-    return np.asarray(values)
 
 
 def used_pixels(image: NDArray[Any], mask: Mask | None) -> NDArray[Any]:

@@ -11,8 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import LIGHT_RANGE
-from periscopy_sim.photograph import plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]

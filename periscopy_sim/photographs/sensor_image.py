@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Mask, check_real, plain_array, with_channels
+from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.photograph import Mask, check_real, with_channels
 
 
 @dataclass(frozen=True, eq=False)

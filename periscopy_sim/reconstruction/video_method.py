@@ -9,8 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import check_weight
-from periscopy_sim.photograph import plain_array
+from periscopy_sim.numerics.validation import check_weight, plain_array
 from periscopy_sim.reconstruction.method import Image, Precision, Solution, StillMethod
 
 Found = TypeVar("Found", bound=Solution[Any])

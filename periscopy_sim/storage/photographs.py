@@ -96,7 +96,7 @@ def read_sensor_image(
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(
             f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
-            f"are saturated, leave them out by --white {top:.6g}"
+            f"are saturated, name this value as white"
         )
     return exposure, tuple(warnings)
 
@@ -161,8 +161,8 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
     Raises
     ------
     PhotographError
-        If the file is missing, damaged, of another format or size, coloured, has NaN or infinite
-        values, or leaves out every pixel.
+        If the file is missing, damaged, of another format or size, coloured, not finite, or leaves
+        out every pixel.
     """
     path = Path(path)
     picture = decode_picture(path, "mask")

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import with_channels
-from periscopy_sim.shipped import shipped_image
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -46,10 +45,6 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
         If the file is missing, damaged, of another format, or has negative or non-finite values.
     """
     path = Path(path)
-    if not path.exists() and shipped_image(path.name) is not None:
-        raise PhotographError(
-            f"{path}: no such file; the shipped image is ps.find_image('{path.name}')"
-        )
     picture = decode_picture(path, "hidden")
     values, alpha = with_channels(picture.values, str(path)), picture.alpha
     if values.size == 0:

@@ -120,19 +120,20 @@ def decoded_photographs(
     file: Path,
     progress: Callable[[float], None],
 ) -> tuple[NDArray[np.floating[Any]], list[str]]:
-    """Return all photographs of a sequence, and the first warning of each kind.
+    """Return all photographs of a sequence, and the first warning of each kind, counted.
 
     The photographs are (rows, columns, 3) each, black where the mask leaves them out, as they are
     drawn, and kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
     """
-    of_kind: dict[str, str] = {}
+    of_kind: dict[str, list[str]] = {}
     with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
         for k, photograph in enumerate(sequence, 1):
             write(blackened(photograph.values, mask))
             for warning in photograph.warnings:
-                of_kind.setdefault(warning.partition(": ")[2], warning)
+                of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
             progress(k / len(sequence))
-    return mapped_stack(file), [*sequence.warnings, *of_kind.values()]
+    counted = (f"{w[0]} (likewise {len(w) - 1} more)" if w[1:] else w[0] for w in of_kind.values())
+    return mapped_stack(file), [*sequence.warnings, *counted]
 
 
 def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:

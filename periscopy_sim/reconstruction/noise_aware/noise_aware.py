@@ -33,8 +33,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import standard_errors
 from periscopy_sim.model.wall_gain import WallGain
-from periscopy_sim.numerics.validation import check_stopping
-from periscopy_sim.photograph import plain_array
+from periscopy_sim.numerics.validation import check_stopping, plain_array
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting

@@ -15,7 +15,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
-from periscopy_sim.photograph import plain_array
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,

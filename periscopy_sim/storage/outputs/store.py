@@ -113,13 +113,9 @@ class Records:
             staged.write_text(json.dumps(self._of_files(number)) + "\n", "utf-8")
 
     def _of_files(self, number: int) -> dict[str, Any]:
-        """Return the record of a block that was written.
-
-        Zarr writes no file of values that are all the fill value: its checksum is None.
-        """
+        """Return the record of a block that was written."""
         block = self.layout.block(number)
-        files = {name: self.path / file for name, file in sorted(block.files.items())}
-        checksums = {name: checksum(f) if f.exists() else None for name, f in files.items()}
+        checksums = {name: checksum(self.path / f) for name, f in sorted(block.files.items())}
         return {"of": self.of, "samples": block.size, "crc32c": checksums}
 
 
@@ -230,8 +226,11 @@ def digest_of(attributes: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def checksum(file: Path) -> str:
-    """Return the CRC-32C of a file in hexadecimal."""
+def checksum(file: Path) -> str | None:
+    """Return the CRC-32C of a file in hexadecimal; None if there is no file.
+
+    Zarr writes none of values that are all the fill value.
+    """
     import google_crc32c
 
-    return f"{google_crc32c.value(file.read_bytes()):08x}"
+    return f"{google_crc32c.value(file.read_bytes()):08x}" if file.exists() else None
