@@ -108,6 +108,6 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
     sizes: dict[str, Any] = dict(attributes["layout"])
-    shapes = {name: tuple(sizes.pop(name)) for name in ("photograph_shape", "hidden_shape")}
-    layout = Layout(attributes["count"], **shapes, **sizes)
+    sizes |= {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
+    layout = Layout(attributes["count"], **sizes)
     return attributes, layout, Records(path, layout.of_store(), attributes)

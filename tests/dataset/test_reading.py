@@ -3,6 +3,7 @@ import shutil
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import periscopy_sim as ps
 from periscopy_sim.dataset.layout import read_head
@@ -47,6 +48,17 @@ def test_light_that_bounces_adds_its_error_to_the_samples(doubtful, whole, tmp_p
     assert error.dims == ("sample",) and error.dtype == np.float64 and error.attrs["units"] == "1"
     assert (error > 2e-4).all() and describe(path)["bounced_error"][0] == error.min()
     assert "bounced_error" not in ps.open_dataset(whole).variables
+
+
+def test_others_read_what_it_holds(whole, tmp_path):
+    data = ps.open_dataset(whole)
+    data.to_netcdf(tmp_path / "d.nc", engine="scipy")
+    with xr.open_dataset(tmp_path / "d.nc", engine="scipy") as again:
+        np.testing.assert_array_equal(again.photograph, data.photograph)
+        assert again.split.values.tolist() == data.split.values.tolist()
+        assert json.loads(again.attrs["configuration"])["seed"] == 3
+    frames = ps.open_frames(whole, (16, 16))
+    np.testing.assert_array_equal([frame.values for frame in frames], data.photograph)
 
 
 @pytest.mark.parametrize("lost", ["parameter_occluder_dx/c/0", "channel/c/0", "sbr"])

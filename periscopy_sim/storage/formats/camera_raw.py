@@ -42,7 +42,7 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
         if not is_whole:  # LibRaw would fill what is cut off
             raise ValueError("it is cut short")
         counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
-        full = np.asarray(counts >= raw.white_level)
+        full = counts >= raw.white_level
         if raw.num_colors == 1:
             light = (counts - np.float32(raw.black_level_per_channel[0]))[..., np.newaxis]
             return Picture(upright(light, flip), saturated=upright(full, flip))
@@ -56,5 +56,5 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
             )
         counts -= np.array(raw.black_level_per_channel, np.float32)[colours]
         light = bayer_colours(counts, places)
-        saturated = bayer_colours(full, places).any(axis=2)
+        saturated = np.asarray(bayer_colours(full, places).any(axis=2))
     return Picture(upright(light, flip), saturated=upright(saturated, flip), cell=2)
