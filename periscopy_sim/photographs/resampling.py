@@ -39,10 +39,7 @@ class Flaw(IntFlag):
 
 
 def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
-    """Return the corners, (rows + 1, columns + 1, 2), of a film of (rows, columns) equal blocks.
-
-    `size` is the photograph's (rows, columns).
-    """
+    """Return (rows + 1, columns + 1, 2) corners of the equal blocks of a photograph of a size."""
     row, column = (np.linspace(0, whole, n + 1) for whole, n in zip(size, shape, strict=True))
     return np.stack(np.meshgrid(column, row), axis=-1)
 
@@ -129,10 +126,9 @@ def _span(polygon: Array, sides: int, axis: int, count: int) -> tuple[int, int]:
 
 @compiled
 def _clip(polygon: Array, sides: int, axis: int, bound: float, sign: float, kept: Array) -> int:
-    """Keep the part of a polygon on one side of a grid line (Sutherland, Hodgman 1974).
+    """Keep the part of a polygon beyond a grid line (Sutherland, Hodgman 1974); count its corners.
 
-    That side has larger coordinates where `sign` is 1, smaller ones where it is -1. Return the
-    number of corners kept.
+    That part has larger coordinates where `sign` is 1, smaller ones where it is -1.
     """
     count = 0
     for k in range(sides):

@@ -69,10 +69,7 @@ def sensor_image(
 
 
 def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
-    """Return a mask of a picture's pixels from a mask of those or of its sensor's pixels.
-
-    All pixels of a mosaic's cell must be used.
-    """
+    """Return a mask of a picture's pixels from one of its sensor's: all of a cell must be used."""
     rows, columns = light.size
     if light.cell > 1 and mask.shape == (light.cell * rows, light.cell * columns):
         return np.asarray(mask.reshape(rows, light.cell, columns, light.cell).all(axis=(1, 3)))

@@ -71,12 +71,11 @@ def _detected(picture: NDArray[np.uint8], family: str) -> tuple[list[int], list[
 
 
 def _refined(grey: Array, corners: Array, modules: int) -> Array:
-    """Return a tag's corners, (4, 2), where lines through its four edges meet.
+    """Return a tag's corners, (4, 2), known to a pixel or so, where lines through its edges meet.
 
-    OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge,
-    from the black border to the white one; the integral of its rise locates the step, whatever
-    the blur of the lens, if that is even. `corners` are known to a pixel or so; `modules` squares
-    of the tag's grid lie along its side, border included.
+    OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge;
+    the integral of its rise from the black border to the white one locates the step, whatever the
+    blur of the lens, if that is even. `modules` squares lie along the tag's side, border included.
     """
     from scipy.ndimage import map_coordinates
 
