@@ -119,7 +119,7 @@ def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
         (("--dark", "y.tif"), "the dark frame: is the photograph itself"),
         (("--bin", 7), "1, 2, 3, 4, 6, 8"),
         (("--mask", "five.png"), "the mask: 5 x 5"),
-        (("-D", "resolution=25"), "--points"),
+        (("-D", "resolution=25"), "25 x 25"),
     ],
 )
 def test_bad_input_is_refused_by_one_line(options, offender, photo, refused, tmp_path):
