@@ -21,6 +21,7 @@ def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
     NumPy drops masks and names. Masked values and other names are a `PhotographError`.
     """
     axes = getattr(values, "dims", ())
+    axes = axes if isinstance(axes, tuple) else ()
     if set(axes) <= set(AXES):
         values = values.transpose(*(axis for axis in AXES if axis in axes)) if axes else values
     elif axes:
