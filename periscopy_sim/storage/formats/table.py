@@ -54,7 +54,7 @@ FORMATS = (
     FileFormat(
         "camera raw", RAW_SUFFIXES, RAW_SIGNATURES, read_camera_raw, is_raw=True, within="TIFF"
     ),
-    FileFormat("MATLAB (-v7)", (".mat",), MATLAB, read_matlab_counts, is_raw=True),
+    FileFormat("MATLAB", (".mat",), MATLAB, read_matlab_counts, is_raw=True),
 )
 
 _HEAD = 128  # bytes that tell every format
@@ -77,7 +77,7 @@ def format_of(path: Path) -> FileFormat:
             return next(special, row)
     *others, last = (row.name for row in FORMATS)
     raise PhotographError(
-        f"{path}: is no {', '.join(others)} or {last} file, or is empty or damaged"
+        f"{path}: is no {', '.join(others)} or {last} (-v7) file, or is empty or damaged"
     )
 
 
