@@ -22,8 +22,9 @@ SENTENCES = {
     ),
     "does_not_fit": (
         "the scene does not fit: no hidden image explains {unexplained} % of the photograph, where "
-        "noise alone would leave {noise_alone} %. Render A with more rays (--samples 256), measure "
-        "or calibrate the scene (periscopy calibrate), or mask what is not bare wall (--mask)"
+        "noise alone would leave {noise_alone} %. Measure or "
+        "calibrate the scene (periscopy calibrate), mask what is not bare wall (--mask), or, where "
+        "rays render A, take more of them (--samples 256)"
     ),
     "uneven_paint": (
         "the wall's paint is uneven: no hidden image explains {unexplained} % of the photograph, "
