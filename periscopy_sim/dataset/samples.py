@@ -146,9 +146,8 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
 
 def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
-    of_geometry: dict[str, Any] = {
-        "geometry": geometry.draw.number, "split": geometry.draw.split
-    }  # fmt: skip
+    draw = geometry.draw
+    of_geometry: dict[str, Any] = {"geometry": draw.number, "split": draw.split}
     if isinstance(geometry.transport, BouncedTransport):
         of_geometry[BOUNCED_ERROR] = geometry.transport.bounced.relative_error
     records = [

@@ -231,7 +231,7 @@ def run_sweep(
                 store.write(trial, outcomes)
                 _append_seconds(folder / "seconds.csv", sweep, trial, seconds)
                 if progress is not None:
-                    progress(1 - (len(missing) - finished) / store.blocks)
+                    progress(1 - (len(missing) - finished) / len(store.trials))
     results = store.load()
     write_table(folder / "sweep.csv", results)
     return results

@@ -7,6 +7,7 @@ import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from importlib import metadata
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -28,7 +29,8 @@ def connect(scheduler: str | None) -> Iterator[Client]:
     """Reach a Dask scheduler, ``tcp://host:8786`` say, or start one here, a thread for each core.
 
     Meanwhile nothing is logged, and the linear algebra of this process runs on one thread if the
-    workers live here. A PeriscopyError says that no scheduler answers, or that it has no workers.
+    workers live here. A PeriscopyError says that no scheduler answers, or that it has no workers of
+    the same versions.
     """
     from distributed import Client
     from threadpoolctl import threadpool_limits
@@ -55,9 +57,24 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                     f"the Dask scheduler at '{scheduler}' has no workers; start some by "
                     f"`dask worker {scheduler}`"
                 )
+            _check_versions(client)
             yield client
     finally:
         logging.disable(disabled)
+
+
+def _check_versions(client: Client) -> None:
+    """Raise unless all workers have the versions of this process, on which results depend."""
+
+    def versions() -> dict[str, str]:
+        return {package: metadata.version(package) for package in ("periscopy-sim", "mitsuba")}
+
+    here = versions()
+    for worker, there in client.run(versions, on_error="return").items():
+        if there != here:
+            raise PeriscopyError(
+                f"the Dask worker at '{worker}' has {there}, this process {here}; install the same"
+            )
 
 
 def compute(

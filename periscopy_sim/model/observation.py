@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import LIGHT_RANGE
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -85,7 +85,7 @@ class Observation:
 
         See `planar`, of one photograph.
         """
-        return np.ascontiguousarray(self.planar(np.asarray(photograph)[None])[0].T)
+        return np.ascontiguousarray(self.planar(plain_array(photograph)[None])[0].T)
 
     def planar(self, photographs: Image) -> Array:
         """Return photographs' planes, (K, 3, M') float64, each channel divided by its gain.

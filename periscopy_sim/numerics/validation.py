@@ -5,9 +5,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from periscopy_sim.errors import PhotographError
+
 LIGHT_RANGE = (1e-30, 1e30)
 """Least and greatest that a photograph's largest value may be: P is of single precision, and the
 squares of what is farther from 1 leave double precision."""
+
+AXES = ("row", "column", "channel")
+"""Names of a photograph's dimensions, where they are labelled."""
+
+
+def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
+    """Return values as an array in the order of their dimensions, where these have names.
+
+    NumPy drops masks and names. Masked values and other names are a `PhotographError`.
+    """
+    axes = getattr(values, "dims", ())
+    axes = axes if isinstance(axes, tuple) else ()
+    if set(axes) <= set(AXES):
+        values = values.transpose(*(axis for axis in AXES if axis in axes)) if axes else values
+    elif axes:
+        raise PhotographError(f"{name}: has dimensions {axes}; name them {', '.join(AXES)}")
+    if np.ma.is_masked(values):
+        raise PhotographError(f"{name}: has masked values; give the mask apart, True where used")
+    return np.asarray(values)
 
 
 def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:

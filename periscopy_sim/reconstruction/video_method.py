@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.numerics.validation import check_weight, plain_array
 from periscopy_sim.reconstruction.method import Image, Precision, Solution, StillMethod
 
 Found = TypeVar("Found", bound=Solution[Any])
@@ -116,7 +116,7 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
 
     def solve_next(self, photograph: Image) -> Found:
         """Recover the next frame and tell how it came about; see `next_frame`."""
-        (finish,) = self.begun(np.asarray(photograph)[None])
+        (finish,) = self.begun(plain_array(photograph)[None])
         return finish()
 
     def frames(self, photographs: Image) -> NDArray[Precision]:

@@ -28,6 +28,20 @@ def test_scheduler_without_workers_is_one_line():
         pass
 
 
+def test_workers_of_another_version_are_refused(monkeypatch):
+    from distributed import Client, LocalCluster
+
+    local = {"n_workers": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(**local) as cluster:
+        with connect(cluster.scheduler_address):
+            pass
+        other = {"tcp://far:1": {"periscopy-sim": "0.0", "mitsuba": "3.0"}}
+        monkeypatch.setattr(Client, "run", lambda *_, **__: other)
+        refused = pytest.raises(PeriscopyError, match="tcp://far:1")
+        with refused, connect(cluster.scheduler_address):
+            pass
+
+
 def sums(arrays, item):
     return arrays[item].flags.aligned, arrays[item].mean()
 

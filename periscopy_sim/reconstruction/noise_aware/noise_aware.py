@@ -33,7 +33,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import standard_errors
 from periscopy_sim.model.wall_gain import WallGain
-from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.numerics.validation import check_stopping, plain_array
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
@@ -171,7 +171,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
-        (planes,) = self.observation.planar(np.asarray(photograph)[None])
+        (planes,) = self.observation.planar(plain_array(photograph)[None])
         corrected = FittedPhotograph(planes, self.fit)
         found: dict[str, Any] = {}
         split: Splitting | None = None

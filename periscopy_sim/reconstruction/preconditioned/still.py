@@ -15,6 +15,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
@@ -136,7 +137,7 @@ class Periscope(StillMethod[np.floating[Any]]):
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        return self._finished(self.estimate(np.asarray(photograph)[None]), 0)
+        return self._finished(self.estimate(plain_array(photograph)[None]), 0)
 
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
         """Return the stages of Algorithm 1 and the rank of B; see `StillMethod`."""
