@@ -43,7 +43,7 @@ from scipy import optimize, special
 
 from periscopy_sim.model.correction import FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.numerics.products import combine_rows, rejected, times_rows
+from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -143,7 +143,7 @@ class WallGain:
         both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
         signal, explained = combine_rows(both, self._fit.transport).reshape(2, 3, -1) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
-        terms = self._without_background(light.astype(np.float32))
+        terms = project_out(light.astype(np.float32), self._background)
         shown = self._coordinates(terms)
         whole = products(terms)
         H = whole - products(shown) - products(times_rows(terms, self._ambient))
@@ -175,8 +175,8 @@ class WallGain:
 
     def _unexplained_light(self, y: Array, light: Array) -> Array:
         """Return r, what the hidden images' light and smooth ambient light leave of y, (3, M')."""
-        r = (y - self._without_background(light)).astype(np.float32)
-        return np.asarray(rejected(r, self._ambient), np.float64)
+        r = (y - project_out(light, self._background)).astype(np.float32)
+        return np.asarray(project_out(r, self._ambient), np.float64)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
         """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
@@ -184,9 +184,6 @@ class WallGain:
         shares = (r**2).sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
         shared = np.einsum("kcn,cn,c->k", images.reshape(len(own), *f.shape), f, shares)
         return np.stack([own, -shared], axis=1).astype(np.float64)
-
-    def _without_background(self, vectors: Image) -> Image:
-        return rejected(vectors, self._background)
 
     def _coordinates(self, vectors: Image) -> Image:
         """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
@@ -197,10 +194,10 @@ class WallGain:
         left = unit_rows(rows)
         sizes = np.ones(len(rows))
         for _ in range(3):  # each time from what is left, single precision suffices
-            left = self._without_background(left.astype(np.float32))
+            left = project_out(left.astype(np.float32), self._background)
             f = (self._coordinates(left) * self._scales) @ self._basis
-            left = self._without_background(left - f @ self._fit.transport)
-            left = rejected(left, others)
+            left = project_out(left - f @ self._fit.transport, self._background)
+            left = project_out(left, others)
             sizes *= np.linalg.norm(left, axis=1)
             left = unit_rows(left)
         _, sines, basis = np.linalg.svd(left[sizes > LEFT], full_matrices=False)

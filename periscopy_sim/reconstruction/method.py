@@ -232,7 +232,7 @@ class StillMethod(ABC, Generic[Precision]):
         if transport is None:
             return Report(numbers=solution.numbers())
         signal = self._light(transport, solution)
-        is_noise = _is_noise(transport.reject_background(signal), transport, solution.noise)
+        is_noise = _is_noise(transport.project_out(signal), transport, solution.noise)
         residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
         warnings = [Note("no_hidden_image")] * is_noise

@@ -24,7 +24,6 @@ from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbo
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.preconditioned.still import noise_level
 from periscopy_sim.reconstruction.total_variation.least_squares import (
     LeastSquares,
     LeastSquaresMinimum,
@@ -141,12 +140,10 @@ class Differencing(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.observation.vectorized(photograph)
-        Dy = self._inverse.reject_background(self._differenced(y))
+        Dy = self._inverse.project_out(self._differenced(y))
         h = self._inverse.A.T @ Dy
         least_squares = self._inverse.solve(h)
-        noise = noise_level(
-            self._inverse, *(np.ascontiguousarray(part.T) for part in (Dy, least_squares))
-        )
+        noise = self._inverse.noise(*(np.ascontiguousarray(y.T) for y in (Dy, least_squares)))
         weight = self.tv_weight * noise * np.sqrt(np.trace(self._least_squares.gram) / len(h))
         minimize = self._minimizer(h)
         minima = [

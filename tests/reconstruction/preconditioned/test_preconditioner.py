@@ -154,7 +154,7 @@ def test_no_background_gives_the_pseudoinverse_of_a(B):
     assert P.Q.shape == (M, 0)
     assert relative_error(P.matrix(), np.linalg.pinv(A)) < 1e-9
     y = np.random.default_rng(0).random(M)
-    np.testing.assert_array_equal(P.reject_background(y), y)
+    np.testing.assert_array_equal(P.project_out(y), y)
 
 
 def scattered(seed, rows=M, columns=N):
