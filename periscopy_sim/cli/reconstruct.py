@@ -12,7 +12,6 @@ from periscopy_sim.cli.light import LightModel, TransportRequest
 from periscopy_sim.cli.messages import (
     assumptions,
     residual_summary,
-    residual_warning,
     sentences,
 )
 from periscopy_sim.cli.method_options import FOR_STILLS, StillMethod, settings_for, takes_options_of
@@ -101,14 +100,12 @@ def reconstruct(
         with own_errors(method, f"failed on {photo}"):
             report = Report() if solved is None else fitted.report(wall.values, solved)
             as_json(report.numbers)
-        warning = residual_warning(report.residual)
-        warnings = [*sentences(report.warnings), *filter(None, [warning])]
         _write_report(folder, report, image, wall.values, text)
         np.save(folder / "reconstruction.npy", image.astype(np.float32))
         session.suggest_mask(folder)
         panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
         compared = None if known is None else _compare(folder, image, known, wall.values, text)
-        for line in warnings:
+        for line in sentences(report.warnings):
             session.warn(f"{photo}: {line}")
         session.write_summary(
             folder / "summary.json",
@@ -125,7 +122,7 @@ def reconstruct(
                 **(compared or {}),
             },
         )
-    if report.residual is not None and not warning:
+    if report.residual is not None and not report.warnings:
         say(residual_summary(report.residual))
     for line in sentences(report.notes):
         say(line)

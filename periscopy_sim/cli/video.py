@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, TransportRequest
-from periscopy_sim.cli.messages import residual_summary, residual_warning, sentences
+from periscopy_sim.cli.messages import residual_summary, sentences
 from periscopy_sim.cli.method_options import (
     FOR_VIDEOS,
     Coupling,
@@ -237,7 +237,7 @@ def _recover(
                 numbers = solution.numbers()
                 records.append(video_metrics.record_of(k, clip.names[k], seconds, numbers))
                 frame_done(k + 1, count)
-    for warning in filter(None, (*sentences(report.warnings), residual_warning(report.residual))):
+    for warning in sentences(report.warnings):
         session.warn(f"{clip.name}, first frame: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
     return mapped_stack(file), records, report, rates

@@ -236,6 +236,11 @@ class StillMethod(ABC, Generic[Precision]):
         residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
         warnings = [Note("no_hidden_image")] * is_noise
+        if residual is not None and residual.diagnosis not in ("fits", "unknown"):
+            values = {
+                name: 100 * (numbers[name] or 0) for name in ("unexplained_by_any", "noise_alone")
+            }
+            warnings.append(Note(residual.diagnosis, values))
         return Report(numbers=numbers, warnings=warnings, residual=residual)
 
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
