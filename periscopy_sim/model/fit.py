@@ -42,7 +42,8 @@ class Evidence:
     Attributes
     ----------
     coefficients
-        (3, N) WᵀA⊥ᵀ y⊥, y⊥ over its level and A⊥ over a patch's root mean square energy.
+        (3, N) WᵀA⊥ᵀ y⊥ in the camera's channels, y⊥ over its level and A⊥ over a patch's root mean
+        square energy.
     noise
         (3,) standard deviation of the noise in y⊥, over the level.
     level
@@ -197,7 +198,7 @@ class Fit:
 
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
         """Return what A⊥ can explain of y⊥, (3, N'), and what an image leaves of that, over σ."""
-        f = image.reshape(-1, 3).T / (evidence.level * self.unit)
+        f = self.observation.mixed(image).T / (evidence.level * self.unit)
         scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self.visible] / scales
         return whole, whole - self.shown(f) / scales

@@ -1,4 +1,8 @@
-"""The pixels of a photograph that are used, and the way from images to the vectors of y = A f."""
+"""The pixels of a photograph that are used, and the way from images to the vectors of y = A f.
+
+With a colour matrix M, a photograph's channel is y_c = Σ_k M_ck g_k A f_k + B b_c + e_c, g the
+wall's colour, or its mean over the pixels. So a grey wall would show Σ_k (M_ck g_k/g_c) A f_k.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics.validation import LIGHT_RANGE
 
 Array = NDArray[np.float64]
@@ -39,6 +44,8 @@ class Observation:
     mask: Mask | None = None  # (rows, columns) or (M,), True in the M' pixels used; None for all
     photograph_shape: tuple[int, int] | None = None  # (rows, columns), where it is known
     backgrounds: Mapping[str, Array] = field(default_factory=dict)  # (3, M') planes, by name
+    mixing: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) from f_k to grey planes
+    unmixing: Array | None = None  # (3, 3) that `planar` applies; None for none
 
     def used(self, matrix: Image | None) -> Image:
         """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""
@@ -80,6 +87,18 @@ class Observation:
             raise ValueError("A must be finite")
         return used
 
+    def unmixed(self) -> Observation:
+        """Return an observation whose planes are in the monitor's primaries, their noise mixed."""
+        if np.array_equal(self.mixing, np.eye(3)):
+            return self
+        inverse = np.linalg.inv(self.mixing)
+        backgrounds = {name: inverse @ planes for name, planes in self.backgrounds.items()}
+        return replace(self, mixing=np.eye(3), unmixing=inverse, backgrounds=backgrounds)
+
+    def mixed(self, image: Image) -> Array:
+        """Return what the planes show of an image, (R, C, 3) or (N, 3), as (N, 3) float64."""
+        return np.asarray(image, np.float64).reshape(-1, 3) @ self.mixing.T
+
     def vectorized(self, photograph: Image) -> Array:
         """Return the y of y = A f of a photograph, as a grey wall would show it, (M', 3) float64.
 
@@ -89,6 +108,8 @@ class Observation:
 
     def planar(self, photographs: Image) -> Array:
         """Return photographs' planes, (K, 3, M') float64, each channel divided by its gain.
+
+        They are in the camera's channels, or of an `unmixed` observation in the primaries.
 
         Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they are of
         another size, see `check_size`, or not finite where they are used.
@@ -102,6 +123,8 @@ class Observation:
         gain = self.used_gain.reshape(-1, 3).T
         grey = np.divide(planes, gain, order="C", dtype=np.float64)
         _check(grey)
+        if self.unmixing is not None:
+            grey = self.unmixing @ grey
         if self.backgrounds:
             _check_distinct(grey, self.ambient(None), list(self.backgrounds))
         return grey
@@ -185,6 +208,7 @@ def observation_of(
     mask: Mask | None = None,
     photograph_shape: tuple[int, int] | None = None,
     backgrounds: Backgrounds | None = None,
+    colour_matrix: ColourMatrix | None = None,
 ) -> Observation:
     """Return the observation of a scene, its parts checked; arguments as those of `StillMethod`.
 
@@ -208,7 +232,12 @@ def observation_of(
         whole = np.ones(photograph_shape or lit.shape, bool) if used is None else used
         used = checked_mask(whole & lit.reshape(whole.shape), A.shape, photograph_shape)
     alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
-    return replace(alone, backgrounds=_background_planes(alone, backgrounds))
+    planes = _background_planes(alone, backgrounds)
+    if colour_matrix is None:
+        return replace(alone, backgrounds=planes)
+    colour = np.atleast_2d(alone.used_gain).mean(axis=0)
+    mixing = colour_matrix.matrix * colour / colour[:, None]
+    return replace(alone, backgrounds=planes, mixing=mixing)
 
 
 def _background_planes(

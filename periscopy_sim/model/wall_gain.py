@@ -120,7 +120,7 @@ class WallGain:
     ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph without the light that its gain adds, and the gain's range."""
         evidence = photograph.evidence
-        image = first_image(photograph).reshape(-1, 3).T / evidence.level
+        image = self._fit.observation.mixed(first_image(photograph)).T / evidence.level
         coordinates = self._fit.coordinates(evidence)
         gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
         planes = photograph.planes - evidence.level * gain.added
@@ -136,7 +136,7 @@ class WallGain:
 
         y, (3, M'), has range(B) projected out and is near 1 in size; its coordinates along the
         A⊥ W_k/√λ_k are (3, N'), its noise has standard deviation σ, (3,). The image is the first
-        one, f₀, (3, N), in units of y over those of A.
+        one, f₀, (3, N) in the camera's channels, in units of y over those of A.
         """
         count, σ = len(self._terms), noise[:, None]
         explaining = (coordinates * self._scales).astype(np.float32) @ self._basis

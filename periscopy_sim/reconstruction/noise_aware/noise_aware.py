@@ -1,18 +1,20 @@
 """The hidden image that explains the photograph best, given the photograph's own noise.
 
-    f̂ = argmin_{f ≥ 0} Σ_c ‖A⊥ f_c − y⊥_c‖² / σ_c² + λ Σ ‖∇f‖,   A⊥ = A − Q QᵀA
+    f̂ = argmin_{f ≥ 0} Σ_c ‖A⊥ Σ_k M_ck f_k − y⊥_c‖² / σ_c² + λ Σ ‖∇f‖,   A⊥ = A − Q QᵀA
 
 Q is an orthonormal basis of the ambient light, so that the misfit is that of y on [A, B] with the
-ambient light fitted freely: the very information that P keeps. But the paper goes on from P y as if
-its noise were white and equal in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. This
-method models the noise in the photograph, where it is white, couples edges across colour channels
-(‖∇f‖ is the norm over both directions and all three channels), and constrains f ≥ 0.
+ambient light fitted freely: the very information that P keeps. M is the colour matrix from the
+monitor's primaries, in which the image is, to the camera's channels, in which the noise is
+independent; the identity by default. The paper goes on from P y as if its noise were white and
+equal in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. This method models the noise
+in the photograph, where it is white, couples edges across colours (‖∇f‖ is the norm over both
+directions and all three primaries), and constrains f ≥ 0.
 
-λ is `regularization` ‖A⊥‖_F/σ, and where the noise has more energy than the signal, the root of
-their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which brightens
-the image: without the root, natural images at 30 dB and an SBR of 0.5 came out up to 1.2 times too
-bright, with 2.5 times the error. Images with much black still come out 1.1 to 1.6 times too bright
-there; `make validate` tabulates it.
+λ is `regularization` ‖A⊥‖_F ‖M‖_F/(√3 σ), and where the noise has more energy than the signal, the
+root of their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which
+brightens the image: without the root, natural images at 30 dB and an SBR of 0.5 came out up to 1.2
+times too bright, with 2.5 times the error. Images with much black still come out 1.1 to 1.6 times
+too bright there; `make validate` tabulates it.
 """
 
 from __future__ import annotations
@@ -112,7 +114,7 @@ class NoiseAware(StillMethod[np.float64]):
     Parameters
     ----------
     regularization
-        λ over ‖A⊥‖_F / σ, a number without unit, which fits any grid of patches.
+        λ over ‖A⊥‖_F ‖M‖_F / (√3 σ), without unit, which fits any grid of patches.
     positive
         Whether f ≥ 0.
     tolerance, max_iterations
@@ -137,6 +139,8 @@ class NoiseAware(StillMethod[np.float64]):
     ValueError
         If B explains all of A, or a correction needs the rows and columns of photographs.
     """
+
+    mixes_colours = True
 
     def __init__(
         self,
@@ -210,15 +214,22 @@ class NoiseAware(StillMethod[np.float64]):
         """
         if schedule is None:
             schedule = self._schedule(self.max_iterations)
-        unit = evidence.level / self.fit.unit
+        mixing = self.observation.mixing
+        strength = float(np.linalg.norm(mixing)) / np.sqrt(3)
+        unit = evidence.level / (self.fit.unit * strength)
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))
-        objective = Objective(self.fit.patterns, self.hidden_shape, regularization, self.positive)
+        objective = Objective(
+            self.fit.patterns, self.hidden_shape, mixing / strength, regularization, self.positive
+        )
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         solution = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
             noise=evidence.level * evidence.noise,
-            weight=regularization * self.fit.norm / (evidence.level * evidence.mean_noise),
+            weight=regularization
+            * self.fit.norm
+            * strength
+            / (evidence.level * evidence.mean_noise),
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
@@ -257,14 +268,14 @@ class NoiseAware(StillMethod[np.float64]):
         errors of uncertain parameters, that the corrections are, and that what the wall hides of
         the image varies like what it shows.
         """
-        evidence, response = solution.evidence, None
+        evidence, response, M = solution.evidence, None, self.observation.mixing
         _, rest = self.fit.explicable(evidence, solution.image)
         if self.uncertain is not None:
             light = self.uncertain.lights(solution.image, self.observation.mask)
             response = self.fit.response(light)
         return standard_errors(
             self.fit.gram,
-            evidence.level * evidence.noise,
+            (M.T / (evidence.level * evidence.noise) ** 2) @ M,
             solution.image,
             solution.weight,
             float(np.sum(rest**2)),
