@@ -51,6 +51,7 @@ def photograph(
         float | None,
         option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT),
     ] = None,
+    colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
     electrons: Annotated[
         float | None,
@@ -74,6 +75,7 @@ def photograph(
     The photograph has noise if you give --snr or --electrons.
     """
     from periscopy_sim import measurement
+    from periscopy_sim.storage.colour_matrix import read_colour_matrix
     from periscopy_sim.storage.formats.exr import write_exr
 
     options.require_suffix(out, ".exr", "the photograph")
@@ -84,10 +86,11 @@ def photograph(
     sensor = _sensor(
         electrons, read_noise=read_noise, full_well=full_well, bit_depth=bits, frames=frames
     )
+    colours = None if colour_matrix is None else read_colour_matrix(colour_matrix)
     session = Session(scene, hidden, define, seed)
     settings: dict[str, Any] = {
         "image": image, "hidden": hidden, "samples": samples, "ambient": ambient, "sbr": sbr,
-        "snr": snr,
+        "snr": snr, "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:
         shown = session.hidden_image(image)
@@ -98,6 +101,7 @@ def photograph(
             if background is not None and sbr is not None:
                 signal, y = y, measurement.composite(y, background, sbr)
                 grain *= float(y.mean() / signal.mean()) * sbr / (1 + sbr)
+            y = y if colours is None else colours.mix(y)
             noiseless = y
             if snr is not None:
                 added = measurement.noise_level(y, snr)

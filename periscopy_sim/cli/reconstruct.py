@@ -62,6 +62,7 @@ def reconstruct(
     monitor_off: options.MonitorOffOption = None,
     light_model: options.LightModelOption = None,
     mask: options.MaskOption = None,
+    colour_matrix: options.ColourMatrixOption = None,
     seed: options.Seed = 0,
     define: options.Define = None,
     **numbers: float | None,
@@ -70,6 +71,7 @@ def reconstruct(
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
     from periscopy_sim.figures import panels
     from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.storage.colour_matrix import read_colour_matrix
 
     find_method(method)
     settings = settings_for(method, numbers, FOR_STILLS)
@@ -77,6 +79,7 @@ def reconstruct(
     errors = _uncertain_errors(uncertain, method, scene, session.definitions)
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
+    colours = None if colour_matrix is None else read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         scenario, timed = session.scenario, session.timed
@@ -89,7 +92,7 @@ def reconstruct(
             moved = _uncertain_transport(session, errors, samples)
         elif uncertain is None and _has_errors(method):
             moved = _calibrated_transport(session, samples)
-        fitted = session.fit(method, settings, request, lights, wall, moved)
+        fitted = session.fit(method, settings, request, lights, wall, moved, colours)
         text = session.metadata
         with (
             timed("reconstruct"),
@@ -118,6 +121,7 @@ def reconstruct(
                 **settings,
                 **report.numbers,
                 **pixel_record(mask, wall.mask, wall.monitor_off),
+                "colour_matrix": None if colours is None else colours.matrix,
                 "truth": truth,
                 **(compared or {}),
             },
@@ -131,7 +135,8 @@ def reconstruct(
         say(
             f"against the truth: PSNR {compared['psnr']:.2f} dB, "
             f"{compared['psnr_registered']:.2f} dB after the best shift (patches down, right: "
-            f"{compared['shift']}{limit})"
+            f"{compared['shift']}{limit}), {compared['psnr_colour_matched']:.2f} dB after the "
+            "matrix of colours that fits the truth best"
         )
 
 
@@ -265,6 +270,7 @@ def _compare(
         "psnr": psnr,
         "mean_squared_error": metrics.mean_squared_error(image, truth),
         "psnr_registered": best.psnr,
+        "psnr_colour_matched": metrics.colour_matched_psnr(image, truth),
         "shift": best.shift,
         "shift_at_limit": best.at_limit,
     }

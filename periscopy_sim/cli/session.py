@@ -21,6 +21,7 @@ from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
+    from periscopy_sim.model.colour_matrix import ColourMatrix
     from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.photograph import Photograph
     from periscopy_sim.scenario import Array, Scenario
@@ -253,6 +254,7 @@ class Session:
         light: LightModel,
         wall: Photograph,
         uncertain: UncertainTransport | None = None,
+        colour_matrix: ColourMatrix | None = None,
     ) -> Any:
         """Return a method fitted to the scene's A and B."""
         from periscopy_sim.evaluation.methods import fit_method
@@ -271,8 +273,9 @@ class Session:
             fixable(place, wall.monitor_off),
         ):
             fitted = fit_method(
-                method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, **settings
-            )
+                method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
+                **settings,
+            )  # fmt: skip
         if transport.file is not None and not record_of(transport.file).is_file():
             warn(f"{transport.file} has no JSON file beside it: it may be of another scene")
         return fitted

@@ -69,6 +69,7 @@ def video(
     monitor_off: options.MonitorOffOption = None,
     light_model: options.LightModelOption = None,
     mask: options.MaskOption = None,
+    colour_matrix: options.ColourMatrixOption = None,
     seed: options.Seed = 0,
     define: options.Define = None,
     **numbers: float | None,
@@ -78,6 +79,7 @@ def video(
     from periscopy_sim.figures import video as drawing
     from periscopy_sim.figures.animation import require_encoder
     from periscopy_sim.figures.residual import draw_residual
+    from periscopy_sim.storage.colour_matrix import read_colour_matrix
 
     for ending in also or ():
         require_encoder(ending)
@@ -90,11 +92,12 @@ def video(
     weights = {name: value for name, value in settings.items() if name not in of_still}
     request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
     lights = LightModel.of(light_model, seed, [method])
+    colours = None if colour_matrix is None else read_colour_matrix(colour_matrix)
     session = Session(scene, hidden, define, seed)
     with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
         clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
-        still = session.fit(method, for_stills, request, lights, clip.wall)
+        still = session.fit(method, for_stills, request, lights, clip.wall, colour_matrix=colours)
         recovery = entry.frames_by(still, coupling, **weights)
         images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
@@ -137,6 +140,7 @@ def video(
             "formats": formats,
             "white": white,
             **pixel_record(mask, clip.wall.mask, clip.wall.monitor_off),
+            "colour_matrix": None if colours is None else colours.matrix,
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,

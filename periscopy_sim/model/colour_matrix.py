@@ -18,7 +18,7 @@ LARGEST_CONDITION = 100.0
 
 @dataclass(frozen=True, eq=False)
 class ColourMatrix:
-    """M of y_c = Σ_k M_ck A f_k + B b_c + e_c, f_k in the monitor's primaries.
+    """M of y_j = Σ_k M_jk A f_k + B c_j + n_j, f_k in the monitor's primaries.
 
     Attributes
     ----------

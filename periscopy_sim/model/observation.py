@@ -1,7 +1,7 @@
 """The pixels of a photograph that are used, and the way from images to the vectors of y = A f.
 
-With a colour matrix M, a photograph's channel is y_c = Σ_k M_ck g_k A f_k + B b_c + e_c, g the
-wall's colour, or its mean over the pixels. So a grey wall would show Σ_k (M_ck g_k/g_c) A f_k.
+With a colour matrix M, a photograph's channel is y_j = Σ_k M_jk g_k A f_k + B c_j + n_j, g the
+wall's colour, or its mean over the pixels. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The wall's unevenness: what its paint does to all light, found without a model of it.
 
-    y = (1 + u) (A f + B e) + n,   b_k = (1 + u) (B e_k) + n_k
+    y = (1 + u) (A f + B c) + n,   b_k = (1 + u) (B c_k) + n_k
 
 A photograph b_k with the monitor off shows paint where no smooth light explains it,
 

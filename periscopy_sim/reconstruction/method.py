@@ -276,7 +276,7 @@ class StillMethod(ABC, Generic[Precision]):
         return transport.light(self.observation.mixed(solution.image))
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
-        """Return the photograph that A f + B b + e describes, (M', 3), in the pixels used."""
+        """Return the photograph that A f + B c + n describes, (M', 3), in the pixels used."""
         return self.observation.vectorized(photograph)
 
     def projected_transport(self) -> TransportOperator | None:
