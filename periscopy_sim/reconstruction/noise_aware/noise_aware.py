@@ -10,11 +10,12 @@ equal in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. 
 in the photograph, where it is white, couples edges across colours (‖∇f‖ is the norm over both
 directions and all three primaries), and constrains f ≥ 0.
 
-λ is `regularization` ‖A⊥‖_F ‖M‖_F/(√3 σ), and where the noise has more energy than the signal, the
-root of their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which
-brightens the image: without the root, natural images at 30 dB and an SBR of 0.5 came out up to 1.2
-times too bright, with 2.5 times the error. Images with much black still come out 1.1 to 1.6 times
-too bright there; `make validate` tabulates it.
+λ is `regularization` ‖A⊥‖_F ‖M1‖/(√3 σ), so that grey images are regularized as without M, and
+where the noise has more energy than the signal, the root of their ratio times as much. f ≥ 0 cuts
+off at zero what noise total variation leaves, which brightens the image: without the root, natural
+images at 30 dB and an SBR of 0.5 came out up to 1.2 times too bright, with 2.5 times the error.
+Images with much black still come out 1.1 to 1.6 times too bright there; `make validate` tabulates
+it.
 """
 
 from __future__ import annotations
@@ -106,15 +107,14 @@ class NoiseAwareReconstruction(Solution[np.float64]):
 class NoiseAware(StillMethod[np.float64]):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
-    λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
-    photograph's noise and units; more where there is more noise than signal, see the module.
+    λ follows the photograph's noise and units, see the module.
 
     Other parameters and errors are those of `StillMethod`.
 
     Parameters
     ----------
     regularization
-        λ over ‖A⊥‖_F ‖M‖_F / (√3 σ), without unit, which fits any grid of patches.
+        λ over ‖A⊥‖_F ‖M1‖ / (√3 σ), without unit, which fits any grid of patches.
     positive
         Whether f ≥ 0.
     tolerance, max_iterations
@@ -215,7 +215,7 @@ class NoiseAware(StillMethod[np.float64]):
         if schedule is None:
             schedule = self._schedule(self.max_iterations)
         mixing = self.observation.mixing
-        strength = float(np.linalg.norm(mixing)) / np.sqrt(3)
+        strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(3)  # of grey
         unit = evidence.level / (self.fit.unit * strength)
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))

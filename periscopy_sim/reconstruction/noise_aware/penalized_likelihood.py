@@ -2,10 +2,10 @@
 
     f̂ = argmin_{f ≥ 0} ½ Σ_c w_c ‖A⊥ Σ_k M_ck f_k − y⊥_c‖² + λ Σ ‖∇f‖ [+ λ₂ Σ ‖f − f_prev‖]
 
-with w_c = σ²/σ_c², in units in which A⊥ᵀA⊥ has a mean diagonal of 1, and M a colour matrix of norm
-√3. The sums are over the patches; their norms are over the colours too. The last term, in a video,
-is Eq. 12's, of the patches' colours: a patch keeps what it showed in the frame before, or changes
-in all its channels.
+with w_c = σ²/σ_c², in units in which A⊥ᵀA⊥ has a mean diagonal of 1, and M a colour matrix that
+keeps the norm of grey. The sums are over the patches; their norms are over the colours too. The
+last term, in a video, is Eq. 12's, of the patches' colours: a patch keeps what it showed in the
+frame before, or changes in all its channels.
 
 The misfit couples the primaries by MᵀWM = V diag(p) Vᵀ, W = diag(w), but not the channels Vᵀf.
 
