@@ -25,10 +25,6 @@ Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
 """Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their
 names, or by number."""
 
-SAME = 1e-10
-"""1 less the cosine of two photographs' angle below which they are one; noise of 80 dB makes 5e-9.
-"""
-
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -123,29 +119,20 @@ class Observation:
         gain = self.used_gain.reshape(-1, 3).T
         grey = np.divide(planes, gain, order="C", dtype=np.float64)
         _check(grey)
-        if self.unmixing is not None:
-            grey = self.unmixing @ grey
-        if self.backgrounds:
-            _check_distinct(grey, self.ambient(None), list(self.backgrounds))
-        return grey
+        return grey if self.unmixing is None else self.unmixing @ grey
 
     def check_size(self, shape: tuple[int, ...]) -> None:
         """Refuse photographs of another shape than `planar` takes, or than the mask's."""
-        size, camera = shape[1:-1], self.photograph_shape
-        if camera is not None and len(size) == 2 and size != tuple(camera):
+        size, known = shape[1:-1], self.rows_and_columns
+        if known is not None and len(size) == 2 and size != tuple(known):
             raise ValueError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
-                f"{camera[0]}x{camera[1]}"
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera or mask "
+                f"{known[0]}x{known[1]}"
             )
         if shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
             raise ValueError(
                 f"the photograph has shape {shape[1:]}; A has {self.pixels} rows, so "
                 f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
-            )
-        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
-            raise ValueError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
-                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
             )
 
     def placed(self, values: Array) -> Array:
@@ -265,20 +252,6 @@ def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
         raise ValueError("backgrounds are a sequence of photographs, (rows, columns, 3) each")
     count = len(backgrounds)
     return {f"background photograph {k} of {count}": b for k, b in enumerate(backgrounds, 1)}
-
-
-def _check_distinct(planes: Array, columns: Image, names: Sequence[str]) -> None:
-    """Raise if one of the photographs, (K, 3, M'), is a background, (M', 3 L), but for exposure."""
-    rows = planes.reshape(-1, planes.shape[-1])
-    sizes = np.linalg.norm(rows, axis=1)[:, None] * np.linalg.norm(columns, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosines = np.abs(rows @ columns) / sizes
-    same = (cosines.reshape(len(planes), 3, len(names), 3) > 1 - SAME).diagonal(axis1=1, axis2=3)
-    if same.all(axis=-1).any():
-        name = names[int(np.argmax(same.all(axis=-1).any(axis=0)))]
-        raise ValueError(
-            f"{name}: is the photograph itself; give one of the same wall with the monitor off"
-        )
 
 
 def checked_mask(

@@ -210,8 +210,7 @@ class StillMethod(ABC, Generic[Precision]):
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels, is not finite where it is used, or is
-            one of the background photographs.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
 
         Warns
         -----

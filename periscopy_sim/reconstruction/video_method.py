@@ -120,22 +120,6 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         return recover()
 
     def frames(self, photographs: Image) -> NDArray[Precision]:
-        """Recover the frames that follow the latest one, many photographs in one product.
-
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, in time's order.
-
-        Returns
-        -------
-        ndarray
-            (K, R, C, 3), what `next_frame` gives one after the other.
-
-        Raises
-        ------
-        ValueError
-            As `next_frame`.
-        """
+        """Recover the frames, (K, R, C, 3), that follow the latest one; see `recoveries`."""
         images = [recover().image for recover in self.recoveries(photographs)]
         return np.array(images, self.precision).reshape(-1, *self.hidden_shape, 3)

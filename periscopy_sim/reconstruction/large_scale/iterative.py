@@ -21,7 +21,6 @@ Sun, Zhang, "Scaled sparse linear regression", 2012.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Unpack
@@ -38,7 +37,7 @@ from periscopy_sim.model.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
@@ -126,7 +125,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
-        result = IterativeReconstruction(
+        warn_unconverged("iterative recovery", end.iterations, end.left, self.tolerance)
+        return IterativeReconstruction(
             image=self.observation.image(end.f),
             noise=noise,
             weight=self._weight(noise),
@@ -134,15 +134,6 @@ class IterativePeriscope(StillMethod[np.float64]):
             change=end.left,
             converged=end.left <= self.tolerance,
         )
-        if not result.converged:
-            warnings.warn(
-                f"stopped after {self.max_iterations} iterations, the last third of which changed "
-                f"the image by {result.change:.1e} of it, above {self.tolerance:.1e}: raise "
-                "max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=2,
-            )
-        return result
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""

@@ -20,7 +20,6 @@ it.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
@@ -36,7 +35,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import standard_errors
 from periscopy_sim.model.wall_gain import WallGain
-from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.numerics.validation import check_stopping, warn_unconverged
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
@@ -94,14 +93,8 @@ class NoiseAwareReconstruction(Solution[np.float64]):
 
     def warn_unless_converged(self) -> None:
         """Warn where the iterations did not suffice."""
-        if not self.converged:
-            warnings.warn(
-                f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
-                f"residual of {self.residual:.1e}, above {self.tolerance:.1e}: raise "
-                "max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=3,
-            )
+        arguments = self.iterations, self.residual, self.tolerance
+        warn_unconverged("noise-aware recovery", *arguments, stacklevel=4)
 
 
 class NoiseAware(StillMethod[np.float64]):

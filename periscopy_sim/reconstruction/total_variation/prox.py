@@ -12,14 +12,18 @@ O'Donoghue, Candès, "Adaptive restart for accelerated gradient schemes", 2015.
 """
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from periscopy_sim.numerics.validation import check_stopping, checked_companion, checked_image
+from periscopy_sim.numerics.validation import (
+    check_stopping,
+    checked_companion,
+    checked_image,
+    warn_unconverged,
+)
 from periscopy_sim.reconstruction.total_variation.dual_solver import solve_dual
 
 Array = NDArray[np.float64]
@@ -40,8 +44,8 @@ class TotalVariationResult:
     gap
         The duality gap as a fraction of the objective, the largest of the channels. The squared
         distance ‖f̂ − f‖₂² to the exact minimizer f is at most this fraction of the objective.
-    converged
-        Whether `gap` is within the tolerance asked for.
+    tolerance
+        The largest gap that counts as converged.
     dual
         (channels in all, axes, pixels) the dual field over its largest length λ/2, to start a
         similar problem from.
@@ -50,18 +54,17 @@ class TotalVariationResult:
     image: Image
     iterations: int
     gap: float
-    converged: bool
+    tolerance: float
     dual: Array
+
+    @property
+    def converged(self) -> bool:
+        """Whether the gap is at most the tolerance."""
+        return self.gap <= self.tolerance
 
     def warn_unless_converged(self) -> None:
         """Warn, in the name of the caller's caller, that the tolerance was not reached."""
-        if not self.converged:
-            warnings.warn(
-                f"total variation stopped after {self.iterations} iterations at a relative duality "
-                f"gap of {self.gap:.1e}, above the tolerance: raise max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=3,
-            )
+        warn_unconverged("total variation", self.iterations, self.gap, self.tolerance, stacklevel=4)
 
 
 def total_variation(image: Image) -> float:
@@ -176,12 +179,11 @@ def solve_total_variation(
     bounds, stop = (weights / 2, l1_weights / 2), (float(tolerance), int(max_iterations))
     f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual, values.dtype.type)
     images = np.moveaxis(f.reshape(len(stack), -1, *f.shape[1:]), 1, -1)
-    gap = float(gaps.max())
     return TotalVariationResult(
         image=images.reshape(values.shape).astype(values.dtype),
         iterations=int(iterations.max()),
-        gap=gap,
-        converged=gap <= tolerance,
+        gap=float(gaps.max()),
+        tolerance=tolerance,
         dual=dual,
     )
 
