@@ -125,14 +125,14 @@ class IterativePeriscope(StillMethod[np.float64]):
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
-        warn_unconverged("iterative recovery", end.iterations, end.left, self.tolerance)
+        warn_unconverged("iterative recovery", end.iterations, end.error, self.tolerance)
         return IterativeReconstruction(
             image=self.observation.image(end.f),
             noise=noise,
             weight=self._weight(noise),
             iterations=end.iterations,
-            change=end.left,
-            converged=end.left <= self.tolerance,
+            change=end.error,
+            converged=end.error <= self.tolerance,
         )
 
     def projected_transport(self) -> TransportOperator:

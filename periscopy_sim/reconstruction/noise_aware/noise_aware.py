@@ -71,7 +71,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     photograph
         The photograph, corrected.
     corrections
-        What the corrections found, by name.
+        The corrections' numbers, by name.
     """
 
     weight: float
@@ -83,7 +83,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     corrections: Mapping[str, Any]
 
     def numbers(self) -> dict[str, Any]:
-        """Return the noise, the weight, the iterations and what the corrections found."""
+        """Return the noise, the weight, the iterations and the corrections' numbers."""
         return {**self.corrections, **super().numbers(), "iterations": self.iterations}
 
     @property
@@ -170,7 +170,7 @@ class NoiseAware(StillMethod[np.float64]):
         """Return the hidden image and how it came about; see `reconstruct`."""
         (planes,) = self.observation.planar(np.asarray(photograph)[None])
         corrected = FittedPhotograph(planes, self.fit)
-        found: dict[str, Any] = {}
+        summary: dict[str, Any] = {}
         split: Splitting | None = None
         iterations = 0
 
@@ -183,11 +183,13 @@ class NoiseAware(StillMethod[np.float64]):
 
         for correction in self.corrections:
             corrected, numbers = correction(corrected, first_image)
-            found.update(numbers)
+            summary.update(numbers)
         schedule = self._schedule(self.max_iterations - iterations)
         solution, _ = self.recover(corrected.evidence, schedule, split)
         iterations += solution.iterations
-        solution = replace(solution, iterations=iterations, photograph=corrected, corrections=found)
+        solution = replace(
+            solution, iterations=iterations, photograph=corrected, corrections=summary
+        )
         solution.warn_unless_converged()
         return solution
 
@@ -277,7 +279,7 @@ class NoiseAware(StillMethod[np.float64]):
         )
 
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
-        """Return the photograph without what the corrections found; see `StillMethod`."""
+        """Return the photograph without the corrections' light; see `StillMethod`."""
         if solution.photograph is None:
             return super().corrected(photograph, solution)
         return np.ascontiguousarray(solution.photograph.planes.T)

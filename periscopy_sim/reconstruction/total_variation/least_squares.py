@@ -80,8 +80,8 @@ class Iterate:
     iterations: int
     path: Sequence[Array]
     """(K,) length of each iteration's change, as a part of the image's norm."""
-    left: float
-    """What is left to do, by the measure that the iterations stop at."""
+    error: float
+    """The measure that the iterations stop at."""
 
 
 def path_of_last_third(iterate: Iterate) -> float:
@@ -104,13 +104,13 @@ def minimize(
     *,
     tolerance: float,
     max_iterations: int,
-    left: Callable[[Iterate], float] = path_of_last_third,
+    error: Callable[[Iterate], float] = path_of_last_third,
     proximal_tolerance: float | None = None,
 ) -> Iterate:
     """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV for each column of h, (N, K); all share the products with G.
 
     `weight` returns λ ≥ 0, (K,), from the latest f and G f, (N, K). The iterations stop when
-    `left`, which tells what is left, is at most the tolerance. The proximal operators' relative
+    `error` returns at most the tolerance. The proximal operators' relative
     duality gap, which bounds a squared distance, is the hundredth part of the squared tolerance
     unless given.
     """
@@ -123,7 +123,7 @@ def minimize(
     path: list[Array] = []
     iterate = Iterate(f, Gf, np.zeros_like(f), 0, path, math.inf)
     first = np.full(h.shape[1], math.inf)
-    while len(path) < max_iterations and iterate.left > tolerance:
+    while len(path) < max_iterations and iterate.error > tolerance:
         step = reach / problem.lipschitz
         proximal = solve_total_variation(
             (z - step * (Gz - h)).reshape(*problem.image_shape, -1),
@@ -140,7 +140,7 @@ def minimize(
         path.append(ratio(length, np.linalg.norm(f, axis=0)))
         first = length if len(path) == 1 else first
         iterate = Iterate(f, Gf, Gz - h + (f - z) / step, len(path), path, math.inf)
-        iterate = replace(iterate, left=left(iterate))
+        iterate = replace(iterate, error=error(iterate))
         # The product with the next z follows from those with f by linearity.
         momentum = np.sum((z - f) * (f - previous), axis=0) <= 0  # or it points uphill
         reach = np.where(length > first, np.maximum(STEP_SHRINKAGE * reach, 1), reach)
@@ -231,10 +231,10 @@ class LeastSquares:
             start[:, None],
             tolerance=tolerance,
             max_iterations=max_iterations,
-            left=relative_gap,
+            error=relative_gap,
             proximal_tolerance=tolerance / 10,
         )
-        return LeastSquaresMinimum(centred(end.f[:, 0]), end.iterations, end.left)
+        return LeastSquaresMinimum(centred(end.f[:, 0]), end.iterations, end.error)
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ def test_least_squares_are_settled_where_they_stop(tolerance):
     expected = form_preconditioner(A, B).apply(y)
     solved = conjugate_gradients(operator(A, B), y, tolerance=tolerance)
     error = np.linalg.norm(solved.f - expected, axis=0) / np.linalg.norm(expected, axis=0)
-    assert solved.left <= tolerance and (error < tolerance).all()
+    assert solved.error <= tolerance and (error < tolerance).all()
 
 
 def test_account_of_the_end_is_what_the_dense_matrix_says():

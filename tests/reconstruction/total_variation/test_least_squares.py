@@ -190,7 +190,7 @@ def test_images_are_settled_where_the_iterations_stop(condition, seed):
     weights = [0.003, 0.03, 0.3]
     b = np.stack([measured(K, seed=seed + k)[1] for k in range(3)], axis=1)
     found = together(K, b, weights)
-    assert found.left <= 1e-4
+    assert found.error <= 1e-4
     for c, λ in enumerate(weights):
         exact = solved(K, b[:, c], λ, tolerance=1e-14).f
         assert np.linalg.norm(found.f[:, c] - exact) < 1e-4 * np.linalg.norm(exact)
