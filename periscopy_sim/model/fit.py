@@ -173,7 +173,7 @@ class Fit:
         Aᵀ is applied to all photographs in one product.
         """
         rows = self.project_out(planes.reshape(-1, self.pixels))
-        y = rows.reshape(planes.shape)
+        y = np.asarray(rows, np.float64).reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
         y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
         levels[levels <= ROUNDING * whole] = 1

@@ -87,7 +87,7 @@ class Observation:
         """Return an observation whose planes are in the monitor's primaries, their noise mixed."""
         if np.array_equal(self.mixing, np.eye(3)):
             return self
-        inverse = np.linalg.inv(self.mixing)
+        inverse = np.asarray(np.linalg.inv(self.mixing), np.float64)
         backgrounds = {name: inverse @ planes for name, planes in self.backgrounds.items()}
         return replace(self, mixing=np.eye(3), unmixing=inverse, backgrounds=backgrounds)
 

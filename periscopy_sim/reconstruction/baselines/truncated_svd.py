@@ -94,8 +94,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         Q = self._background
         y -= Q @ (Q.T @ y)
         coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
-        energies = (np.sum(each**2, axis=0) for each in (y, coefficients))
-        noise = residual_noise(*energies, freedom=len(y) - self.rank - Q.shape[1])
+        energy, explained = (np.sum(each**2, axis=0) for each in (y, coefficients))
+        noise = residual_noise(energy, explained, len(y) - self.rank - Q.shape[1])
         # The trace of V_k Σ_k⁻² V_kᵀ.
         standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
         return denoise_and_repair(

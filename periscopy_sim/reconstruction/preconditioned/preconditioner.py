@@ -82,9 +82,9 @@ class Preconditioner:
         factor or a copy of it in single precision.
         """
         light = times_rows(f, self.cholesky if factor is None else factor, upper=True)
-        energies = (np.einsum("km,km->k", rows, rows) for rows in (y, light))
+        energy, explained = (np.einsum("km,km->k", rows, rows) for rows in (y, light))
         M, N = self.A.shape
-        return residual_noise(*energies, freedom=M - N - self.Q.shape[1])
+        return residual_noise(energy, explained, M - N - self.Q.shape[1])
 
     def matrix(self) -> Array:
         """Form P itself, (N, M) float64."""

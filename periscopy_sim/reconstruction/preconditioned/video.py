@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_weight
 from periscopy_sim.reconstruction.method import Image
@@ -72,7 +73,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         super().restart()
-        self._dual: Image | None = None
+        self._dual: NDArray[np.float64] | None = None
 
     def recoveries(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.recoveries`."""
