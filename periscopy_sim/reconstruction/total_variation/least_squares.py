@@ -163,11 +163,19 @@ class LeastSquares:
     image_shape: tuple[int, int]  # (R, C) of f, with product N
 
     def product(self, f: Array) -> Array:
-        """Multiply (N,) by G, on one thread: waking others takes longer, by far on a busy machine.
+        """Multiply (N,) or (N, K) by G, on one thread: waking others takes longer.
 
-        Its result does not depend on the number of threads either.
+        The result does not depend on the number of threads either.
         """
-        return _product(self.gram, f)
+        columns = [_product(self.gram, column) for column in f.reshape(len(f), -1).T.copy()]
+        return np.stack(columns, axis=1).reshape(f.shape)
+
+    @cached_property
+    def lipschitz(self) -> float:
+        """The largest eigenvalue of G, or rounding where G is 0."""
+        last = len(self.gram) - 1
+        largest = linalg.eigvalsh(self.gram, subset_by_index=(last, last), check_finite=False)[0]
+        return max(float(largest), 1e-300)
 
     def solve(self, h: Array) -> Array:
         """Apply G⁻¹ to (N,) or (N, K): the unregularized least squares."""
@@ -180,14 +188,10 @@ class LeastSquares:
         return shift
 
     @cached_property
-    def without_mean(self) -> GramMatrix:
-        """G where the mean of f is the best one, G − G11ᵀG / 1ᵀG1."""
-        g, last = self.gram.sum(axis=1), len(self.gram) - 1
-        matrix = self.gram - np.outer(g, g / g.sum())
-        largest = linalg.eigvalsh(matrix, subset_by_index=(last, last), check_finite=False)[0]
-        # A single patch is all mean, and leaves nothing.
-        rounding = np.finfo(np.float64).eps * float(np.trace(self.gram))
-        return GramMatrix(matrix, self.image_shape, max(float(largest), rounding))
+    def without_mean(self) -> LeastSquares:
+        """The quadratic where the mean of f is the best one, of G − G11ᵀG / 1ᵀG1."""
+        g = self.gram.sum(axis=1)
+        return replace(self, gram=self.gram - np.outer(g, g / g.sum()))
 
     def gap(self, h: Array, weight: float, f: Array, divergence: Array) -> float:
         """Return the duality gap at f, (N,), an upper bound on ‖K(f − f̂)‖², but for rounding.
@@ -235,19 +239,6 @@ class LeastSquares:
             proximal_tolerance=tolerance / 10,
         )
         return LeastSquaresMinimum(centred(end.f[:, 0]), end.iterations, end.error)
-
-
-@dataclass(frozen=True, eq=False)
-class GramMatrix:
-    """A `Quadratic` whose G is a matrix, (N, N)."""
-
-    matrix: Array
-    image_shape: tuple[int, int]
-    lipschitz: float
-
-    def product(self, f: Array) -> Array:
-        """Multiply (N, K) by G, see `LeastSquares.product`."""
-        return np.stack([_product(self.matrix, column) for column in f.T.copy()], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -164,9 +164,10 @@ def solve_total_variation(
         raise ValueError(f"temporal_weight is {temporal_weight}: give a number of at least 0")
     values = checked_image(image)
     stack = _stacked(values, temporal_weight)
-    g = p = _channels(stack)
+    g = p = stack.reshape(-1, *stack.shape[2:])
     if previous is not None:
-        p = _channels(checked_companion(previous, "previous", values).reshape(stack.shape))
+        p = _stacked(checked_companion(previous, "previous", values), temporal_weight)
+        p = p.reshape(g.shape)
     weights = _weight_of_each_channel(weight, "weight", stack)
     l1_weights = _weight_of_each_channel(l1_weight, "l1_weight", stack)
     if l1_weights.any() and (previous is None or np.isinf(weights).any()):
@@ -178,7 +179,7 @@ def solve_total_variation(
         dual[:] = start
     bounds, stop = (weights / 2, l1_weights / 2), (float(tolerance), int(max_iterations))
     f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual, values.dtype.type)
-    images = np.moveaxis(f.reshape(len(stack), -1, *f.shape[1:]), 1, -1)
+    images = np.moveaxis(f.reshape(stack.shape), 1, -1)
     return TotalVariationResult(
         image=images.reshape(values.shape).astype(values.dtype),
         iterations=int(iterations.max()),
@@ -188,14 +189,8 @@ def solve_total_variation(
     )
 
 
-def _channels(stack: Image) -> Array:
-    """Return (stack, frames, rows, columns, channels) as (K, frames, rows, columns) float64."""
-    planes = np.moveaxis(stack, -1, 1).reshape(-1, *stack.shape[1:-1])
-    return np.ascontiguousarray(planes, np.float64)
-
-
-def _stacked(image: Image, temporal_weight: float | None) -> Image:
-    """View as (stack, frames, rows, columns, channels); the stack holds what is independent."""
+def _stacked(image: Image, temporal_weight: float | None) -> Array:
+    """Return (stack, channels, frames, rows, columns) float64; the stack is independent images."""
     known = (2, 3, 4) if temporal_weight is None else (3, 4)
     if image.ndim not in known or image.size == 0:
         raise ValueError(
@@ -206,11 +201,12 @@ def _stacked(image: Image, temporal_weight: float | None) -> Image:
     *leading, rows, columns, channels = image.shape if with_channels else (*image.shape, 1)
     count = math.prod(leading)
     stack, frames = (1, count) if temporal_weight else (count, 1)
-    return image.reshape(stack, frames, rows, columns, channels)
+    planes = np.moveaxis(image.reshape(stack, frames, rows, columns, channels), -1, 1)
+    return np.ascontiguousarray(planes, np.float64)
 
 
-def _weight_of_each_channel(weight: ArrayLike, name: str, stack: Image) -> Array:
-    images, *_, channels = stack.shape
+def _weight_of_each_channel(weight: ArrayLike, name: str, stack: Array) -> Array:
+    images, channels = stack.shape[:2]
     weights = np.asarray(weight, dtype=np.float64)
     if weights.shape not in ((), (channels,), (images, channels)):
         raise ValueError(
