@@ -82,8 +82,8 @@ class Scenario:
         (3,) albedo of a diffuse wall, (M, 3) of a textured one; None for another material.
     channel_gain
         (3,) the wall's colour, mean 1: a photograph's channel c is channel_gain[c] * A @ f[:, c].
-        (M, 3) where a texture has colours, (3,) ones of a pixel that is black; 0 where a channel is
-        too dark beside the others: methods leave those pixels out.
+        (M, 3) where a texture has colours; 0 where a pixel is black or one of its channels is too
+        dark beside the others: methods leave those pixels out.
     patch_centers
         (N, 3) centres in metres.
     patch_normals
@@ -134,7 +134,9 @@ class Scenario:
     def at(self, **values: str | float) -> Scenario:
         """Return the same scene with other values for its file's ``<default>``s.
 
-        Those not named keep their values. The file's text is not read again unless it changed.
+        Values that are not named stay. Where they move, turn or stretch the camera, the monitor,
+        meshes or a plain rectangular wall, and no shape comes near the camera's view, their arrays
+        move in a few milliseconds, without rays; anything else loads the file anew.
 
         Raises
         ------
@@ -202,6 +204,11 @@ def rises(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
         np.maximum(h[:-1], np.sum(step * n[:-1], axis=-1), out=h[:-1])
         np.maximum(h[1:], -np.sum(step * n[1:], axis=-1), out=h[1:])
     return height.ravel()
+
+
+def corners(bounds: Array) -> Array:
+    """Return the corners, (8, 3), of a box given by its lower and its upper corner, (2, 3)."""
+    return np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)

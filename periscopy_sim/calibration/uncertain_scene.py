@@ -19,7 +19,7 @@ from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, Va
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, render_transport
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
 
@@ -177,4 +177,4 @@ class _Renderer:
     def _penumbrae(self, scenario: Scenario, seed: int) -> NDArray[np.float32]:
         if scenario.wall_texture is not None:
             return render_transport(scenario, samples=self._samples, seed=seed)
-        return render_penumbrae(scenario, samples=self._samples, pixel_samples=1, seed=seed)
+        return render_transport(scenario, samples=self._samples, pixel_samples=1, seed=seed)

@@ -8,7 +8,7 @@ import numpy as np
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
-from periscopy_sim.cli.options import Model, option, parse_bounces
+from periscopy_sim.cli.options import option, parse_bounces
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import Session, pixel_record
 
@@ -31,8 +31,8 @@ def analyze(
     scene: options.SceneArgument,
     hidden: options.Hidden,
     out: options.Out,
-    samples: options.Samples = 16,
-    model: options.ModelOption = Model.rendered,
+    samples: options.RaysOption = None,
+    model: options.ClosedOption = None,
     bounces: options.BouncesOption = "direct",
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
@@ -92,7 +92,7 @@ def analyze(
         session.write_summary(
             folder / "summary.json",
             {
-                **request.origin,
+                **request.origin(scenario),
                 **lights.origin,
                 "rank_tolerance": rank_tolerance,
                 **pixel_record(mask, used, off),

@@ -12,6 +12,7 @@ import numpy as np
 from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,43 +21,53 @@ if TYPE_CHECKING:
     from periscopy_sim.scenario import Array, Scenario
     from periscopy_sim.storage.transport_matrix import Transport
 
+SAMPLES = 16
+"""Rays to a patch where A has no closed form."""
+
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
 
 
 @dataclass(frozen=True)
 class TransportRequest:
-    """Where A comes from: a file, or a rendering.
+    """Where A comes from: a file, a closed form or a rendering.
 
     Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
+    Without samples and model, A has its closed form where there is one, unless rays serve the
+    method better.
     """
 
-    samples: int
+    samples: int | None
     seed: int
-    model: Model = Model.rendered
+    model: Model | None = None
     bounces: int | None = 1
     file: Path | None = None
     strata: Strata = "jittered"
+    method: str = DEFAULT
 
     @property
     def is_direct(self) -> bool:
         """Whether A holds direct light only."""
         return self.bounces == 1
 
-    @property
-    def is_rendered(self) -> bool:
-        """Whether `render_transport` gives A."""
-        return self.file is None and self.model is Model.rendered and self.is_direct
+    def model_of(self, scenario: Scenario) -> Model:
+        """Return how direct light is computed."""
+        from periscopy_sim.analytic.area_transport import has_areas
 
-    @property
-    def origin(self) -> dict[str, Any]:
-        """The entries of a summary."""
+        if self.model is not None:
+            return self.model
+        by_rays = self.samples is not None or (self.method in METHODS and METHODS[self.method].rays)
+        return Model.rendered if by_rays or not has_areas(scenario) else Model.analytic
+
+    def origin(self, scenario: Scenario) -> dict[str, Any]:
+        """Return the entries of a summary."""
         from periscopy_sim.rendering.transport.bounced import bounces_in_words
 
+        model = None if self.file else self.model_of(scenario)
         return {
-            "model": "file" if self.file else self.model.value,
+            "model": model.value if model else "file",
             "transport": self.file,
-            "samples": None if self.file else self.samples,
+            "samples": (self.samples or SAMPLES) if model is Model.rendered else None,
             "bounces": bounces_in_words(self.bounces),
         }
 
@@ -76,16 +87,19 @@ class TransportRequest:
             return add_bounces(scenario, direct, self.bounces, seed=self.seed, progress=report)
 
     def _direct(self, scenario: Scenario) -> NDArray[np.float32]:
-        if self.model is Model.analytic:
-            from periscopy_sim.analytic.area_transport import analytic_transport
-
-            return analytic_transport(scenario)
         from periscopy_sim.rendering.transport import shadow_rays
+
+        if self.model_of(scenario) is Model.analytic:
+            from periscopy_sim.analytic.area_transport import pixel_transport
+
+            A = pixel_transport(scenario)
+            shadow_rays.require_light(A, scenario)
+            return A
 
         with progress("rendering the transport matrix") as report:
             return shadow_rays.render_transport(
                 scenario,
-                samples=self.samples,
+                samples=self.samples or SAMPLES,
                 strata=self.strata,
                 seed=self.seed,
                 progress=report,
@@ -105,7 +119,6 @@ class LightModel:
 
         A PeriscopyError names a source that does not exist, or a method that takes no B.
         """
-        from periscopy_sim.reconstruction.registry import METHODS
         from periscopy_sim.shipped import find_scene
 
         chosen = list(sources or ())
@@ -153,7 +166,6 @@ def _is_file(source: str) -> bool:
 def check_memory(scenario: Scenario, method: str | None = None) -> None:
     """Reject a scene whose A and method need more memory than there is."""
     from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
-    from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
     pixels, patches = scenario.transport_shape
     entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])

@@ -91,8 +91,10 @@ class Model(StrEnum):
     analytic = "analytic"
 
 
-_SAMPLES = "Samples of a patch for each wall point."
-_MODEL = "A by shadow rays, or in closed form (planar scenes, convex parts)."
+_SAMPLES = "Shadow rays to a patch from each wall point."
+_MODEL = "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles)."
+_IF_RAYS = f"{_SAMPLES} [default: see --model; then 16]"
+_IF_CLOSED = f"{_MODEL} [default: closed form where there is one, but for preconditioned, unrolled]"
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
 _MATRIX = "NPY file of A, instead of a rendering."
 _LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's lamps; repeatable."
@@ -100,6 +102,12 @@ _LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's la
 # More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[int, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
 ModelOption = Annotated[Model, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
+RaysOption = Annotated[
+    int | None, option("NUMBER", _IF_RAYS, "--samples", group=LIGHT, min=1, max=65536)
+]
+ClosedOption = Annotated[
+    Model | None, typer.Option("--model", help=_IF_CLOSED, rich_help_panel=LIGHT)
+]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[Path | None, option("FILE", _MATRIX, "--transport", group=LIGHT)]
 LightModelOption = Annotated[

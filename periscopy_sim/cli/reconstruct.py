@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.light import SAMPLES, LightModel, TransportRequest
 from periscopy_sim.cli.messages import (
     assumptions,
     residual_summary,
@@ -48,8 +48,8 @@ def reconstruct(
     hidden: options.Hidden,
     out: options.Out,
     method: StillMethod = DEFAULT,
-    samples: options.Samples = 16,
-    model: options.ModelOption = options.Model.rendered,
+    samples: options.RaysOption = None,
+    model: options.ClosedOption = None,
     bounces: options.BouncesOption = "direct",
     matrix: options.MatrixOption = None,
     truth: Annotated[
@@ -77,7 +77,9 @@ def reconstruct(
     settings = settings_for(method, numbers, FOR_STILLS)
     session = Session(scene, hidden, define, seed)
     errors = _uncertain_errors(uncertain, method, scene, session.definitions)
-    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
+    request = TransportRequest(
+        samples, seed, model, options.parse_bounces(bounces), matrix, method=method
+    )
     lights = LightModel.of(light_model, seed, [method])
     colours = None if colour_matrix is None else read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
@@ -89,9 +91,9 @@ def reconstruct(
         known = None if truth is None else session.hidden_image(truth)
         moved = None
         if errors:
-            moved = _uncertain_transport(session, errors, samples)
+            moved = _uncertain_transport(session, errors, samples or SAMPLES)
         elif uncertain is None and _has_errors(method):
-            moved = _calibrated_transport(session, samples)
+            moved = _calibrated_transport(session, samples or SAMPLES)
         fitted = session.fit(method, settings, request, lights, wall, moved, colours)
         text = session.metadata
         with (
@@ -116,7 +118,7 @@ def reconstruct(
                 "method": method,
                 "method_sha256": source_sha256(method),
                 "photograph": str(photo),
-                **request.origin,
+                **request.origin(scenario),
                 **lights.origin,
                 **settings,
                 **report.numbers,

@@ -115,7 +115,7 @@ def sweep(
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
         "samples": samples,
-        "bounces": request.origin["bounces"],
+        "bounces": request.origin(scenario)["bounces"],
         **prototypes.origin,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),

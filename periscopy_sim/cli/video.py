@@ -50,8 +50,8 @@ def video(
     out: options.Out,
     method: VideoMethod = DEFAULT,
     coupling: Coupling = "l1",
-    samples: options.Samples = 16,
-    model: options.ModelOption = options.Model.rendered,
+    samples: options.RaysOption = None,
+    model: options.ClosedOption = None,
     bounces: options.BouncesOption = "direct",
     matrix: options.MatrixOption = None,
     truth: Annotated[
@@ -90,7 +90,9 @@ def video(
     of_still = {option.name for option in entry.options}
     for_stills = {name: value for name, value in settings.items() if name in of_still}
     weights = {name: value for name, value in settings.items() if name not in of_still}
-    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
+    request = TransportRequest(
+        samples, seed, model, options.parse_bounces(bounces), matrix, method=method
+    )
     lights = LightModel.of(light_model, seed, [method])
     colours = None if colour_matrix is None else read_colour_matrix(colour_matrix)
     session = Session(scene, hidden, define, seed)
@@ -129,7 +131,7 @@ def video(
         summary = {
             "photographs": clip.name,
             "frames": len(clip.names),
-            **request.origin,
+            **request.origin(session.scenario),
             **lights.origin,
             "method": method,
             **settings,

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import show_light, show_signed
+from periscopy_sim.figures.style import drawn
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from periscopy_sim.calibration.result import Calibration
 
 
@@ -30,37 +29,27 @@ def draw_calibration(
 
     The photograph is (rows, columns, 3), linear.
     """
-    figure = calibration_figure(photograph, calibration)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
-
-
-def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
-    """Return the figure that `draw_calibration` saves."""
-    from matplotlib.figure import Figure
-
     count = len(calibration.parameters)
     rows = -(-count // 4)
     columns = -(-count // rows)
     warned = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
     heights = [3.0 + warned, 0.4 + 2.3 * rows]
-    figure = Figure(figsize=(3.1 * max(3, columns), sum(heights)), layout="constrained")
-    above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    _draw_residuals(above, photograph, calibration)
-    if calibration.doubts:
-        reasons = "\n".join(textwrap.fill(doubt, 100) for doubt in calibration.doubts)
-        above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d", fontsize=9)
-    axes = beneath.subplots(rows, columns, squeeze=False)
-    for k, ax in enumerate(axes.flat[:count]):
-        _draw_path(ax, calibration, k)
-    for ax in axes.flat[count:]:
-        ax.set_axis_off()
-    beneath.supylabel("value, in the scene's units", fontsize=8)
-    beneath.supxlabel("pixels of the photograph at each level", fontsize=8)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    beneath.legend(
-        handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False
-    )
-    return figure
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(3.1 * max(3, columns), sum(heights))
+        above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+        _draw_residuals(above, photograph, calibration)
+        if calibration.doubts:
+            reasons = "\n".join(textwrap.fill(doubt, 100) for doubt in calibration.doubts)
+            above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
+        axes = beneath.subplots(rows, columns, squeeze=False)
+        for k, ax in enumerate(axes.flat[:count]):
+            _draw_path(ax, calibration, k)
+        for ax in axes.flat[count:]:
+            ax.set_axis_off()
+        beneath.supylabel("value, in the scene's units")
+        beneath.supxlabel("pixels of the photograph at each level")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        beneath.legend(handles, labels, loc="outside upper center", ncols=len(labels))
 
 
 def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) -> None:
@@ -94,14 +83,9 @@ def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
     ax.axhline(parameter.value, color="#d94801", linewidth=0.8, label="found")
     low, high = parameter.value + parameter.standard_error * np.array([-1, 1])
     ax.axhspan(low, high, color="#fd8d3c", alpha=0.35, linewidth=0, label="± standard error")
-    ax.set_title(
-        f"{parameter.name}: {parameter.value:.4g} ± {parameter.standard_error:.2g}", fontsize=9
-    )
+    ax.set_title(f"{parameter.name}: {parameter.value:.4g} ± {parameter.standard_error:.2g}")
     ax.set_xticks(np.arange(len(calibration.path)) + 0.5)
-    ax.set_xticklabels(
-        ["{} x {}".format(*visited.photograph_shape) for visited in calibration.path], fontsize=7
-    )
-    ax.tick_params(labelsize=7)
+    ax.set_xticklabels(["{} x {}".format(*each.photograph_shape) for each in calibration.path])
 
 
 def _best_so_far(evidence: Array) -> NDArray[np.intp]:

@@ -67,6 +67,7 @@ class MethodEntry:
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it takes the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
+    rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
     needs: str = ""  # a library that an extra brings; empty for none
     hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
@@ -194,6 +195,7 @@ _ENTRIES = (
         "the paper's",
         "preconditioned.still:Periscope",
         options=(_IN_ERRORS, _REPAIR, _RANK),
+        rays=True,
         video=VideoEntry(
             "preconditioned.video:Video",
             ("l1", "total-variation", "none"),
@@ -240,6 +242,7 @@ _ENTRIES = (
         "the paper's without backgrounds",
         "preconditioned.still:Periscope",
         options=(_IN_ERRORS, _REPAIR),
+        rays=True,
         backgrounds=False,
     ),
     MethodEntry(
@@ -248,6 +251,7 @@ _ENTRIES = (
         "learned.still:Learned",
         bytes_per_entry=BYTES_PER_ENTRY,
         needs="torch",
+        rays=True,  # as in its training
         hidden=(29, 36),
     ),
 )

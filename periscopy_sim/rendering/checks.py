@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from periscopy_sim.rendering.survey import Survey
-from periscopy_sim.scenario import LIFT, Array, Scenario, wall_frame
+from periscopy_sim.scenario import LIFT, Array, Scenario, corners, wall_frame
 
 RAYS = 1 << 16
 """Rays between random places of the monitor and of the wall that `hidden_fraction` traces."""
@@ -19,9 +19,6 @@ LINES = 256
 
 INSET = 1e-3
 """Fraction of a surface's size by which lines end before its edges: a frame may touch these."""
-
-FLAT = 1e-6
-"""Difference of the cosine by which normals of a flat surface may differ."""
 
 
 def hidden_fraction(scenario: Scenario) -> float:
@@ -61,7 +58,7 @@ def pierced(scenario: Scenario) -> str:
         ("wall", scenario.wall_points, scenario.wall_normals, wall.across),
     )
     for name, points, normals, across in surfaces:
-        if (normals @ normals[0] < 1 - FLAT).any():
+        if not np.allclose(normals, normals[0], atol=1e-3):
             continue
         if survey.blocked(*_lines(points, normals[0], across)).any():
             within = [
@@ -76,27 +73,23 @@ def pierced(scenario: Scenario) -> str:
 def _lines(points: Array, normal: Array, across: Array) -> tuple[Array, Array]:
     """Return the ends of lines over a rectangle about points (n, 3), both (2 `LINES`, 3)."""
     x = across / np.linalg.norm(across)
-    axes = np.stack([x, np.cross(normal, x)])
-    center = points.mean(axis=0)
+    axes, center = np.stack([x, np.cross(normal, x)]), points.mean(axis=0)
     place = (points - center) @ axes.T
-    low, high = place.min(axis=0), place.max(axis=0)
-    center = center + LIFT * float(np.linalg.norm(high - low)) * normal
-    fractions = np.linspace(0, 1, LINES)
-    starts: list[Array] = []
-    ends: list[Array] = []
-    for along in (0, 1):
-        steps = low[along] + fractions * (high - low)[along]
-        for side, fraction in ((starts, INSET), (ends, 1 - INSET)):
-            over = np.full(LINES, (low + fraction * (high - low))[1 - along])
-            side.append(np.stack([steps, over][:: 1 - 2 * along], axis=1) @ axes + center)
-    return np.concatenate(starts), np.concatenate(ends)
+    low, size = place.min(axis=0), np.ptp(place, axis=0)
+    center = center + LIFT * float(np.linalg.norm(size)) * normal
+    side = np.linspace(0, 1, LINES)
+
+    def ends(inset: float) -> Array:
+        end = np.stack([side, np.full(LINES, inset)], axis=1)
+        return np.asarray((low + np.concatenate([end, end[:, ::-1]]) * size) @ axes + center)
+
+    return ends(INSET), ends(1 - INSET)
 
 
 def _meets(bounds: Array, points: Array, normal: Array) -> bool:
     """Return whether a box, (2, 3), reaches through the plane of points, and about them."""
     margin = 1e-3 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    box = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T
-    depth = (box - points[0]) @ normal
+    depth = (corners(bounds) - points[0]) @ normal
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     beside = (bounds[1] < low).any() or (bounds[0] > high).any()
     return bool(depth.min() < margin and depth.max() > 0 and not beside)

@@ -14,36 +14,29 @@ from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
-ANGLE = 32.0
-"""Degrees of the picture's width."""
+HALF_WIDTH = 0.287
+"""Tangent of half the angle that the picture's width spans: 32 degrees."""
 
-AZIMUTHS = (35, -35, 55, -55, 75, -75, 15, -15, 90, -90, 0, 120, -120, 150, -150, 180)
-HEIGHTS = (30, 45, 15, 65)
+AZIMUTHS = (35, -35, 55, -55, 75, -75, 15, -15, 90, -90, 0, 120, -120, 180)
+HEIGHTS = (30, 45, 15)
 """Degrees about the vertical, from looking at the wall, and downwards; the first are preferred."""
 
-FAR = 100.0
-"""Metres within which everything lies."""
-
-GRAZING, EDGE_ON = 0.35, 0.5
-"""Cosine below which a surface is seen edge-on, and how many landmarks, as a share, that costs."""
+EDGE_ON = 0.35
+"""Cosine below which wall and monitor are seen edge-on."""
 
 MARGIN = 1.12
-"""Of the picture, about all that it shows."""
+"""Width of the picture over that of all that it shows."""
 
 ROOM_LIGHT = 0.25
-"""Of the wall's brightest part by the monitor's light: light from all around, to see by."""
+"""Light from all around, to see by, over what the monitor sends to the wall."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A pinhole camera of square pixels: its place, its axes (right, up, ahead), its half width.
-
-    The half width is the tangent of half of the angle that the picture's width spans.
-    """
+    """A pinhole camera of square pixels: its place, its axes (right, up, ahead), its size."""
 
     origin: Array
     axes: Array
-    half_width: float
     shape: tuple[int, int]
 
     def project(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -54,7 +47,7 @@ class View:
         right, up, ahead = ((points - self.origin) @ self.axes.T).T
         rows, columns = self.shape
         before = ahead > 1e-6
-        scale = columns / 2 / self.half_width / np.where(before, ahead, 1.0)
+        scale = columns / 2 / HALF_WIDTH / np.where(before, ahead, 1.0)
         return np.stack([columns / 2 + right * scale, rows / 2 - up * scale], axis=1), before
 
 
@@ -78,40 +71,31 @@ def find_view(
     ]
     eyes = np.repeat([view.origin for view in views], len(landmarks), axis=0)
     hidden = survey.blocked(eyes, np.tile(landmarks, (len(views), 1))).reshape(len(views), -1)
-    edge_on = [
-        sum(_cosine(view.origin - point, normal) < GRAZING for point, normal in surfaces)
-        for view in views
-    ]
-    return views[int(np.argmin(hidden.mean(axis=1) + EDGE_ON * np.array(edge_on)))]
-
-
-def _cosine(a: Array, b: Array) -> float:
-    """Return the cosine of the angle between a line along a and one along b."""
-    return float(abs(a @ b) / np.linalg.norm(a) / np.linalg.norm(b))
+    away = np.array([[view.origin - point for point, _ in surfaces] for view in views])
+    normals = np.array([normal / np.linalg.norm(normal) for _, normal in surfaces])
+    cosine = np.abs(np.sum(away * normals, axis=2)) / np.linalg.norm(away, axis=2)
+    edge_on = np.sum(cosine < EDGE_ON, axis=1)
+    return views[int(np.argmin(hidden.mean(axis=1) + edge_on / 2))]
 
 
 def _around(
     points: Array, azimuth: float, height: float, shape: tuple[int, int], towards: Array
 ) -> View:
     """Return a view in a direction that just holds all points, with a margin."""
-    forth = np.array([towards[0], towards[1], 0.0])
-    forth /= np.linalg.norm(forth)
+    forth = np.array([towards[0], towards[1], 0.0]) / np.hypot(towards[0], towards[1])
     side = np.array([forth[1], -forth[0], 0.0])
     a, h = np.radians([azimuth, height])
-    ahead = np.cos(h) * (np.cos(a) * forth - np.sin(a) * side) - np.sin(h) * np.array([0, 0, 1.0])
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
+    flat = np.cos(a) * forth - np.sin(a) * side
+    right = np.sin(a) * forth + np.cos(a) * side
+    ahead = np.cos(h) * flat - np.sin(h) * np.array([0, 0, 1.0])
     axes = np.stack([right, np.cross(right, ahead), ahead])
-    half = np.array([1.0, shape[0] / shape[1]]) * np.tan(np.radians(ANGLE / 2))
     local = points @ axes.T
     # Of the planes through the eye that bound the picture, each touches the points.
-    slack = half / MARGIN
+    slack = HALF_WIDTH / MARGIN * np.array([1.0, shape[0] / shape[1]])
     low = (local[:, :2] + local[:, 2:] * slack).min(axis=0)
     high = (local[:, :2] - local[:, 2:] * slack).max(axis=0)
-    depth = float(np.min((low - high) / (2 * slack)))
-    eye = np.array([*(low + high) / 2, 0.0])
-    eye[2] = depth
-    return View(eye @ axes, axes, float(half[0]), shape)
+    eye = np.array([*(low + high) / 2, np.min((low - high) / (2 * slack))])
+    return View(eye @ axes, axes, shape)
 
 
 def render_overview(
@@ -119,8 +103,7 @@ def render_overview(
 ) -> NDArray[np.float64]:
     """Return a path-traced picture of a scene, (rows, columns, 3) radiance, by an even room light.
 
-    The monitor is white, and without its falloff where only a scalar
-    variant works.
+    The monitor is white, and without its falloff where only a scalar variant works.
     """
     import mitsuba as mi
 
@@ -130,7 +113,7 @@ def render_overview(
     sensor = mi.load_dict(
         {
             "type": "perspective",
-            "fov": float(2 * np.degrees(np.arctan(view.half_width))),
+            "fov": float(2 * np.degrees(np.arctan(HALF_WIDTH))),
             "fov_axis": "x",
             "to_world": mi.ScalarTransform4f().look_at(
                 origin.tolist(), (origin + ahead).tolist(), up.tolist()
@@ -141,8 +124,10 @@ def render_overview(
             "sampler": {"type": "multijitter"},
         }
     )  # fmt: skip
+    distance = scenario.wall_points.mean(axis=0) - scenario.patch_centers.mean(axis=0)
+    radiance = ROOM_LIGHT * float(scenario.patch_areas.sum() / (np.pi * distance @ distance))
+    light = {"type": "constant", "radiance": {"type": "rgb", "value": radiance}}
     shapes = {f"shape{k}": shape for k, shape in enumerate(scene.shapes())}
-    light = {"type": "constant", "radiance": {"type": "rgb", "value": _room_light(scenario)}}
     lit = mi.load_dict({"type": "scene", "light": light, **shapes})
     return path_trace(lit, 4, samples=samples, seed=seed, sensor=sensor)
 
@@ -151,16 +136,9 @@ def covered(survey: Survey, view: View) -> Array:
     """Return how much of each pixel of a view shows anything, (rows, columns), of 2 x 2 points."""
     rows, columns = (2 * n for n in view.shape)
     row, column = np.divmod(np.arange(rows * columns), columns)
-    right = view.half_width * ((column + 0.5) / columns * 2 - 1)
-    up = view.half_width * (rows - 2 * (row + 0.5)) / columns
+    right = HALF_WIDTH * ((column + 0.5) / columns * 2 - 1)
+    up = HALF_WIDTH * (rows - 2 * (row + 0.5)) / columns
     rays = np.stack([right, up, np.ones(len(row))], axis=1) @ view.axes
     eye = np.tile(view.origin, (len(rays), 1))
-    blocked = survey.blocked(eye, eye + FAR * rays)
-    grid = blocked.reshape(view.shape[0], 2, view.shape[1], 2)
-    return np.asarray(grid.mean(axis=(1, 3)))
-
-
-def _room_light(scenario: Scenario) -> float:
-    """Return a radiance from all around by which wall and monitor are both seen."""
-    distance = scenario.wall_points.mean(axis=0) - scenario.patch_centers.mean(axis=0)
-    return ROOM_LIGHT * float(scenario.patch_areas.sum() / (np.pi * distance @ distance))
+    blocked = survey.blocked(eye, eye + 100 * rays)  # all lies within a hundred metres
+    return np.asarray(blocked.reshape(view.shape[0], 2, view.shape[1], 2).mean(axis=(1, 3)))

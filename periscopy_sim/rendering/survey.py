@@ -12,16 +12,11 @@ from periscopy_sim.rendering.scene.load import build_scene, camera_of
 from periscopy_sim.rendering.scene.pointwise import map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import is_vectorized
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 
 EDGE = 1e-4
-"""Of the picture's size by which its corners are looked at within it; its size is told to 1e-3."""
-
-PARALLEL = 1e-5
-"""Differences of directions that rounding makes."""
-
-SIDE = 24
-"""Points along each side of a grid over a surface that is no mesh."""
+"""Fraction of the picture's size by which its corners are looked at within it: rounding must not
+carry them outside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +39,15 @@ class Survey:
     parallel
         Whether these rays are parallel; else they come from one point.
     monitor_points
-        (N, 3) corners of the monitor's patches.
+        (4 N, 3) corners of the monitor's patches.
     solids
-        What stands between, each shape but the wall and the monitor.
+        Each shape but the wall and the monitor.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         self._scene = build_scene(scenario)
         camera = camera_of(self._scene)
-        corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
-        film = EDGE + (1 - 2 * EDGE) * corners
+        film = np.clip([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)], EDGE, 1 - EDGE)
 
         def through(position: Any) -> tuple[Any, Any, Any]:
             import mitsuba as mi
@@ -62,10 +56,10 @@ class Survey:
             return ray.o, ray.d, self._scene.ray_intersect(ray).p
 
         origins, directions, self.view_points = map_points(through, film)
-        self.parallel = bool(np.ptp(directions, axis=0).max() < PARALLEL)
+        self.parallel = np.allclose(directions, directions[0], atol=1e-5)
         # Mitsuba's rays begin at the near clipping plane.
-        eye = origins if self.parallel else _nearest_point(origins, directions)
-        self.view_origins: Array = np.broadcast_to(eye, (5, 3))
+        eye = np.ravel(camera.world_transform().translation())
+        self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
         half_across, half_up = scenario.patch_across / 2, scenario.patch_up / 2
         self.monitor_points: Array = np.concatenate(
             [
@@ -76,9 +70,7 @@ class Survey:
         )
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
         self.solids = tuple(
-            Solid(each.name, _surface(shapes[each.name]), None)
-            if each.vertices is None
-            else Solid(each.name, each.vertices, each.faces)
+            Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
             for each in scenario.occluders
         )
 
@@ -95,45 +87,28 @@ class Survey:
 
         path = ends - starts
         first = starts + SHADOW_EPSILON * path
-        reach = 1 - 2 * SHADOW_EPSILON
-        if is_vectorized():
-            ray = mi.Ray3f(
-                mi.Point3f(first.T.astype(np.float32)),
-                mi.Vector3f(path.T.astype(np.float32)),
-                reach,
-                0.0,
-                [],
+
+        def test(origin: Any, direction: Any) -> Any:
+            return self._scene.ray_test(
+                mi.Ray3f(origin, direction, 1 - 2 * SHADOW_EPSILON, 0.0, [])
             )
-            return np.array(self._scene.ray_test(ray), bool)
-        return np.array(
-            [
-                bool(self._scene.ray_test(mi.Ray3f(list(o), list(d), reach, 0.0, [])))
-                for o, d in zip(first.tolist(), path.tolist(), strict=True)
-            ]
-        )
+
+        if is_vectorized():
+            origins, directions = (each.T.astype(np.float32) for each in (first, path))
+            return np.array(test(mi.Point3f(origins), mi.Vector3f(directions)), bool)
+        pairs = zip(first.tolist(), path.tolist(), strict=True)
+        return np.array([bool(test(origin, direction)) for origin, direction in pairs])
 
 
-def _nearest_point(origins: Array, directions: Array) -> Array:
-    """Return the point of least squared distance to lines of unit directions, both (n, 3)."""
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    moved = np.einsum("nij,nj->i", across, origins)
-    return np.asarray(np.linalg.solve(across.sum(axis=0), moved))
-
-
-def _surface(shape: Any) -> Array:
-    """Return points all over a shape that is no mesh, or the corners of its box."""
-
-    def sampled(position: Any) -> tuple[Any]:
-        return (shape.sample_position(0.0, position).p,)
-
-    side = np.linspace(0, 1 - 1e-6, SIDE)
+def _points_of(occluder: Occluder, shape: Any) -> Array:
+    """Return a mesh's vertices, points all over another shape, or the corners of its box."""
+    if occluder.vertices is not None:
+        return occluder.vertices
+    side = np.linspace(0, 1 - 1e-6, 24)
     grid = np.stack(np.meshgrid(side, side), axis=2).reshape(-1, 2)
     try:
-        points: Array = map_points(sampled, grid)[0]
+        (points,) = map_points(lambda sample: (shape.sample_position(0.0, sample).p,), grid)
     except (RuntimeError, NotImplementedError):
         points = np.full((1, 3), np.nan)
-    if np.isfinite(points).all():
-        return points
-    box = shape.bbox()
-    ends = np.array([np.ravel(box.min), np.ravel(box.max)], float)
-    return np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
+    assert occluder.bounds is not None
+    return points if np.isfinite(points).all() else corners(occluder.bounds)

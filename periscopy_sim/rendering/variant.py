@@ -6,15 +6,14 @@ This is the only module that calls `mi.set_variant`.
 from __future__ import annotations
 
 import os
-import platform
 import warnings
 from dataclasses import dataclass
 
 from periscopy_sim.errors import VariantError
 
 FIXED_BLOCKS = {"block_size": 32}
-"""Of Mitsuba's integrators: in scalar variants each block of pixels has a seed of its own, and
-their size follows the number of threads where none is given."""
+"""Of Mitsuba's integrators, by its default: in scalar variants each block of pixels has a seed of
+its own, and blocks of no fixed size follow the number of threads."""
 
 PREFERENCE = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 OVERRIDE = "PERISCOPY_VARIANT"
@@ -24,7 +23,7 @@ OLDEST_LLVM = 17
 cannot select the instruction fminimum."""
 
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
-"""The environment variable by which Dr.Jit is told which libLLVM to load."""
+"""The environment variable that names the libLLVM that Dr.Jit loads."""
 
 
 @dataclass(frozen=True)
@@ -41,48 +40,29 @@ def examine_variants() -> list[VariantReport]:
     import drjit as dr
 
     cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
-    found = bool(dr.has_backend(dr.JitBackend.LLVM))
-    version = dr.detail.llvm_version()[0] if found else 0
+    version = dr.detail.llvm_version()[0] if dr.has_backend(dr.JitBackend.LLVM) else 0
     if version >= OLDEST_LLVM:
         llvm = f"libLLVM {version} was found"
-    elif found:
+    elif version:
         llvm = f"libLLVM {version} is too old for Mitsuba's path tracer; {install_llvm()}"
     else:
         llvm = f"no libLLVM loads that Dr.Jit can use; {install_llvm()}"
+    device = "an NVIDIA device answers" if cuda else "no NVIDIA device or driver answers"
     return [
-        VariantReport(
-            "cuda_ad_rgb",
-            cuda,
-            "an NVIDIA device answers" if cuda else "no NVIDIA device or driver answers",
-        ),
+        VariantReport("cuda_ad_rgb", cuda, device),
         VariantReport("llvm_ad_rgb", version >= OLDEST_LLVM, llvm),
         VariantReport("scalar_rgb", True, "needs nothing; about 100 times slower than LLVM"),
     ]
 
 
 def install_llvm() -> str:
-    """Return how a libLLVM that serves is installed on this system."""
-    if platform.system() == "Windows":
-        way = (
-            "run the installer from github.com/llvm/llvm-project/releases, then set "
-            f"{LLVM_FILE} to its LLVM-C.dll, such as C:\\Program Files\\LLVM\\bin\\LLVM-C.dll"
-        )
-    elif conda := os.environ.get("CONDA_PREFIX"):
-        way = (
-            f"conda install -c conda-forge libllvm19, then set {LLVM_FILE} to the libLLVM in "
-            f"{conda}/lib"
-        )
-    elif platform.system() == "Darwin":
-        way = (
-            f"brew install llvm; if it is not found, set {LLVM_FILE} to "
-            "$(brew --prefix llvm)/lib/libLLVM.dylib"
-        )
-    else:
-        way = (
-            "Debian, Ubuntu: apt-get install libllvm19; elsewhere by its package manager, then set "
-            f"{LLVM_FILE} to its libLLVM.so"
-        )
-    return f"install LLVM {OLDEST_LLVM} or newer to render about 100 times faster ({way})"
+    """Return how to install a libLLVM that serves."""
+    return (
+        f"install LLVM {OLDEST_LLVM} or newer to render about 100 times faster (Debian, Ubuntu: "
+        "apt-get install libllvm19; macOS: brew install llvm; conda: libllvm19 of conda-forge; "
+        "Windows: the installer from github.com/llvm/llvm-project/releases); where Dr.Jit does not "
+        f"find it, set {LLVM_FILE} to its libLLVM.so, libLLVM.dylib or LLVM-C.dll"
+    )
 
 
 def use_variant(name: str | None = None) -> str:
@@ -114,13 +94,22 @@ def use_variant(name: str | None = None) -> str:
     import mitsuba as mi
 
     asked = name or os.environ.get(OVERRIDE) or mi.variant()
+    reports = {report.name.split("_")[0]: report for report in examine_variants()}
     if asked is None:
-        reports = {report.name: report for report in examine_variants()}
-        asked = next(name for name, report in reports.items() if report.works)
+        asked = next(report.name for report in reports.values() if report.works)
         if asked == "scalar_rgb":
-            why = reports["llvm_ad_rgb"].reason
+            why = reports["llvm"].reason
             warnings.warn(f"rendering with scalar_rgb: {why}", RuntimeWarning, 2)
-    _check(asked)
+    if asked not in mi.variants():
+        raise VariantError(
+            f"unknown Mitsuba variant '{asked}'; installed here: {', '.join(mi.variants())}; "
+            f"name one of these, or unset {OVERRIDE}"
+        )
+    if "_rgb" not in asked:
+        raise VariantError(f"variant '{asked}' is not an RGB variant; use one of {PREFERENCE}")
+    report = reports.get(asked.split("_")[0])
+    if report is not None and not report.works:
+        raise VariantError(f"variant '{asked}' does not work here: {report.reason}")
     if mi.variant() != asked:
         mi.set_variant(asked)
     from periscopy_sim.rendering.emitters.lcd import register_lcd
@@ -141,18 +130,3 @@ def require_vectorized(purpose: str) -> None:
     use_variant()
     if not is_vectorized():
         raise VariantError(f"{purpose} needs llvm_ad_rgb or cuda_ad_rgb: {install_llvm()}")
-
-
-def _check(name: str) -> None:
-    import mitsuba as mi
-
-    if name not in mi.variants():
-        raise VariantError(
-            f"unknown Mitsuba variant '{name}'; installed here: {', '.join(mi.variants())}; "
-            f"name one of these, or unset {OVERRIDE}"
-        )
-    if "_rgb" not in name:
-        raise VariantError(f"variant '{name}' is not an RGB variant; use one of {PREFERENCE}")
-    for report in examine_variants():
-        if not report.works and name.split("_")[0] == report.name.split("_")[0]:
-            raise VariantError(f"variant '{name}' does not work here: {report.reason}")

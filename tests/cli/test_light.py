@@ -1,6 +1,7 @@
 """The light that commands model: A from files, with bounces, within memory; B of any source."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
-from periscopy_sim.cli.options import parse_bounces
+from periscopy_sim.cli.options import Model, parse_bounces
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
 from periscopy_sim.photographs.film_size import FilmAdvice
@@ -81,6 +83,24 @@ def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
                 with pytest.raises(PeriscopyError):
                     check_memory(scenario, "noise-aware")
             assert advice.fits((side, side)) == (available > needed)
+
+
+@pytest.mark.parametrize(
+    ("request_", "model"),
+    [
+        (TransportRequest(None, 0), Model.analytic),
+        (TransportRequest(4, 0), Model.rendered),
+        (TransportRequest(None, 0, Model.rendered), Model.rendered),
+        (TransportRequest(4, 0, Model.analytic), Model.analytic),
+        (TransportRequest(None, 0, method="preconditioned"), Model.rendered),
+        (TransportRequest(None, 0, method="mine.py:Mine"), Model.analytic),
+    ],
+)
+def test_matrix_has_its_closed_form_unless_rays_are_better_or_asked_for(request_, model, scenario):
+    assert request_.model_of(scenario) is model
+    assert request_.model_of(replace(scenario, emission=None)) in (Model.rendered, request_.model)
+    A = area_transport(scenario)
+    assert np.linalg.norm(request_.matrix(scenario) - A) < 0.2 * np.linalg.norm(A)
 
 
 # -- light that bounces --------------------------------------------------------------------------

@@ -4,10 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
-from PIL import Image
 
-from periscopy_sim.figures.calibration import calibration_figure, draw_calibration
+from periscopy_sim.figures.calibration import draw_calibration
+from tests.figures.conftest import read
 
 SEARCH = np.array([[0.0, 2.0], [0.9, 2.4], [0.12, 1.9], [-0.8, 5.0]])
 EVIDENCE = np.array([7.0, np.inf, 3.0, 5.0])
@@ -44,31 +43,37 @@ def residuals():
 
 
 @pytest.fixture
-def axes(residuals):
-    figure = calibration_figure(np.full((16, 18, 3), 0.5), calibration(*residuals))
-    return {ax.get_title(): ax for ax in figure.axes if ax.get_title()}
+def draw(tmp_path, saved):
+    def make(shown):
+        path = tmp_path / "calibration.png"
+        draw_calibration(path, np.full((16, 18, 3), 0.5), shown, {"Source": "s"})
+        assert read(path)[0]["Source"] == "s"
+        return saved[-1]
+
+    return make
 
 
-def test_each_residual_stands_under_its_title_in_percent(axes, residuals):
-    titles = "unexplained at the start: 2.89 %", "unexplained after calibration: 1.00 %"
-    for title, residual in zip(titles, residuals, strict=True):
-        (picture,) = axes[title].images
+def test_each_residual_stands_under_its_title_in_percent(draw, residuals):
+    axes = {ax.get_title(): ax for ax in draw(calibration(*residuals)).axes}
+    for percent, residual in zip(("2.89 %", "1.00 %"), residuals, strict=True):
+        (ax,) = (ax for title, ax in axes.items() if percent in title)
+        (picture,) = ax.images
         np.testing.assert_allclose(picture.get_array(), 100 * residual)
         low, high = picture.get_clim()
         assert -low == high == pytest.approx(100 * np.percentile(np.abs(residuals[0]), 99))
 
 
-def test_each_parameter_is_shown_on_its_path(axes, residuals):
-    parameters = calibration(*residuals).parameters
-    titles = "dx: 0.1 ± 0.01", "turn: 1.6 ± 0.3"
-    for k, (title, parameter) in enumerate(zip(titles, parameters, strict=True)):
-        ax = axes[title]
+def test_each_parameter_is_shown_on_its_path(draw, residuals):
+    shown = calibration(*residuals)
+    axes = draw(shown).subfigs[1].axes
+    for k, parameter in enumerate(shown.parameters):
+        ax = axes[k]
+        assert ax.get_title().startswith(parameter.name)
         *paths, best, start, end = ax.get_lines()
         for level, (line, values) in enumerate(zip(paths, (SEARCH, DESCENT), strict=True)):
-            place, shown = line.get_data()
-            np.testing.assert_array_equal(shown, values[:, k])
+            place, visited = line.get_data()
+            np.testing.assert_array_equal(visited, values[:, k])
             assert level < place[0] and place[-1] < level + 1 and (np.diff(place) > 0).all()
-            assert line.get_linestyle() == "None"
         np.testing.assert_array_equal(best.get_data(), (place, BEST[:, k]))
         assert start.get_ydata()[0] == parameter.start
         assert end.get_ydata()[0] == parameter.value
@@ -78,54 +83,25 @@ def test_each_parameter_is_shown_on_its_path(axes, residuals):
         np.testing.assert_allclose([band.get_y(), band.get_y() + band.get_height()], [low, high])
         labels = [label.get_text() for label in ax.get_xticklabels()]
         assert labels == ["4 x 4", "16 x 18"]
+    # The range holds the descent, not all that was searched.
+    np.testing.assert_allclose(axes[0].get_ylim(), [-0.08 * 0.11, 1.08 * 0.11])
 
 
-def test_a_calibration_that_is_not_to_be_trusted_says_so(residuals):
+def test_a_calibration_that_is_not_to_be_trusted_says_so(draw, residuals):
     doubted = calibration(*residuals)
-    assert calibration_figure(np.full((16, 18, 3), 0.5), doubted).subfigs[0].get_suptitle() == ""
+    assert draw(doubted).subfigs[0].get_suptitle() == ""
     doubted.doubts = ("dx ended 18.0 of the ruler's errors from there",)
-    above, _ = calibration_figure(np.full((16, 18, 3), 0.5), doubted).subfigs
-    assert above.get_suptitle() == f"NOT TO BE TRUSTED\n{doubted.doubts[0]}"
+    assert doubted.doubts[0] in draw(doubted).subfigs[0].get_suptitle()
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 5, 7])
-def test_paths_fill_their_rows_and_are_explained(residuals, count):
+@pytest.mark.parametrize("count", [1, 4, 7])
+def test_paths_fill_their_rows(draw, residuals, count):
     shown = calibration(*residuals)
     shown.parameters = shown.parameters[:1] * count
     for visited in shown.path:
         visited.values = np.repeat(visited.values[:, :1], count, axis=1)
-    figure = calibration_figure(np.full((16, 18, 3), 0.5), shown)
-    above, beneath = figure.subfigs
+    above, beneath = draw(shown).subfigs
     assert len(above.axes) == 4
     rows = beneath.axes[0].get_gridspec().nrows
     assert len(beneath.axes) - count < rows <= -(-count // 4)
-    (legend,) = beneath.legends
-    told = [text.get_text() for text in legend.get_texts()]
-    assert told[-3:] == ["start", "found", "± standard error"] and len(told) == 6
-    assert "the scene's units" in beneath.get_supylabel()
-    assert "pixels of the photograph" in beneath.get_supxlabel()
-
-
-def test_the_range_holds_the_descent_not_all_that_was_searched(residuals):
-    figure = calibration_figure(np.full((16, 18, 3), 0.5), calibration(*residuals))
-    (ax,) = [ax for ax in figure.axes if ax.get_title().startswith("dx")]
-    np.testing.assert_allclose(ax.get_ylim(), [-0.08 * 0.11, 1.08 * 0.11])
-
-
-def test_residuals_are_shown_pixel_by_pixel_in_the_colours_of_their_sign(tmp_path):
-    # 230 pixels are enlarged a little over twice, where averages would be drawn between them.
-    signs = np.where(np.indices((230, 230)).sum(axis=0) % 2, 1.0, -1.0)
-    path = tmp_path / "calibration.png"
-    photograph = np.full((230, 230, 3), 0.5)
-    draw_calibration(path, photograph, calibration(0.02 * signs, 0.01 * signs), {"Source": "s"})
-    with Image.open(path) as picture:
-        assert picture.text["Source"] == "s"
-        pixels = np.asarray(picture.convert("RGB")).astype(int)
-    ends, halves = (
-        [255 * np.array(colormaps["RdBu_r"](fraction)[:3]) for fraction in fractions]
-        for fractions in ((0.0, 1.0), (0.25, 0.75))
-    )
-    above = pixels[: len(pixels) // 2]
-    for colour in (*ends, *halves):
-        # Either sign fills half of its map, and a map a quarter of this part of the picture.
-        assert np.mean(np.abs(above - colour).max(axis=2) <= 3) > 0.1
+    assert len(beneath.legends[0].get_texts()) == 6

@@ -33,9 +33,7 @@ def test_view_is_from_where_nothing_stands_in_the_way(room, side):
 def test_pixels_that_show_something_are_those_of_the_things(room):
     """A camera before the wall's middle, 2 m x 2 m: its edges are where they are projected."""
     scenario = room.load()
-    view = View(
-        np.array([0.7, -3.0, 0.3]), np.array([(1, 0, 0), (0, 0, 1), (0, 1, 0)]), 0.5, (30, 30)
-    )
+    view = View(np.array([0.7, -6.0, 0.3]), np.array([(1, 0, 0), (0, 0, 1), (0, 1, 0)]), (30, 30))
     shown = covered(Survey(scenario), view)
     corners = np.array([(-0.3, 1, -0.7), (1.7, 1, 1.3)])
     (left, bottom), (right, top) = view.project(corners)[0]

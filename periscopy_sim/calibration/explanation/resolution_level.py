@@ -26,7 +26,7 @@ from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.paint import Unevenness
 from periscopy_sim.photograph import blackened
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, require_light
+from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.storage.pictures import area_average
 
@@ -42,7 +42,7 @@ COVERED = 0.5
 
 @dataclass(frozen=True)
 class Rays:
-    """How many make up an entry of the transport matrix, see `render_penumbrae`."""
+    """How many make up an entry of the transport matrix, see `render_transport`."""
 
     samples: int
     pixel_samples: int
@@ -258,7 +258,7 @@ class ResolutionLevel:
             with suppress(ClosedFormError):  # an occluder that went behind the monitor, say
                 A = self._by_area(values)
                 return A if self.used.all() else A[self.used.ravel()]
-        A = render_penumbrae(
+        A = render_transport(
             self.scenario(values),
             samples=self._rays.samples,
             pixel_samples=self._rays.pixel_samples * self._larger**2,

@@ -8,11 +8,10 @@ the error is largest, until the whole is as exact as was asked for.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,15 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.irradiance import (
-    BouncedIrradiance,
-    direct_irradiance,
-)
+from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
+from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits
+from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import (
     LIFT,
     Array,
@@ -41,18 +38,12 @@ from periscopy_sim.scenario import (
 )
 from periscopy_sim.shipped import find_scene
 
-REPLICAS = 8
-"""Independent estimates, from whose scatter the error is told."""
-
-SITES = 256
-"""Pixels at which bounced light is estimated."""
-
 RAYS = 256
 """Rays from each of them in a round."""
 
 RAY = 100
-"""Time of such a ray, with the paths that go on from what it meets and its shadow rays, in samples
-of direct light: measured in a room with windows."""
+"""Time of such a ray, with the paths that go on from what it meets and its shadow rays, over that
+of a sample of direct light: measured in a room with windows."""
 
 DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""
@@ -133,8 +124,7 @@ def render_background(
     ------
     SceneError
         If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
-        see its wall, no light reaches that, a lamp without a size shines where a shape is clear or
-        a mirror, or the scenario's wall is not diffuse.
+        see its wall, no light reaches that, or the scenario's wall is not diffuse.
     VariantError
         In scalar variants.
 
@@ -150,13 +140,13 @@ def render_background(
             "type diffuse"
         )
     path = find_scene(path)
-    scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
+    scene, points, normals = placed_in(path, scenario, parameters)
     parts = _parts(scene, points, normals, scenario.photograph_shape, rays or RAYS)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
     )
-    irradiance, errors = _refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+    irradiance, errors = refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
     if not irradiance.any():
         raise SceneError(
             f"scene '{path}': no light reaches its wall; move its emitters or its wall"
@@ -173,39 +163,6 @@ def render_background(
     return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
 
 
-@dataclass(frozen=True, eq=False)
-class Field:
-    """Independent estimates of a field."""
-
-    replicas: Array  # (K, M, 3) at the pixels
-    squared_bias: Array  # (3,) of all replicas alike, averaged over pixels
-    largest: tuple[int, int] | None  # powers of row and column; None of the samples themselves
-
-    @property
-    def squared_error(self) -> float:
-        """Expected squared error of the replicas' mean, averaged over pixels and channels."""
-        variance = self.replicas.var(axis=0, ddof=1).mean() / len(self.replicas)
-        return float(variance + self.squared_bias.mean())
-
-
-def best_estimate(replicas: Array, sites: NDArray[np.intp], shape: tuple[int, int]) -> Field:
-    """Fit polynomials of row and column by least squares, and take those of least error.
-
-    Where every pixel was sampled, the samples themselves compete. `replicas` are (K, S, 3)
-    estimates, K of at least 2, at the (S,) row-major indices `sites`.
-    """
-    best = min(
-        polynomial_fits(replicas, sites, shape), key=lambda fit: float(fit.squared_error.mean())
-    )
-    fitted = best.fields.transpose(1, 0, 2)
-    smooth = Field(fitted, best.squared_bias, best.largest)
-    if np.array_equal(sites, np.arange(shape[0] * shape[1])):
-        return min(
-            Field(replicas, np.zeros(3), None), smooth, key=lambda field: field.squared_error
-        )
-    return smooth
-
-
 @dataclass(eq=False)
 class Part:
     """One part of the light, estimated in replicas at some of the pixels."""
@@ -215,24 +172,24 @@ class Part:
     shape: tuple[int, int]  # of the photograph
     work: float = 1.0  # time of a round, in any unit
     rounds: int = 0  # how often samples were added
-    field: Field = dataclasses.field(init=False)  # at every pixel, after the first round
-    _sum: Array = dataclasses.field(default_factory=lambda: np.zeros(()))
+    fit: FieldFit = field(init=False)  # after the first round
+    _sum: Any = 0.0
 
     def add_round(self, seeds: Iterator[int]) -> None:
         """Add samples to every replica, and estimate the field anew."""
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1):  # the last bits follow the number of threads
-            self._sum = self._sum + [self.estimate(next(seeds)) for _ in range(REPLICAS)]
+            self._sum += np.array([self.estimate(next(seeds)) for _ in range(REPLICAS)])
             self.rounds += 1
-            self.field = best_estimate(self._sum / self.rounds, self.sites, self.shape)
+            self.fit = best_fit(self._sum / self.rounds, self.sites, self.shape)
 
 
 def _parts(
     scene: Any, points: Array, normals: Array, shape: tuple[int, int], rays: int
 ) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
-    edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape, SITES)
+    edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape)
     direct = [
         partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
         for emitter in scene.emitters()
@@ -246,23 +203,25 @@ def _parts(
     ]
 
 
-def _refined(
+def refined(
     parts: list[Part],
     target: float,
     max_rounds: int,
     seeds: Iterator[int],
     progress: Callable[[float], None],
 ) -> tuple[Array, tuple[float, float]]:
-    """Add rounds where they gain most for their time until the whole is as exact as the target."""
+    """Add rounds where they gain most for their time until the whole is as exact as the target.
+
+    Return the irradiance, (M, 3), and its errors, see `relative_errors`.
+    """
     for part in parts:
         part.add_round(seeds)
     while True:
-        whole = sum((part.field.replicas for part in parts), np.zeros(()))
-        bias = sum((part.field.squared_bias for part in parts), np.zeros(3))
-        mean = whole.mean(axis=0)
-        errors = relative_errors(whole, bias)
-        open_parts = [part for part in parts if part.rounds < max_rounds]
+        whole = sum((part.fit.replicas for part in parts), np.zeros(()))
+        bias = sum((part.fit.squared_bias for part in parts), np.zeros(3))
+        mean, errors = whole.mean(axis=0), relative_errors(whole, bias)
         error = np.hypot(*errors)
+        open_parts = [part for part in parts if part.rounds < max_rounds]
         if error <= target or not open_parts:
             return mean, errors
         progress(min(1.0, (target / error) ** 2))
@@ -270,12 +229,10 @@ def _refined(
         def gain(part: Part, mean: Array = mean) -> float:
             """Return by how much a round lowers the squared error, over its work.
 
-            With the noise falls what is told of the bias: more is known of it, and fits of higher
-            powers do better.
+            With the noise the bias falls: more is known of it, and higher powers serve better.
             """
-            replicas = part.field.replicas
-            alone = mean + replicas - replicas.mean(axis=0)
-            error = np.hypot(*relative_errors(alone, part.field.squared_bias))
+            alone = mean + part.fit.replicas - part.fit.replicas.mean(axis=0)
+            error = np.hypot(*relative_errors(alone, part.fit.squared_bias))
             return float(error**2 / (part.rounds + 1) / part.work)
 
         max(open_parts, key=gain).add_round(seeds)
@@ -303,14 +260,13 @@ def placed_in(
     path: Path,
     scenario: Scenario,
     parameters: Mapping[str, str] | None,
-    check: Callable[[SceneNodes], None],
+    check: Callable[[SceneNodes], None] = check_media,
 ) -> tuple[Any, Array, Array]:
     """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
 
     A SceneError says that it has no light, its camera does not see its wall, or what `check` finds.
     """
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check_media(nodes)
     check(nodes)
     nodes.average_pixels()
     scene = nodes.instantiate()
@@ -321,21 +277,24 @@ def placed_in(
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
     """Centre, axes and size of what the ambient scene's camera sees of its wall."""
+    import drjit as dr
     import mitsuba as mi
 
     camera, wall = camera_of(scene), shape_of(scene, "wall")
-    points, normals = [], []
-    for row, column in itertools.product((1 / 6, 1 / 2, 5 / 6), repeat=2):
-        ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(column, row), mi.Point2f(0.5, 0.5))
+
+    def meet(film: Any) -> tuple[Any, ...]:
+        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
         si = scene.ray_intersect(ray)
-        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == mi.ShapePtr(wall))):
-            raise SceneError(
-                f"scene '{path}': its camera does not see its wall; move what stands between them"
-            )
-        points.append(np.ravel(si.p))
-        normals.append(np.ravel(si.n) * -np.sign(np.ravel(si.n) @ np.ravel(ray.d)))
+        return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), si.shape == mi.ShapePtr(wall)
+
+    row, column = np.indices((3, 3)).reshape(2, -1)
+    points, normals, seen = map_points(meet, np.stack([column + 0.5, row + 0.5], axis=1) / 3)
+    if not seen.all():
+        raise SceneError(
+            f"scene '{path}': its camera does not see its wall; move what stands between them"
+        )
     size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    return wall_frame(np.array(points, float), np.array(normals, float), (3, 3)), size
+    return wall_frame(points, normals, (3, 3)), size
 
 
 def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Array]:

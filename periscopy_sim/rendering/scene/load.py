@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.motion import LoadedScene
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import seen_wall
 from periscopy_sim.rendering.variant import use_variant
-from periscopy_sim.scenario import Array, Occluder, Scenario
+from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
 
 MOST_PIXELS = 1 << 22
@@ -68,17 +70,15 @@ def load_scenario(
     """
     use_variant()
     values = {name: str(value) for name, value in (parameters or {}).items()}
-    return _loaded(find_scene(path), _hidden_size(hidden), photograph, values)
+    rows, columns = map(operator.index, hidden)
+    return _load(SceneNodes(find_scene(path), values), (rows, columns), photograph)
 
 
-def _loaded(
-    path: Path,
-    hidden: tuple[int, int],
-    photograph: tuple[int, int] | None,
-    values: Mapping[str, str],
+def _load(
+    nodes: SceneNodes, hidden: tuple[int, int], photograph: tuple[int, int] | None
 ) -> Scenario:
-    """Return the scenario at some values, as text; see `load_scenario`."""
-    nodes = SceneNodes(path, values)
+    """Return the scenario of a scene's nodes; see `load_scenario`."""
+    path, layout = nodes.path, nodes.layout()
     nodes.show(None)
     nodes.average_pixels()
     check_nodes(nodes)
@@ -88,16 +88,15 @@ def _loaded(
     shapes = {shape.id(): shape for shape in scene.shapes()}
     pixels = _photograph_size(scene, photograph, hidden, path)
     wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
-    points, normals = wall.points, wall.normals
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
-    _check_facing(points, normals, centers, patch_normals, path)
-    return Scenario(
+    bodies = {name: _occluder(shape) for name, shape in shapes.items()}
+    scenario = Scenario(
         path=path,
-        parameters=values,
+        parameters=nodes.parameters,
         photograph_shape=pixels,
         hidden_shape=hidden,
-        wall_points=points,
-        wall_normals=normals,
+        wall_points=wall.points,
+        wall_normals=wall.normals,
         wall_reflectance=wall.reflectance,
         channel_gain=wall.channel_gain,
         patch_centers=centers,
@@ -106,14 +105,32 @@ def _loaded(
         patch_up=up,
         mirrored=mirrored,
         emission=emission,
-        occluders=tuple(
-            _occluder(shape) for name, shape in shapes.items() if name not in ("wall", "monitor")
-        ),
+        occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
         blur=wall.blur,
         wall_texture=wall.texture,
-        wall_relief=_relief(shapes["wall"], points, normals),
-        loader=partial(_loaded, path, hidden, photograph),
+        wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
+    _check_facing(scenario)
+    boxes = {
+        name: corners(body.bounds)
+        for name, body in bodies.items()
+        if name != "wall" and body.bounds is not None
+    }
+    origins, directions = (each.astype(np.float32) for each in (wall.origins, wall.directions))
+    loaded = LoadedScene(scenario, layout, origins, directions, boxes)
+    return replace(scenario, loader=partial(_at, loaded, photograph))
+
+
+def _at(
+    loaded: LoadedScene, photograph: tuple[int, int] | None, values: Mapping[str, str]
+) -> Scenario:
+    """Return a loaded scene's scenario at other values, loaded anew where that takes rays."""
+    nodes = SceneNodes(loaded.scenario.path, values)
+    moved = loaded.at(nodes)
+    if moved is None:
+        return _load(nodes, loaded.scenario.hidden_shape, photograph)
+    _check_facing(moved)
+    return replace(moved, loader=partial(_at, loaded, photograph))
 
 
 def build_scene(
@@ -163,18 +180,6 @@ def patch_uv(
     return (1 - u if mirrored else u), v
 
 
-def _hidden_size(hidden: tuple[int, int]) -> tuple[int, int]:
-    try:
-        rows, columns = (operator.index(number) for number in hidden)
-    except (TypeError, ValueError):
-        raise SceneError(
-            f"the hidden size must be two whole numbers, (rows, columns), not {hidden!r}"
-        ) from None
-    if rows < 1 or columns < 1:
-        raise SceneError(f"a hidden image of {rows}x{columns} patches has none; give at least 1x1")
-    return rows, columns
-
-
 def _photograph_size(
     scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
 ) -> tuple[int, int]:
@@ -186,6 +191,8 @@ def _photograph_size(
             f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
             f"from 1 to {MOST_PIXELS}"
         )
+    if min(hidden) < 1:
+        raise SceneError(f"a hidden image of {hidden[0]}x{hidden[1]} patches has none; give 1x1")
     if hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
             f"{hidden[0]}x{hidden[1]} hidden patches are more than the {rows}x{columns} "
@@ -227,28 +234,24 @@ def _patches(
     return centers, normals, across, dv / rows, mirrored
 
 
-def _check_facing(
-    points: Array, normals: Array, centers: Array, patch_normals: Array, path: Path
-) -> None:
+def _check_facing(scenario: Scenario) -> None:
     """Check that some patch and some point of the wall face each other."""
-    for center, patch_normal in zip(centers, patch_normals, strict=True):
-        ahead = (points - center) @ patch_normal > 0
-        if (ahead & (np.sum(normals * (center - points), axis=1) > 0)).any():
+    points, normals = scenario.wall_points, scenario.wall_normals
+    for center, normal in zip(scenario.patch_centers, scenario.patch_normals, strict=True):
+        way = center - points
+        if ((way @ normal < 0) & (np.sum(normals * way, axis=1) > 0)).any():
             return
     raise SceneError(
-        f"scene '{path}': the monitor faces away from the wall, or is behind it; turn it round, "
-        "flip its normals (flip_normals), or move it"
+        f"scene '{scenario.path}': the monitor faces away from the wall, or is behind it; turn it "
+        "round, flip its normals (flip_normals), or move it"
     )
 
 
-def _relief(wall: Any, points: Array, normals: Array) -> float:
+def _relief(wall: Occluder, points: Array, normals: Array) -> float:
     """Return how far a wall's shape reaches before the plane through the points seen of it."""
-    shape, normal = _occluder(wall), normals.mean(axis=0)
-    corners = shape.vertices
-    if corners is None:
-        assert shape.bounds is not None
-        corners = np.stack(np.meshgrid(*shape.bounds.T), axis=-1).reshape(-1, 3)
-    return float(max(0.0, ((corners - points.mean(axis=0)) @ normal).max()))
+    assert wall.bounds is not None
+    places = corners(wall.bounds) if wall.vertices is None else wall.vertices
+    return float(max(0.0, ((places - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
 
 
 def _occluder(shape: Any) -> Occluder:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -22,15 +23,32 @@ from periscopy_sim.rendering.scene.document import SceneDocument, read_document,
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply, check_mesh
 from periscopy_sim.scenario import EmissionProfile
 
+EXPONENTS = "vertical_exponent", "horizontal_exponent"
+"""Parameters of the LCD's angular profile."""
+
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneLayout:
+    """Where a scene has its shapes and sensors, and everything else that it says.
+
+    `plugins` and `places`, matrices (4, 4) from a node's coordinates to the scene's, are by id; a
+    perspective camera's matrix is scaled by its field of view. `rest` are the nodes' properties
+    without these and without the monitor's angular profile.
+    """
+
+    plugins: dict[str, str]
+    places: dict[str, NDArray[np.float64]]
+    rest: list[Any]
 
 
 class SceneNodes:
     """The parsed nodes of one scene file.
 
-    `required` are ids, each with its kind of node, that the scene must have: one that is missing,
-    or is no plain shape or sensor, is a `SceneError`.
+    `required` are ids, each with its kind of node, that the scene itself must have, outside of
+    groups; one that is missing is a `SceneError`.
     """
 
     def __init__(
@@ -39,8 +57,8 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        self.path = Path(path)
-        self._config, self._state = parse(self.path, parameters or {})
+        self.path, self.parameters = Path(path), parameters or {}
+        self._config, self._state = parse(self.path, self.parameters)
         if required is None:
             required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         found = {self._require(name, kind) for name, kind in required.items()}
@@ -72,8 +90,7 @@ class SceneNodes:
         """Return the monitor's angular profile if it is known in closed form."""
         emitter = self._monitor_emitter()
         if emitter.plugin_name() == LCD:
-            names = ("vertical_exponent", "horizontal_exponent")
-            exponents = [float(emitter.get(name, 0.0)) for name in names]
+            exponents = [float(emitter.get(name, 0.0)) for name in EXPONENTS]
             if not all(0 <= exponent < np.inf for exponent in exponents):
                 raise SceneError(
                     f"scene '{self.path}': the monitor's exponents {exponents} are not both 0 or "
@@ -82,13 +99,35 @@ class SceneNodes:
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
-    def plugin_and_place(self, name: str) -> tuple[str, NDArray[np.float64]]:
-        """Return a node's plugin by its id, and the matrix, (4, 4), from its coordinates."""
+    def layout(self) -> SceneLayout:
+        """Return where the shapes and sensors are, and everything else that the scene says."""
         import mitsuba as mi
 
-        node = self._by_id(name)
-        transform = node.get("to_world", mi.ScalarTransform4f())
-        return str(node.plugin_name()), np.array(transform.matrix, dtype=np.float64)
+        layout = SceneLayout({}, {}, [])
+        for node in self._state.nodes:
+            rest, name = mi.Properties(node.props), node.props.id()
+            plugin = str(rest.plugin_name())
+            if str(node.type).endswith(("Shape", "Sensor")):
+                transform = rest.get("to_world", mi.ScalarTransform4f())
+                place = np.array(transform.matrix, dtype=np.float64)
+                layout.plugins[name], layout.places[name] = plugin, place
+                if plugin != "perspective" or np.allclose(
+                    place[:3, :3] @ place[:3, :3].T, np.eye(3)
+                ):
+                    del rest["to_world"]  # but of a stretched perspective camera, which is an error
+                if plugin == "perspective" and 0 < rest.get("fov", 0) < 180:
+                    place[:, :2] *= np.tan(np.radians(rest["fov"] / 2))
+                    del rest["fov"]
+            elif plugin == LCD:
+                for exponent in EXPONENTS:
+                    del rest[exponent]
+            layout.rest.append(rest)
+        return layout
+
+    def plugin_and_place(self, name: str) -> tuple[str, NDArray[np.float64]]:
+        """Return a node's plugin by its id, and the matrix, (4, 4), from its coordinates."""
+        layout = self.layout()
+        return layout.plugins[name], layout.places[name]
 
     def wall_material(self) -> str:
         """Return the name of the wall's BSDF plugin, for messages."""
@@ -129,9 +168,8 @@ class SceneNodes:
         emitter = self._monitor_emitter()
         if emitter.plugin_name() == LCD:
             emitter.set_plugin_name("area")
-            for name in ("vertical_exponent", "horizontal_exponent"):
-                if name in emitter:
-                    del emitter[name]
+            for name in EXPONENTS:
+                del emitter[name]
 
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""
@@ -223,32 +261,28 @@ class SceneNodes:
         films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
             raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
-        for name in ("width", "height", "crop_width", "crop_height"):
+        for name in ("width", "height"):
             size = films[0].get(name, 1)
             if not isinstance(size, int) or size < 1:
                 raise SceneError(
-                    f"scene '{self.path}': the film of sensor '{sensor}' has {name} {size}; give "
-                    "it a whole number from 1 on"
+                    f"scene '{self.path}': the film's {name} is {size}; give a whole number from 1"
                 )
         return films[0]
 
     def _require(self, name: str, kind: str) -> int:
         """Return the index of a node that the scene must have; its id becomes an alias's name."""
-        where, what = f"scene '{self.path}'", kind.lower()
         index: int = self._state.id_to_index.get(name, -1)
-        if index < 0 or not str(self._state.nodes[index].type).endswith(kind):
-            others = ", ".join(f"'{props.id()}'" for props in self.of_type(kind)) or "none"
-            raise SceneError(f"{where} has no {what} with id '{name}' (its {what}s: {others})")
-        props = self._state.nodes[index].props
-        if props.plugin_name() in ("instance", "shapegroup", "merge"):
+        props = self._state.nodes[index].props if index >= 0 else None
+        plain = [
+            each
+            for _, each in self.children(self._state.root.props, kind)
+            if each.plugin_name() not in ("instance", "shapegroup", "merge")
+        ]
+        if props is None or not any(each is props for each in plain):
+            others = ", ".join(f"'{each.id()}'" for each in plain) or "none"
             raise SceneError(
-                f"{where}: {what} '{name}' is of type '{props.plugin_name()}', which has no "
-                "surface of its own; give the id to a plain shape"
-            )
-        in_scene = self.children(self._state.root.props, kind)
-        if not any(child is props for _, child in in_scene):
-            raise SceneError(
-                f"{where}: {what} '{name}' lies within another shape; put it into the scene itself"
+                f"scene '{self.path}' has no {kind.lower()} with id '{name}' in the scene itself, "
+                f"outside of groups (it has {others})"
             )
         props.set_id(name)
         return index
@@ -288,22 +322,18 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     # Merging meshes would lose their ids.
     config.merge_meshes = False
     config.merge_equivalent = False
-    if document.errors.keys() & set(parameters):  # no plugin reads what a ruler's errors are
-        config.unused_parameters = mi.LogLevel.Debug
-    values = {name: str(value) for name, value in parameters.items()}
+    config.unused_parameters = mi.LogLevel.Debug  # no plugin reads the priors' standard errors
     try:
         with searching(path.parent):
-            state = mi.parser.parse_file(config, str(path), **values)
+            state = mi.parser.parse_file(config, str(path), **parameters)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError) as error:
-        reason = one_line(error)
-        _, quotes, text = reason.rpartition(' value "')
-        given = [f"{name}={value}" for name, value in values.items() if quotes and value in text]
-        named = f", given as {' and '.join(given)}" if given else ""
-        raise SceneError(f"scene '{path}': {reason}{named}") from None
+        raise SceneError(f"scene '{path}': {one_line(error)}") from None
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
-    for node in state.nodes:
+    for index, node in enumerate(state.nodes):
+        if not node.props.id() and str(node.type).endswith("Shape"):
+            node.props.set_id(f"{node.props.plugin_name()}_{index}")
         transform = node.props.get("to_world", None)
         # Mitsuba's renderers compute in single precision.
         if transform is not None and not (np.abs(transform.matrix) < np.finfo("f4").max).all():

@@ -25,20 +25,12 @@ OPAQUE = {
 """BSDF plugins that let no light through unless they are told to; of a ``twosided`` one Mitsuba
 makes sure."""
 
-SCATTERING = OPAQUE - {"conductor", "plastic"} | {"roughdielectric", "principledthin"}
-"""BSDF plugins without a mirror's or a clear pane's part, unless they hold another that has one."""
-
-SIZELESS = {"point", "spot", "projector", "directional", "directionalarea"}
-"""Emitter plugins whose light comes from a point or in one direction: chance never finds them."""
-
 GRID = 64
-"""Points of the monitor's UV square that are looked at, along each side."""
-
-SHARE = 5e-3
-"""Part of the monitor's surface that its UV square may lack; the grid resolves about as much."""
+"""Points along each side of the monitor's UV square at which its surface is looked for."""
 
 UV_ERROR = 1e-3
-"""UV coordinates that a point may be off."""
+"""Error of UV coordinates in single precision, generously. `check_monitor` accepts five times it
+of the monitor's surface, which the grid resolves about as well."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
@@ -71,24 +63,6 @@ def check_opaque(nodes: SceneNodes, else_wrong: str) -> None:
             )
 
 
-def check_lamps(nodes: SceneNodes) -> None:
-    """Refuse lamps without a size where a shape is clear or a mirror: paths miss what it sends on.
-
-    From a clear pane or a mirror a path goes on in one direction, which such a lamp never lies in,
-    and a ray aimed at the lamp is blocked by panes. So it is in Mitsuba's own path tracer.
-    """
-    lamps = [props for props in nodes.of_type("Emitter") if props.plugin_name() in SIZELESS]
-    for props in nodes.of_type("Shape") if lamps else ():
-        for name in _not_scattering(nodes, props):
-            raise SceneError(
-                f"scene '{nodes.path}': emitter '{lamps[0].id()}' ({lamps[0].plugin_name()}) has "
-                f"no size, and its light through or by way of shape '{props.id()}' (bsdf '{name}') "
-                "would be missing; give the lamp a size (a small sphere with an area emitter, for "
-                "the sun a sunsky or its disc in an envmap), or the shape a rough, opaque bsdf, or "
-                "remove it"
-            )
-
-
 def check_monitor(monitor: Any, path: Path) -> None:
     """Refuse a monitor whose surface is not that of its UV square, once.
 
@@ -115,7 +89,7 @@ def check_monitor(monitor: Any, path: Path) -> None:
             "UV coordinates"
         )
     share = area.mean() / float(np.ravel(monitor.surface_area())[0])
-    if not abs(share - 1) <= SHARE:
+    if not abs(share - 1) <= 5 * UV_ERROR:
         raise SceneError(
             f"scene '{path}': the monitor's patches would hold {share:.1%} of its surface; give "
             "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
@@ -145,32 +119,19 @@ def _check_outside(nodes: SceneNodes) -> None:
 
 
 def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
-    """Name the BSDFs within a node that may let light through."""
+    """Return the names of the BSDFs within a node that may let light through."""
     for _, inner in nodes.children(props, "BSDF"):
-        name = inner.plugin_name()
+        name = str(inner.plugin_name())
         if name == "principled":
             opaque = "spec_trans" not in inner or _numbers(inner["spec_trans"]).max() <= 0
+        elif name == "mask":
+            opaque = "opacity" in inner and _numbers(inner["opacity"]).min() >= 1
         else:
-            opaque = name in OPAQUE or _is_full_mask(inner)
+            opaque = name in OPAQUE
         if not opaque:
-            yield str(name)
+            yield name
         elif name != "twosided":
             yield from _see_through(nodes, inner)
-
-
-def _not_scattering(nodes: SceneNodes, props: Any) -> Iterator[str]:
-    """Name the BSDFs within a node that may reflect as a mirror does or let light pass straight."""
-    for _, inner in nodes.children(props, "BSDF"):
-        if inner.plugin_name() in SCATTERING or _is_full_mask(inner):
-            yield from _not_scattering(nodes, inner)
-        else:
-            yield str(inner.plugin_name())
-
-
-def _is_full_mask(props: Any) -> bool:
-    """Return whether a BSDF is a mask that lets nothing through."""
-    is_mask = props.plugin_name() == "mask" and "opacity" in props
-    return bool(is_mask and _numbers(props["opacity"]).min() >= 1)
 
 
 def _numbers(value: Any) -> Any:

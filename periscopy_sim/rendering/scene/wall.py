@@ -20,30 +20,27 @@ from periscopy_sim.scenario import Array
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
 """Directions about the wall's normal in which its colour is looked at, too."""
 
-
 UNIFORM = 1e-4
-"""Of the largest reflectance: what changes less from place to place is no texture."""
+"""Change of reflectance, relative to the largest, that counts as none: far above the rounding of
+single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 TEXTURE_ERROR = 1e-3
-"""Of the root mean square albedo: how well the texture's mean over a pixel is sought."""
+"""Error of a texture's mean over a pixel, relative to the root mean square albedo: the noise of a
+60 dB photograph."""
 
 TEXTURE_POINTS = 16, 1024
-"""Fewest and most points of a pixel over which it is averaged."""
-
-SCALAR_POINTS = 1 << 20
-"""Most points of all pixels in scalar variants, where they take a minute; 64 of each at least."""
-
-BLACK = 1e-3
-"""Of the mean reflectance: a pixel of less has no colour."""
+"""Fewest and most points of a pixel over which its texture is averaged."""
 
 DARK_CHANNEL = 0.1
-"""Of a pixel's mean reflectance: a channel of less would drown in noise, divided by it."""
+"""Channel over the mean of a pixel's channels, below which noise, divided by it, would drown it."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenWall:
-    """What a `Scenario` tells of its wall."""
+    """What a `Scenario` has of its wall, and the rays by which its pixels see it."""
 
+    origins: Array  # (M, 3)
+    directions: Array  # (M, 3)
     points: Array  # (M, 3)
     normals: Array  # (M, 3)
     reflectance: Array | None  # (3,) or (M, 3)
@@ -71,7 +68,7 @@ def seen_wall(
     film = np.stack([(column + 0.5) / columns, (row + 0.5) / rows], axis=1)
     meet = _meet(scene, camera, wall)
     try:
-        points, normals, shading, views, hit, blur, *colors = map_points(meet, film)
+        origins, directions, points, normals, shading, hit, blur, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
@@ -90,9 +87,9 @@ def seen_wall(
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
     normals = np.where(own, shading, normals)
-    normals *= np.sign(np.sum(normals * views, axis=1, keepdims=True))
+    normals *= -np.sign(np.sum(normals * directions, axis=1, keepdims=True))
     aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
-    hit_aside, color_aside = map_points(lambda at: itemgetter(4, 7)(meet(at)), film + aside)
+    hit_aside, color_aside = map_points(lambda at: itemgetter(5, 8)(meet(at)), film + aside)
     # At the pixels' centres alone a wallpaper could look plain.
     colors_met = np.concatenate([colors[1], color_aside[hit_aside[:, 0] != 0]])
     if np.ptp(colors_met, axis=0).max() <= UNIFORM * colors_met.max():
@@ -101,8 +98,10 @@ def seen_wall(
     else:
         albedo = _averaged(meet, film, (rows, columns), where)
         texture, gain = _textured(albedo, where, material)
-    reflectance = np.pi * albedo if _is_diffuse(wall, colors) else None
-    return SeenWall(points, normals, reflectance, gain, texture, float(blur.max()))
+    reflectance = np.pi * albedo if _is_diffuse(colors) else None
+    return SeenWall(
+        origins, directions, points, normals, reflectance, gain, texture, float(blur.max())
+    )
 
 
 def _averaged(
@@ -116,12 +115,10 @@ def _averaged(
 
     def total_of(points: int) -> Array:
         offsets = (sequence.random(points) - 0.5) / size[::-1]
-        met = [map_points(lambda at: (meet(at)[7],), film + offset)[0] for offset in offsets]
+        met = [map_points(lambda at: (meet(at)[8],), film + offset)[0] for offset in offsets]
         return np.asarray(np.sum(met, axis=0))
 
     points, most = TEXTURE_POINTS
-    if not is_vectorized():
-        most = min(most, max(64, SCALAR_POINTS // len(film)))
     total, change = total_of(points), np.inf
     while change > TEXTURE_ERROR and points < most:
         more = total_of(points)
@@ -139,25 +136,27 @@ def _averaged(
 
 def _textured(albedo: Array, where: str, material: str) -> tuple[Array, Array]:
     """Return a wall's texture, (M,), and its channel gain, (3,) or (M, 3), of (M, 3) albedo."""
-    grey = albedo.mean(axis=1)
-    lit = grey > BLACK * grey.mean()
-    gain = np.divide(albedo, grey[:, None], out=np.ones_like(albedo), where=lit[:, None])
-    if np.ptp(gain[lit], axis=0).max() <= UNIFORM * gain.max():
-        return grey / grey.mean(), np.asarray(gain[lit].mean(axis=0))
-    gain[(gain < DARK_CHANNEL).any(axis=1)] = 0
-    if not (gain > 0).any():
+    grey, tint = albedo.mean(axis=1, keepdims=True), albedo.mean(axis=0) / albedo.mean()
+    texture = grey[:, 0] / grey.mean()
+    if np.abs(albedo - grey * tint).max() <= UNIFORM * albedo.max():
+        return texture, tint
+    has_colour = (albedo > DARK_CHANNEL * grey).all(axis=1) & (texture > UNIFORM)
+    if not has_colour.any():
         raise SceneError(
             f"{where}: the wall ({material}) hardly reflects one of the three colours; give it a "
             "texture that does"
         )
-    return grey / grey.mean(), gain
+    return texture, np.where(
+        has_colour[:, None], albedo / np.maximum(grey, UNIFORM * grey.mean()), 0
+    )
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return what the camera's ray through a point of the film meets, as a function of that point.
 
-    The wall's point and both its normals, the direction back, whether the whole aperture sees the
-    wall, the blur, the reflection to the camera, and that along the normal and along `SLOPES`.
+    The ray's origin and direction, the wall's point and both its normals, whether the whole
+    aperture sees the wall, the blur, the reflection to the camera, and that along the normal and
+    along `SLOPES`.
     """
     import drjit as dr
     import mitsuba as mi
@@ -169,10 +168,10 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
         ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(*aperture))
         si = scene.ray_intersect(ray)
         hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
-        return si, ray.d, hit
+        return si, ray, hit
 
     def meet(position: Any) -> tuple[Any, ...]:
-        si, direction, hit = through(position, (0.5, 0.5))
+        si, ray, hit = through(position, (0.5, 0.5))
         blur = mi.Float(0)
         for aperture in rim:
             off_axis, _, also_hit = through(position, aperture)
@@ -182,7 +181,7 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
         facing = bsdf.eval(context, si, toward_camera)
         si.wi = mi.Vector3f(0, 0, 1)
         colors = [bsdf.eval(context, si, mi.Vector3f(*to)) for to in ((0, 0, 1), *SLOPES)]
-        return si.p, si.n, si.sh_frame.n, -direction, hit, blur, facing, *colors
+        return ray.o, ray.d, si.p, si.n, si.sh_frame.n, hit, blur, facing, *colors
 
     return meet
 
@@ -208,14 +207,7 @@ def _check_reflection(colors: list[Array], where: str, material: str) -> None:
         )
 
 
-def _is_diffuse(wall: Any, colors: list[Array]) -> bool:
-    """Return whether a wall that passed `_check_reflection` is diffuse."""
-    import mitsuba as mi
-
+def _is_diffuse(colors: list[Array]) -> bool:
+    """Return whether a wall that passed `_check_reflection` reflects by the cosine law."""
     _, color, *tilted = colors
-    flags = int(wall.bsdf().flags())
-    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-    plain = flags & int(mi.BSDFFlags.DiffuseReflection) and not flags & other
-    # Not so of a diffuse wall beneath a normal map.
-    falls_as_cosine = np.abs(np.array(tilted) / 0.6 - color).max() <= UNIFORM * color.max()
-    return bool(plain and falls_as_cosine)
+    return bool(np.abs(np.array(tilted) / 0.6 - color).max() <= UNIFORM * color.max())

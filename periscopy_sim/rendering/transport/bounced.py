@@ -7,7 +7,6 @@ matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 
 from __future__ import annotations
 
-import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,35 +15,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.rendering.wall_polynomials import chosen_sites, polynomial_fits, polynomials
+from periscopy_sim.rendering.wall_polynomials import REPLICAS, best_fit, chosen_sites
 from periscopy_sim.scenario import Array, Scenario
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
 
-MOST_BOUNCES = 10**6
-
 WORDS = {"direct": DIRECT, "all": None}
-
-ROWS = 1024
-"""Of A to which bounced light is added at once; bounds the memory."""
 
 TARGET = 2e-4
 """Error of a white image's photograph by bounced light, relative to the photograph: a fifth of a
 60 dB photograph's noise."""
 
-REPLICAS = 8
-"""Independent estimates, from whose scatter the error is told."""
-
-SITES, DRAWN = 256, 256
-"""Pixels to which the polynomials are fitted, and others, drawn at random, that tell the
-photograph's brightness."""
+DRAWN = 256
+"""Pixels, drawn at random, whose brightness stands for the photograph's."""
 
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
@@ -54,7 +45,6 @@ ROUNDS = 96
 
 BLOCKS = 4
 """Parts of the monitor along each side, each of whose light the polynomials have to follow."""
-
 
 FINEST = 2.0**-40
 """Radiance in which light is summed: whole numbers add up alike in any order. A white monitor all
@@ -89,8 +79,6 @@ class BouncedLight:
 
     def rows(self, rows: slice) -> NDArray[np.float32]:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
-        from threadpoolctl import threadpool_limits
-
         with threadpool_limits(1):  # the last bits follow the number of threads
             added: NDArray[np.float32] = self.over_wall[rows] @ self.mean
         return added
@@ -163,18 +151,13 @@ class BouncedTransport:
 
 def check_bounces(bounces: int | None) -> int | None:
     """Return the number of reflections, or None for any; a ValueError says that it is none."""
-    if bounces is None:
-        return None
-    try:
-        count = operator.index(bounces)
-    except TypeError:
-        count = 0
-    if isinstance(bounces, bool) or not DIRECT <= count <= MOST_BOUNCES:
-        raise ValueError(
-            f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, "
-            f"to {MOST_BOUNCES}, or None for any number"
-        )
-    return count
+    whole = isinstance(bounces, (int, np.integer)) and not isinstance(bounces, bool)
+    if bounces is None or (whole and DIRECT <= bounces <= 10**6):
+        return None if bounces is None else int(bounces)
+    raise ValueError(
+        f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, to "
+        "a million, or None for any number"
+    )
 
 
 def bounces_in_words(bounces: int | None) -> str:
@@ -186,7 +169,7 @@ def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
     if text in WORDS:
         return WORDS[text]
-    if not (text.isascii() and text.isdigit() and DIRECT <= int(text) <= MOST_BOUNCES):
+    if not (text.isascii() and text.isdigit() and DIRECT <= int(text) <= 10**6):
         raise ValueError(f"'{text}': give direct, all, or a whole number from 1 on")
     return int(text)
 
@@ -233,38 +216,30 @@ def render_bounced_light(
         The target was not reached: the light is too noisy, or not smooth over the wall, as that by
         way of a mirror.
     """
-    from threadpoolctl import threadpool_limits
-
     if check_bounces(bounces) == DIRECT:
         raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
     check_bouncing_wall(scenario)
-    most = ROUNDS
     report = progress or (lambda _: None)
-    shape = scenario.photograph_shape
-    sites = chosen_sites(shape, SITES)
+    shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
     texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
     trace = make_tracer(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
     direct = _direct(scenario, pixels, seed)
-    seeds = np.random.SeedSequence(seed).generate_state(most * REPLICAS).reshape(most, -1)
+    seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error, fraction = np.inf, 0.0
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(one)
-            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / most)
+            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / ROUNDS)
             report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
-            lights = _of_blocks(total, scenario.hidden_shape) / done
-            largest, squared = _best_powers(lights, sites, shape)
-            at_sites = _functions(largest, shape, sites)
-            white = _fitted(at_sites, lights[..., :3].mean(axis=0))
-            white = _functions(largest, shape, pixels) @ white
+            fit = best_fit(_of_blocks(total, scenario.hidden_shape) / done, sites, shape)
+            white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + texture[pixels, np.newaxis] * white) ** 2)
-        wrong = np.mean(texture**2) * squared[:3].mean()
+        wrong = np.mean(texture**2) * fit.squared_error[:3].mean()
         error = float(np.sqrt(wrong / whole)) if whole else 0.0
-        near = min(1.0, (target / error) ** 2) if error else 1.0
-        fraction = max(fraction, near)
+        fraction = max(fraction, min(1.0, (target / error) ** 2) if error else 1.0)
         report(fraction)
         if error <= target:
             break
@@ -277,8 +252,9 @@ def render_bounced_light(
         )
     with threadpool_limits(1):
         seen = total.mean(axis=0).reshape(len(sites), -1) / done
-        of_patches = _fitted(at_sites, seen).reshape(at_sites.shape[1], -1, 3)
-        functions = _functions(largest, shape, np.arange(len(texture)))
+        of_patches = np.linalg.lstsq(fit.functions(sites), seen, rcond=None)[0]
+        of_patches = of_patches.reshape(-1, scenario.transport_shape[1], 3)
+        functions = fit.functions(np.arange(len(texture)))
     return BouncedLight(
         (functions * texture[:, np.newaxis]).astype(np.float32),
         of_patches.transpose(2, 0, 1).astype(np.float32),
@@ -299,8 +275,8 @@ def add_bounces(
     `bounces` is 2 or more, or None. The array becomes the mean of what is returned.
     """
     bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
-    for start in range(0, len(A), ROWS):
-        rows = slice(start, start + ROWS)
+    for start in range(0, len(A), 1024):  # so many rows bound the memory
+        rows = slice(start, start + 1024)
         A[rows] += bounced.rows(rows)
     return BouncedTransport(A, bounced, bounces)
 
@@ -382,36 +358,6 @@ def make_tracer(
         return np.asarray(whole * (FINEST / PATHS))
 
     return trace
-
-
-def _best_powers(
-    lights: Array, sites: NDArray[np.intp], shape: tuple[int, int]
-) -> tuple[tuple[int, int] | None, Array]:
-    """Return the largest powers of the fit that errs least, and the squared error of each light.
-
-    `lights` are (replicas, S, L) at the sites. Where the sites are all pixels, each stands for
-    itself: None.
-    """
-    if len(sites) == shape[0] * shape[1]:
-        return None, lights.var(axis=0, ddof=1).mean(axis=0) / len(lights)
-    best = min(
-        polynomial_fits(lights, sites, shape), key=lambda fit: float(fit.squared_error.sum())
-    )
-    return best.largest, best.squared_error
-
-
-def _functions(
-    largest: tuple[int, int] | None, shape: tuple[int, int], pixels: NDArray[np.intp]
-) -> Array:
-    """Return the functions of the pixel that are fitted, (P, n), at some pixels."""
-    if largest is None:
-        return np.eye(shape[0] * shape[1])[pixels]
-    return polynomials(shape, largest, pixels)
-
-
-def _fitted(functions: Array, seen: Array) -> Array:
-    """Return the coefficients, (n, L), of what is seen at the sites, (S, L)."""
-    return np.asarray(np.linalg.lstsq(functions, seen, rcond=None)[0])
 
 
 def _of_blocks(light: Array, hidden: tuple[int, int]) -> Array:

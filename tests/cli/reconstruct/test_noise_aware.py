@@ -39,6 +39,18 @@ def test_image_and_its_standard_errors_are_written(succeeds, tmp_path):
     assert summary["warnings"] == []
 
 
+def test_true_scene_of_coarse_patches_fits_by_default(succeeds, tmp_path):
+    scenario = ps.load_scenario("chair", (9, 11), {"resolution": 32})
+    hidden = ps.read_hidden_image(ps.find_image("mushroom"), (9, 11))
+    photograph = ps.render_photograph(scenario, hidden, samples=4096)
+    np.save(tmp_path / "y.npy", ps.add_noise(photograph, snr=60, seed=0))
+    succeeds("reconstruct", "y.npy", *TINY[:3], "resolution=32", "--hidden", "9x11", "--out", "r")
+    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
+    assert (summary["model"], summary["samples"]) == ("analytic", None)
+    assert summary["diagnosis"] == "fits"
+    assert ps.psnr(np.load(tmp_path / "r" / "reconstruction.npy"), hidden) > 29
+
+
 def test_scene_that_is_off_leaves_more_unexplained(succeeds, tmp_path):
     scenario = ps.load_scenario("chair", (4, 5), {"resolution": 24})
     hidden = np.random.default_rng(0).uniform(0.1, 1, (20, 3))

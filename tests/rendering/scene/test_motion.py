@@ -1,0 +1,115 @@
+"""A scene at other values of its parameters, against the scene loaded with them."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene import load
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.shipped import find_scene
+
+ARRAYS = "wall_points wall_normals patch_centers patch_normals patch_across patch_up channel_gain"
+SCENES = "chair", "plate", "plant", "bright_room", "scenes/tutorial/truth/scene.xml"
+WHOLE = "resolution", "width", "height"
+
+
+def assert_same(scene, expected):
+    assert repr(scene) == repr(expected)
+    assert scene.emission == expected.emission
+    for name in ARRAYS.split():
+        np.testing.assert_allclose(getattr(scene, name), getattr(expected, name), atol=1e-6)
+    assert scene.wall_relief == pytest.approx(expected.wall_relief, abs=1e-6)
+    for one, other in zip(scene.occluders, expected.occluders, strict=True):
+        assert one.name == other.name
+        np.testing.assert_allclose(one.bounds, other.bounds, atol=1e-6)
+        if other.vertices is not None:
+            np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-6)
+            np.testing.assert_array_equal(one.faces, other.faces)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_no_rays(
+    name, monkeypatch
+):
+    path = find_scene(name)
+    document = read_document(path)
+    values = {
+        name: 1.03 * float(text) + 0.004
+        for name, text in document.defaults.items()
+        if name not in (*document.errors, *WHOLE)
+    }
+    scene = load_scenario(path, (3, 4), photograph=(6, 8))
+    draws = [{name: value} for name, value in values.items()] + [values]
+    for draw in draws:
+        expected = load_scenario(path, (3, 4), draw, photograph=(6, 8))
+        with monkeypatch.context() as patch:
+            patch.setattr(load, "seen_wall", None)
+            assert_same(scene.at(**draw), expected)
+
+
+X = '<default name="x" value="0.7"/>'
+
+
+def test_what_takes_rays_is_traced(room):
+    """Shapes of no mesh, lenses, textures and walls that are no rectangles."""
+    checks = '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>'
+    folded = room.wall().replace("rectangle", "cube")
+    for extra, parts in [
+        (room.blocker(center="$x, 0.5, 0.3"), {}),
+        ("", {"camera": room.lens(0.01, 1.1).replace("1.2, 0, 0.3", "$x, 0, 0.3")}),
+        ("", {"wall": room.wall(checks).replace('x="0.7"', 'x="$x"')}),
+        ("", {"wall": folded.replace('x="0.7"', 'x="$x"').replace('y="1"', 'y="2"')}),
+        ("", {"monitor": room.curved_monitor(room.area), "camera": camera_at_x(room)}),
+    ]:
+        path = room.write(extra, **parts | {"wall": X + parts.get("wall", room.wall())})
+        scene, expected = (load_scenario(path, (2, 3), values) for values in ({}, {"x": 0.72}))
+        moved = scene.at(x=0.72)
+        assert_same(moved, expected)
+        assert moved.blur == pytest.approx(expected.blur)
+        if expected.wall_texture is not None:
+            np.testing.assert_allclose(moved.wall_texture, expected.wall_texture)
+
+
+def camera_at_x(room):
+    return room.camera().replace("0.7,", "$x,")
+
+
+@pytest.mark.parametrize(
+    ("scene", "values"),
+    [
+        ("chair", {"camera_dx": 2}),  # off the wall
+        ("chair", {"monitor_turn": 180}),
+        ("chair", {"monitor_stretch": 0}),
+        ("chair", {"seat_width": -0.01}),
+        ("chair", {"occluder_dx": 0.2, "occluder_dy": 0.35}),  # into the camera's view
+        ("chair", {"vertical_exponent": -1}),
+        ("chair", {"occluder_dx": "nan"}),
+        ("chair", {"occluder_dw": 1}),
+        ("plant", {"camera_fov": 200}),
+        ("plant", {"camera_pan": 180}),
+    ],
+)
+def test_values_without_a_scene_are_refused_as_when_loaded(scene, values):
+    loaded = load_scenario(scene, (1, 2), photograph=(4, 5))
+    with pytest.raises(SceneError) as expected:
+        load_scenario(scene, (1, 2), values, photograph=(4, 5))
+    with pytest.raises(SceneError) as caught:
+        loaded.at(**values)
+    assert str(caught.value) == str(expected.value)
+
+
+def test_scene_keeps_its_values_and_a_pickled_one_loads_anew():
+    scene = load_scenario("chair", (1, 2), {"resolution": 8, "monitor_dx": "0.01"})
+    copy = pickle.loads(pickle.dumps(scene))
+    expected = load_scenario("chair", (1, 2), {
+        **scene.parameters, "occluder_dx": 0, "camera_dz": -0.002,
+    })  # fmt: skip
+    for each in scene, copy, scene.at(occluder_dx=0.004).at(occluder_dx=0):
+        assert_same(each.at(occluder_dx=0, camera_dz=-0.002), expected)
+    assert scene.parameters == {"resolution": "8", "monitor_dx": "0.01"}
+    with pytest.raises(ValueError):
+        replace(scene, loader=None).at(occluder_dx=1)
