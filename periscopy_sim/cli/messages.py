@@ -23,8 +23,8 @@ SENTENCES = {
     "does_not_fit": (
         "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
         "photograph, where noise alone would leave {noise_alone:.3g} %. Measure or calibrate the "
-        "scene (periscopy calibrate), mask what is not bare wall (--mask), or, where rays render A, "
-        "take more of them (--samples 256)"
+        "scene (periscopy calibrate), mask what is not bare wall (--mask), or, where rays render A,"
+        " take more of them (--samples 256)"
     ),
     "uneven_paint": (
         "no hidden image explains {unexplained_by_any:.3g} % of the photograph, where noise alone "
