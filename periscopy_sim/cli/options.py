@@ -101,6 +101,7 @@ _SET = "Set one of the scene's <default>s; repeatable."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
 _MASK = "A picture of the photograph's size, black where the wall is not used."
 _OFF = "A photograph of the wall with the monitor off; repeatable."
+_COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE, rich_help_panel=SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
@@ -113,6 +114,7 @@ MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
 MonitorOffOption = Annotated[
     list[Path] | None, option("FILE", _OFF, "--monitor-off", group=PHOTOGRAPH)
 ]
+ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH)]
 
 # -- light ---------------------------------------------------------------------------------------
 

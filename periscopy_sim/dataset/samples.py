@@ -67,7 +67,11 @@ def make_samples(
             exposed = composite(signals[frames], np.stack([light] * length), clip.sbr)
             if configuration.keep_background:
                 ambient[frames] = light * (clip.exposure * (1 - share) / light.mean())
+                if configuration.colours is not None:
+                    ambient[frames] = configuration.colours.mix(ambient[frames])
         scales[frames] = clip.exposure * share / mean
+        if configuration.colours is not None:
+            exposed = configuration.colours.mix(exposed)
         for k, picture in enumerate(exposed, first):
             noise = random_seed(configuration, NOISE, start + k)
             photographs[k] = add_noise(clip.exposure * picture, clip.snr, noise)

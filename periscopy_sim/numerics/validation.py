@@ -1,5 +1,6 @@
 """Validation of what solvers are given: light, images for compiled loops, weights, tolerances."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,19 @@ def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
         raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
     if max_iterations < 1:
         raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+
+
+def warn_unconverged(
+    what: str, iterations: int, error: float, tolerance: float, stacklevel: int = 3
+) -> None:
+    """Warn, where an error exceeds its tolerance, that iterations stopped too early."""
+    if not error <= tolerance:
+        warnings.warn(
+            f"{what} stopped after {iterations} iterations at a relative error of {error:.1e}, "
+            f"above {tolerance:.1e}: raise max_iterations or tolerance",
+            RuntimeWarning,
+            stacklevel=stacklevel + 1,
+        )
 
 
 def check_weight(name: str, weight: float) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
 
 if TYPE_CHECKING:
+    from periscopy_sim.model.colour_matrix import ColourMatrix
     from periscopy_sim.model.observation import Backgrounds, Mask
     from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
@@ -80,6 +81,7 @@ class MethodEntry:
         mask: Mask | None = None,
         backgrounds: Backgrounds | None = None,
         uncertain: UncertainTransport | None = None,
+        colour_matrix: ColourMatrix | None = None,
         **options: float,
     ) -> StillMethod[Any]:
         """Fit the method to a scene; the options' values by their names, the rest as in the class.
@@ -94,6 +96,7 @@ class MethodEntry:
             B if self.backgrounds else None,
             mask=mask,
             backgrounds=backgrounds,
+            colour_matrix=colour_matrix,
             **({} if uncertain is None else {"uncertain": uncertain}),
             **self.fixed,
             **_parameters(self.options, options),

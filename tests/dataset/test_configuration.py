@@ -51,7 +51,7 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("colour: red", r"config.yaml: line 7, colour: is not known; there are seed, "),
+        ("weather: fine", r"config.yaml: line 7, weather: is not known; there are seed, "),
         ("light: {kind: direct, smaples: 4}", r"line 7, light.smaples: .*'samples'\?$"),
         ("splits: {<<: {tarin: 1}}", r"line 7, splits.tarin: .* 'train'"),
         ("light: {samples: 4}", r"line 7, light: .*'kind'"),

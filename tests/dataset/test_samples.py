@@ -45,6 +45,20 @@ def test_photograph_is_scaled_transport_plus_background_plus_noise(block, geomet
         assert abs(noise.var() / σ**2 - 1) < INTERVAL * np.sqrt(2 / n)
 
 
+def test_a_cameras_colours_are_mixed_before_its_noise(configured, geometry, block):
+    M = ((0.7, 0.25, 0.05), (0.2, 1.0, 0.3), (0.0, 0.3, 1.2))
+    configuration = configured().model_copy(update={"colour_matrix": M})
+    mixed = make_samples(configuration, geometry, {}, 0, 20)
+    np.testing.assert_allclose(
+        mixed["background"], block["background"] @ np.transpose(M), rtol=1e-5
+    )
+    _, clean = noise_free(block, geometry)
+    for photograph, exact, snr in zip(mixed["photograph"], clean, block["snr"], strict=True):
+        light = exact @ np.transpose(M)
+        σ = 10 ** (-snr / 20) * np.sqrt(np.mean(light**2))
+        assert abs((photograph - light).var() / σ**2 - 1) < INTERVAL * np.sqrt(2 / light.size)
+
+
 def test_signal_stands_to_the_background_as_asked(block, geometry):
     signal, clean = noise_free(block, geometry)
     lit = np.isfinite(block["sbr"])
