@@ -1,11 +1,10 @@
-"""What a ruler says of a scene's parameters: where they are, and how well it knows."""
+"""What is known of a scene's parameters before the photograph: measured values and their errors."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,38 +16,32 @@ Array = NDArray[np.float64]
 Free = Sequence[str] | Mapping[str, float | None]
 """Names of parameters that are free, or names with a ruler's errors; see `free_parameters`."""
 
-
 @dataclass(frozen=True, eq=False)
-class Prior:
-    """Independent normal distributions of some parameters before the photograph is looked at.
+class UncertainParameters:
+    """``<default>``s of a scene that are held at values, (U,), known to standard errors, (U,)."""
 
-    An infinite error says that nothing is known.
+    names: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+
+
+def uncertain_parameters(
+    path: Path, free: Sequence[str], given: Mapping[str, str], errors: Mapping[str, float]
+) -> UncertainParameters:
+    """Return uncertain parameters by their standard errors; the others are `free` or `given`.
+
+    A SceneError says that one is not declared, no finite number, free, or its error not positive.
     """
-
-    centers: Array  # (P,)
-    errors: Array  # (P,) standard deviations
-
-    @classmethod
-    def none(cls, parameters: int) -> Self:
-        """Return the prior of some parameters of which nothing is known."""
-        return cls(np.zeros(parameters), np.full(parameters, np.inf))
-
-    @property
-    def precision(self) -> Array:
-        """(P,) reciprocals of the variances."""
-        return self.errors**-2.0
-
-    def distance(self, values: Array) -> Array:
-        """Return how far values, (P,), are from the centres, in errors."""
-        return np.asarray((values - self.centers) / self.errors)
-
-    def penalty(self, values: Array) -> float:
-        """Return twice the negative logarithm of the density at values, (P,), less a constant."""
-        return float(np.sum(self.distance(values) ** 2))
-
-    def slope(self, values: Array) -> Array:
-        """Return the derivatives, (P,), of half the penalty."""
-        return np.asarray(self.distance(values) / self.errors)
+    names = tuple(errors)
+    for name in names:
+        if name in free:
+            raise SceneError(
+                f"'{name}' is both free and uncertain: name it in --free or --uncertain"
+            )
+        if not (np.isfinite(errors[name]) and errors[name] > 0):
+            raise SceneError(f"standard error {errors[name]:g} of '{name}': give a positive number")
+    values = start_values(path, names, given) if names else np.empty(0)
+    return UncertainParameters(names, values, np.array(list(errors.values()), np.float64))
 
 
 def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Array:
