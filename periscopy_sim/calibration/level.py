@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Explanation, Images, explain
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
@@ -169,10 +168,10 @@ class Level:
         A, changes = self.scene.linearized(self.values(point))
         gain = self.gain(point)[:, None]
         bright = gain * A
-        seen = self._explain(bright)
+        explanations = self._explain(bright)
         slope = np.zeros(len(point))
         motions, beyond = [], []
-        for each in seen:
+        for each in explanations:
             lights = each.lights.astype(np.float32)
             by_gain = self.terms[:, :, None] * (bright @ lights)
             motion = each.motion(np.array([*(gain * (dA @ lights) for dA in changes), *by_gain]))
@@ -186,8 +185,8 @@ class Level:
         crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
         return Look(
             point=point,
-            explanations=seen,
-            evidence=sum(each.evidence for each in seen),
+            explanations=explanations,
+            evidence=sum(each.evidence for each in explanations),
             penalty=self.penalty(point),
             slope=slope,
             prior_slope=self.precision * (point - self.center),
@@ -207,7 +206,7 @@ class Level:
         """
         look = replace(look, temperature=1.0)
         H = look.curvature()
-        told = np.trace(np.linalg.solve(H, look.information))
+        informed = np.trace(np.linalg.solve(H, look.information))
         errors = np.concatenate([each.residual / each.noise for each in look.explanations], axis=1)
         pull = np.linalg.solve(H, np.einsum("pmc,mc->p", look.beyond, errors))
         errors = errors - np.einsum("p,pmc->mc", pull, look.beyond)
@@ -218,4 +217,4 @@ class Level:
             scores = np.zeros((count**2, len(H)))
             np.add.at(scores, row * count + column, by_pixel)
             spreads.append(np.trace(np.linalg.solve(H, scores.T @ scores)))
-        return max(1.0, float(max(spreads) / told)) if told > 0 else 1.0
+        return max(1.0, float(max(spreads) / informed)) if informed > 0 else 1.0

@@ -50,41 +50,41 @@ Visit = Callable[[Look], None]
 
 def descend(level: Level, start: Look, steps: int, temperature: float, visit: Visit) -> Look:
     """Return the look at the end of so many steps of Levenberg and Marquardt's method."""
-    here, damping = replace(start, temperature=temperature), DAMPING
+    look, damping = replace(start, temperature=temperature), DAMPING
     for _ in range(steps):
-        if here.predicted_gain < NEGLIGIBLE:
+        if look.predicted_gain < NEGLIGIBLE:
             break
         for _ in range(TRIALS):
-            step = _step(level, here, damping)
-            objective = level.objective(here.point + step, temperature)
-            if objective < here.objective:
+            step = _step(level, look, damping)
+            objective = level.objective(look.point + step, temperature)
+            if objective < look.objective:
                 break
             damping = max(damping, DAMPING) * 10
         else:
             break
         # Valleys are rough: the information nearby exceeds that over the valley.
-        while (farther := level.objective(here.point + 2 * step, temperature)) < objective:
+        while (farther := level.objective(look.point + 2 * step, temperature)) < objective:
             step, objective = 2 * step, farther
-        gain, damping = here.objective - objective, damping / 5
-        here = level.look(here.point + step, temperature)
-        visit(here)
+        gain, damping = look.objective - objective, damping / 5
+        look = level.look(look.point + step, temperature)
+        visit(look)
         if gain < NEGLIGIBLE:
             break
-    return here
+    return look
 
 
-def _step(level: Level, here: Look, damping: float) -> Array:
+def _step(level: Level, look: Look, damping: float) -> Array:
     """Return Newton's step; parameters that alone would cross the border of the physical stay."""
-    free = np.ones(len(here.point), bool)
+    free = np.ones(len(look.point), bool)
     for _ in range(2):
         step = np.zeros(len(free))
-        curvature = here.curvature(damping)[np.ix_(free, free)]
-        step[free] = -np.linalg.solve(curvature, here.downhill[free])
-        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(here.precision))) / LONGEST)
-        if level.scene.is_physical(level.values(here.point + step)):
+        curvature = look.curvature(damping)[np.ix_(free, free)]
+        step[free] = -np.linalg.solve(curvature, look.downhill[free])
+        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / LONGEST)
+        if level.scene.is_physical(level.values(look.point + step)):
             break
         for k in range(len(level.centers)):
-            alone = here.point.copy()
+            alone = look.point.copy()
             alone[k] += step[k]
             free[k] = level.scene.is_physical(level.values(alone))
     return step
