@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, VariantError
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import available_memory, has_memory
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
@@ -144,9 +146,20 @@ class _Sides:
         name = self.names[int(np.argmax(np.abs(direction)))]
         raise SceneError(f"an error of '{name}' is too large: give a smaller one ({unphysical})")
 
+    @cached_property
+    def _movable(self) -> Scenario:
+        """The scene, whose photograph keeps its size."""
+        scenario = self.scenario
+        return load_scenario(
+            scenario.path,
+            scenario.hidden_shape,
+            scenario.parameters,
+            photograph=scenario.photograph_shape,
+        )
+
     def _at(self, values: Array) -> Scenario:
         named = zip(self.names, values, strict=True)
-        return self.scenario.at(**{name: f"{value:.9g}" for name, value in named})
+        return self._movable.at(**{name: f"{value:.9g}" for name, value in named})
 
     def _by_rays(self, scenario: Scenario) -> Matrix:
         seed = self.seed + 1  # none of A's own rays, whose noise the image follows

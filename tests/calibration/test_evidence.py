@@ -61,7 +61,7 @@ def columns(A: Array, images: Images) -> Array:
 
 
 def covariance(wall: Wall, A: Array, images: Images, ratio: float) -> tuple[Array, Array]:
-    """Return the photograph's covariance over σ² beyond range(B), and an orthonormal basis of it."""
+    """Return a photograph's covariance over σ² beyond range(B), and a basis of that space."""
     beyond = np.linalg.svd(wall.Q)[0][:, LIGHTS:]
     X = beyond.T @ columns(A, images)
     return np.eye(len(X)) + X @ np.linalg.solve(images.precision, X.T) / ratio, beyond

@@ -14,38 +14,28 @@ from tests.calibration.conftest import ERRORS, TRUTH, Small
 POINT = np.array([0.003, -0.004, 0.2, 0.05, -0.03, 0.04, 0.02, -0.05])
 
 
-@pytest.mark.parametrize(("shown", "count"), [(0, 1), (1, 1), (1, 2)])
+@pytest.mark.parametrize(("shown", "count"), [(0, 1), (1, 2)])
 def test_slope_is_the_derivative_of_the_objective(small: Small, shown: int, count: int) -> None:
-    """Of parameters and gain, with known, unknown and both kinds of pictures."""
+    """Of parameters and gain, with an unknown picture alone and beside a known one."""
     level, temperature = small.level(shown, count), 3.0
     look = level.look(POINT, temperature)
     assert look.objective == pytest.approx(level.objective(POINT, temperature), rel=1e-9)
-    steps = np.append(0.05 * level.errors, np.full(5, 0.1 * SPREAD))
+    steps = np.append(0.02 * level.errors, np.full(5, 0.02 * SPREAD))
     for k, step in enumerate(np.diag(steps)):
         sides = [level.objective(POINT + side, temperature) for side in (step, -step)]
         numeric = (sides[0] - sides[1]) / (4 * steps[k])
-        # Between pixels' edges the derivative by areas is exact; a shadow that crosses bends it.
-        assert look.downhill[k] == pytest.approx(numeric, rel=0.03, abs=0.5 / steps[k])
-
-
-def test_the_gain_is_smooth_and_one_where_its_coefficients_are_none(small: Small) -> None:
-    level = small.level()
-    assert (level.gain(level.center) == 1).all()
-    assert np.abs(level.terms).max() <= 1
-    rows = level.scene.pixels.nonzero()[0]
-    tilt = level.gain(np.append(np.zeros(3), [0, 0, 0.1, 0, 0]))
-    assert tilt[rows == rows.min()].std() < 1e-6 or tilt[rows == rows.min()].ptp() > 0
+        assert look.downhill[k] == pytest.approx(numeric, rel=0.02)
 
 
 def test_a_newton_step_gains_what_it_promises(small: Small) -> None:
-    """Near the minimum: the information is the Hessian's, but for what the image's change adds."""
+    """Near the minimum the information is the curvature of the objective."""
     level = small.level(shown=1)
     end = descend(level, level.look(level.center), 6, 1.0, lambda _: None)
     values = level.values(end.point)
     np.testing.assert_allclose(values, list(TRUTH.values()), atol=0.2 * np.max(level.errors))
-    away = end.point + 0.1 / np.sqrt(np.diag(end.curvature()))
+    away = end.point + 2 / np.sqrt(np.diag(end.curvature()))
     look = level.look(away)
-    assert look.objective - end.objective == pytest.approx(look.predicted_gain, rel=0.5)
+    assert look.objective - end.objective == pytest.approx(look.predicted_gain, rel=0.1)
 
 
 def test_white_noise_asks_for_no_temperature_and_structure_does(small: Small) -> None:
