@@ -19,7 +19,7 @@ from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, Va
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, render_transport
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import install_llvm, is_vectorized, use_variant
 from periscopy_sim.scenario import Array, Scenario
 
@@ -162,7 +162,5 @@ class _Sides:
         return self._movable.at(**{name: f"{value:.9g}" for name, value in named})
 
     def _by_rays(self, scenario: Scenario) -> Matrix:
-        seed = self.seed + 1  # none of A's own rays, whose noise the image follows
-        if scenario.wall_texture is not None:
-            return render_transport(scenario, samples=self.samples, seed=seed)
-        return render_penumbrae(scenario, samples=self.samples, pixel_samples=1, seed=seed)
+        # None of A's own rays, whose noise the image follows.
+        return render_transport(scenario, samples=self.samples, seed=self.seed + 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.numerics.percentages import percentages
 
@@ -21,32 +21,62 @@ SENTENCES = {
         "allows for this smooth gain"
     ),
     "does_not_fit": (
-        "the scene does not fit: no hidden image explains {unexplained} % of the photograph, where "
-        "noise alone would leave {noise_alone} %. Render A with more rays (--samples 256), measure "
-        "or calibrate the scene (periscopy calibrate), or mask what is not bare wall (--mask)"
+        "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
+        "photograph, where noise alone would leave {noise_alone:.3g} %. Measure or calibrate the "
+        "scene (periscopy calibrate), mask what is not bare wall (--mask), or, where rays render A,"
+        " take more of them (--samples 256)"
     ),
     "uneven_paint": (
-        "the wall's paint is uneven: no hidden image explains {unexplained} % of the photograph, "
-        "where noise alone would leave {noise_alone} %. Add a photograph with the monitor off "
-        "(--monitor-off)"
+        "no hidden image explains {unexplained_by_any:.3g} % of the photograph, where noise alone "
+        "would leave {noise_alone:.3g} %. The rest differs from pixel to pixel and is alike in all "
+        "channels, as where paint is uneven: add a photograph with the monitor off (--monitor-off)"
     ),
     "not_linear": (
         "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
         "much better. Export linear values from the camera's raw file"
     ),
+    "border": (
+        "{name}: left out border lines that are far too dark or bright ({lines}); --mask replaces "
+        "this choice"
+    ),
+    "border_stays": (
+        "{name}: border lines are far too dark or bright ({lines}); leave them out by --mask"
+    ),
+    "defects": "{name}: {defects}; leave them out by --mask, such as mask.png beside the results",
+    "no_record": "{file} has no JSON file beside it: it may be of another scene",
+    "grainy": (
+        "{file}: the path tracing's own noise is {own:.2g} % of the photograph, more than the "
+        "{added:.2g} % added; take more --samples"
+    ),
+    "no_silhouette": "{scene}: its silhouette did not converge, so the image is unreliable",
+    "uncounted": (
+        "{scene}: the standard errors ignore the calibration's ({reason}); pass --uncertain"
+    ),
+    "untrusted": (
+        "{scene}: its calibration is unreliable, and so are the image's place and its standard "
+        "errors"
+    ),
+    "no_best": "no point is best: no scene determines all patches; choose fewer (--hidden)",
+    "empty_splits": (
+        "no geometry is for {splits}: make more samples, or choose a smaller samples_per_geometry"
+    ),
 }
-"""By the code of a `Note` or the diagnosis of a `Residual`."""
+"""By the code of a `Note`, or the code that a command gives."""
+
+
+def sentence(code: str, **values: Any) -> str:
+    """Return the sentence of a code."""
+    return SENTENCES[code].format(**values)
 
 
 def sentences(notes: Iterable[Note]) -> list[str]:
     """Return the sentence of each note."""
-    return [SENTENCES[note.code].format(**note.values) for note in notes]
+    return [sentence(note.code, **note.values) for note in notes]
 
 
 def report_sentences(report: Report) -> list[str]:
     """Return the sentences of a report, warnings first."""
-    warning = residual_warning(report.residual)
-    return [*sentences(report.warnings), *filter(None, [warning]), *sentences(report.notes)]
+    return sentences([*report.warnings, *report.notes])
 
 
 def residual_summary(residual: Residual) -> str:
@@ -56,15 +86,6 @@ def residual_summary(residual: Residual) -> str:
     if residual.noise_alone is None:
         return summary
     return f"{summary}; noise alone would leave {alone} %"
-
-
-def residual_warning(residual: Residual | None) -> str:
-    """Return the warning that a residual's diagnosis calls for; empty where the scene fits."""
-    if residual is None or residual.diagnosis not in SENTENCES:
-        return ""
-    by_any = residual.unexplained_by_any or 0.0
-    unexplained, alone = percentages(by_any, residual.noise_alone or 0.0, 4)
-    return SENTENCES[residual.diagnosis].format(unexplained=unexplained, noise_alone=alone)
 
 
 def assumptions(uncertain: Iterable[str]) -> str:

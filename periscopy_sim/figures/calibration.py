@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.figures.panels import show_light, show_signed
+from periscopy_sim.figures.style import OKABE_ITO, drawn
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from periscopy_sim.calibration.result import Calibration
-
-DETERMINED, FROM_RULER = "#d94801", "0.55"
 
 
 def draw_calibration(
@@ -31,24 +28,16 @@ def draw_calibration(
 
     The photograph is (rows, columns, 3), linear.
     """
-    figure = calibration_figure(photograph, calibration)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
-
-
-def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
-    """Return the figure that `draw_calibration` saves."""
-    from matplotlib.figure import Figure
-
     warning = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
     heights = [2.9 + warning, 1.1 + 0.22 * len(calibration.parameters)]
-    figure = Figure(figsize=(9.3, sum(heights)), layout="constrained")
-    above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    _draw_residuals(above.subplots(1, 3), photograph, calibration)
-    if calibration.doubts:
-        reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
-        above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d", fontsize=9)
-    _draw_parameters(beneath.subplots(), calibration)
-    return figure
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(9.3, sum(heights))
+        above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+        _draw_residuals(above.subplots(1, 3), photograph, calibration)
+        if calibration.doubts:
+            reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
+            above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
+        _draw_parameters(beneath.subplots(), calibration)
 
 
 def _draw_residuals(axes: Any, photograph: Array, calibration: Calibration) -> None:
@@ -74,9 +63,15 @@ def _draw_parameters(ax: Any, calibration: Calibration) -> None:
     ax.axvspan(-1, 1, color="0.93", label="± standard error of the measured value")
     ax.axvline(0, color="black", linewidth=0.8)
     ax.plot(
-        path.ravel(), np.tile(rows, len(path)), ".", color="#2171b5", ms=3, zorder=3, label="search"
+        path.ravel(),
+        np.tile(rows, len(path)),
+        ".",
+        color=OKABE_ITO[0],
+        ms=3,
+        zorder=3,
+        label="search",
     )
-    kinds = ("by the photograph", DETERMINED, True), ("by the ruler", FROM_RULER, False)
+    kinds = ("by the photograph", OKABE_ITO[1], True), ("by the ruler", "0.55", False)
     for label, colour, determined in kinds:
         kept = [k for k in rows if parameters[k].determined == determined]
         ax.errorbar(
@@ -90,8 +85,7 @@ def _draw_parameters(ax: Any, calibration: Calibration) -> None:
             label=f"value ± standard error, {label}",
         )
     names = [f"{p.name} = {p.value:.4g} ± {p.standard_error:.2g}" for p in parameters]
-    ax.set_yticks(rows, names, fontsize=7)
+    ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.tick_params(axis="x", labelsize=7)
-    ax.set_xlabel("value − measured value, over the measured value's standard error", fontsize=8)
-    ax.figure.legend(loc="outside upper center", ncols=4, fontsize=7, frameon=False)
+    ax.set_xlabel("value − measured value, over the measured value's standard error")
+    ax.figure.legend(loc="outside upper center", ncols=4)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from periscopy_sim.figures.panels import show, show_light, show_signed
+from periscopy_sim.figures.style import drawn
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.silhouette.result import Silhouette
 
-OPAQUE, OPEN, UNSEEN = (0.1, 0.1, 0.1), (1.0, 1.0, 1.0), (0.8, 0.8, 0.8)
-"""Colours of cells; the last is of those that the photograph does not show."""
+GREYS = {"opaque": 0.1, "open": 1.0, "unseen": 0.8}
+"""Brightness of cells; the last of those that the photograph does not show."""
 
 
 def draw_silhouette(
@@ -28,26 +29,23 @@ def draw_silhouette(
 
     Each answer has a row. The photograph is (rows, columns, 3), linear.
     """
-    from matplotlib.figure import Figure
-
     answers = (found, *found.others)
-    figure = Figure(figsize=(12, 3.4 * len(answers)), layout="constrained")
-    axes = figure.subplots(len(answers), 4, squeeze=False)
     bound = 100 * float(np.percentile(np.abs(found.residual.mean(axis=2)), 99)) or 1.0
-    for row, answer in zip(axes, answers, strict=True):
-        show_light(row[0], "photograph", photograph)
-        cells = np.where(answer.seen[..., None], OPEN, UNSEEN)
-        cells = np.where(answer.opaque[..., None], OPAQUE, cells)
-        height, width = answer.plane.sides
-        title = "silhouette of {}, {} x {}".format(answer.name, *answer.opaque.shape)
-        show(row[1], title, cells, extent=(0, width, 0, height))
-        row[1].set_axis_on()
-        row[1].tick_params(labelsize=7)
-        row[1].set_xlabel("metres, facing the wall; grey: no shadow in view", fontsize=8)
-        show_light(row[2], "image with this silhouette", answer.image)
-        title = f"unexplained: {100 * answer.unexplained:.2f} %"
-        maps = {title: 100 * answer.residual.mean(axis=2)}
-        show_signed(row[3:], maps, bound, "% of the photograph's rms")
-    if found.doubts:
-        figure.suptitle("\n".join(found.doubts), color="#cb181d", fontsize=9)
-    figure.savefig(path, dpi=150, metadata=dict(metadata or {}))
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(12, 3.4 * len(answers))
+        for row, answer in zip(
+            figure.subplots(len(answers), 4, squeeze=False), answers, strict=True
+        ):
+            show_light(row[0], "photograph", photograph)
+            cells = np.where(answer.seen, GREYS["open"], GREYS["unseen"])
+            cells = np.where(answer.opaque, GREYS["opaque"], cells)
+            height, width = answer.plane.sides
+            title = "silhouette of {}, {} x {}".format(answer.name, *answer.opaque.shape)
+            show(row[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
+            row[1].set_axis_on()
+            row[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
+            show_light(row[2], "image with this silhouette", answer.image)
+            title = f"unexplained: {100 * answer.unexplained:.2f} %"
+            maps = {title: 100 * answer.residual.mean(axis=2)}
+            show_signed(row[3:], maps, bound, "% of the photograph's rms")
+        figure.suptitle("\n".join(found.doubts), color="#cb181d")
